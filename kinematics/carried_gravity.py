@@ -1,9 +1,9 @@
 """Carries the direction of gravity from pause to pause where no IMU gives it.
 
 The soles that stayed show how the body turned since the pause before (three or more: a full rotation), so the
-vertical of that pause can be carried over. Its error grows with every step, and the support plane holds it: on
+vertical of that pause can be carried over. Its error grows from pause to pause, and the support plane limits it: on
 ground that looks flat (the plane's normal agrees with the carried vertical within noise) the plane is taken as
-level; elsewhere it counts only as far as the terrain's slope is likely to let it.
+level; elsewhere its weight is low, since the terrain itself may slope.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from kinematics.arrays import Float
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.support import fit_support_plane
 
-# A support plane that agrees so well with the carried vertical is taken as level: 96 % of flat ground in two axes.
+# A support plane within this many sigmas of the carried vertical is taken as level: 96 % of flat ground in two axes.
 FLAT_SIGMAS = 2.5
 
 # A vertical less sure than this share of the terrain's slope does not distinguish flat ground from a slope.
@@ -29,14 +29,14 @@ def carry_gravity(
     covariances_now: Float,
     noise: StanceNoise,
 ) -> GravityEstimate:
-    """Gravity at this pause, as (0, 0, -1) would be on a level body.
+    """Gravity at this pause, in `base_link`; (0, 0, -1) on a level body.
 
     Args:
         before: gravity at the pause before, in its `base_link`.
         soles_now: (n, 3) soles that stayed, in `base_link` of this pause [m], n >= 3.
-        soles_before: (n, 3) the same in `base_link` of the pause before [m].
+        soles_before: (n, 3) the same soles in `base_link` of the pause before [m].
         support_now: (m, 3) all supporting soles in `base_link` of this pause [m], m >= 3.
-        covariances_now: (m, 3, 3) of the supporting soles [m^2].
+        covariances_now: (m, 3, 3) covariances of `support_now` [m^2].
         noise: standard deviations.
     """
     rotation = turn_between(soles_now, soles_before)
@@ -50,7 +50,7 @@ def carry_gravity(
     if agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2:
         plane_variance = tilt_variance
     else:
-        # Each foot stays for about as many pauses as there are feet, so nearly the same plane is seen again as often.
+        # A foot stays for about as many pauses as there are feet, and all of these see nearly the same plane.
         plane_variance = (noise.terrain_slope_sigma**2 + tilt_variance) * len(support_now)
     gain = variance / (variance + plane_variance)
     up = up + gain * missed
@@ -72,7 +72,7 @@ def turn_between(points_now: Float, points_before: Float) -> Float:
 
 
 def first_gravity(up_in_base: Float, covariance: Float, noise: StanceNoise) -> GravityEstimate:
-    """Gravity at a first pause without IMU: against the support plane's normal, as sure as terrain is level."""
+    """Gravity at a first pause without IMU: against the support plane's normal; sigma allows for sloping terrain."""
     tilt_variance = float(np.mean(np.diag(covariance)[3:5]))
     return GravityEstimate(
         (-up_in_base[0], -up_in_base[1], -up_in_base[2]), float(np.sqrt(tilt_variance + noise.terrain_slope_sigma**2))

@@ -20,7 +20,7 @@ from kinematics.urdf import Shape
 # Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown.
 HeightFunction = Callable[[Float, Float], npt.ArrayLike]
 
-# Distance of samples on sole and leg [m]: a cell of the grid.
+# Distance between samples on sole and leg [m]: a cell of the grid.
 SPACING = 0.005
 
 
@@ -54,7 +54,7 @@ def foothold_clearance(
 
     Raises:
         UnknownName: no such leg.
-        ArgumentError: wrong shape, or a height function that does not answer with one height per point.
+        ArgumentError: wrong shape, or a height function that does not return one height per point.
         StanceError: the foothold is out of the leg's reach.
     """
     sole = np.asarray(sole_in_footprint, dtype=np.float64)
@@ -72,7 +72,7 @@ def foothold_clearance(
     patch = _box_points(np.array([length, width, 0.0]) / 2.0)
     # A leg of three joints cannot hold its sole level: its foot is round, and the patch lies as the ground does.
     round_foot = len(config.joints) < 4
-    on_sole = _above_ground(sole + patch if round_foot else _placed(pose, state, config.sole, patch), height_at)
+    on_sole = _above_ground(sole + patch if round_foot else _in_footprint(pose, state, config.sole, patch), height_at)
     over_leg = _above_ground(_leg_points(pose, state, leg), height_at)
     # A NaN anywhere makes the least NaN: ground that is not known is not clear.
     return FootholdClearance(
@@ -84,13 +84,13 @@ def foothold_clearance(
 
 
 def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
-    """Points (n, 3) on the leg's shapes in the footprint, without those so near to the sole that they are foot."""
+    """Points (n, 3) on the leg's shapes in the footprint, but for the foot's: within a sole's length of its centre."""
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
-    centre = _placed(pose, state, config.sole, np.zeros((1, 3)))
+    centre = _in_footprint(pose, state, config.sole, np.zeros((1, 3)))
     points, link = [np.zeros((0, 3))], config.sole
     while True:
-        points += [_placed(pose, state, link, _shape_points(shape)) for shape in state.tree.links[link].shapes]
+        points += [_in_footprint(pose, state, link, _shape_points(shape)) for shape in state.tree.links[link].shapes]
         if above[link].name == config.joints[0]:
             break
         link = above[link].parent
@@ -98,7 +98,7 @@ def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
     return everywhere[np.linalg.norm(everywhere - centre, axis=1) > max(state.tree.config.sole)]
 
 
-def _placed(pose: StancePose, state: RobotState, frame: str, points: Float) -> Float:
+def _in_footprint(pose: StancePose, state: RobotState, frame: str, points: Float) -> Float:
     return transform_points(pose.transform_base_to_footprint @ state.transform_to_base(frame), points)
 
 

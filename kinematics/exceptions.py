@@ -18,7 +18,7 @@ class RobotNotFound(KinematicsError, FileNotFoundError):
 
 
 class RobotFileError(KinematicsError, ValueError):
-    """A file of a robot folder is broken or contradicts another; the message names file and place.
+    """A file of a robot folder is broken or contradicts another; the message names the file and the line or entry.
 
     Attributes:
         findings: each thing that is wrong, one or more.
@@ -53,7 +53,7 @@ class ArgumentError(KinematicsError, ValueError):
 
 
 class CameraMoved(KinematicsError, RuntimeError):
-    """The camera moved between the begin and the end of a scan by more than robot.toml allows."""
+    """The camera moved between start and end of a scan by more than robot.toml allows."""
 
 
 class OdometryLost(KinematicsError, RuntimeError):
@@ -65,7 +65,7 @@ class JointLimitWarning(UserWarning):
 
 
 class RobotFileWarning(UserWarning):
-    """Something in a robot folder is not used (one warning names all of it), or loads and should be mended."""
+    """Something in a robot folder is not used (one warning names all of it), or is accepted and should be mended."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:

@@ -12,8 +12,7 @@ With R the turn by a:
     cov(footprint, x') = S H' V^-1 P_s:
 
 A foot set down again gets its position from the footprint, with the covariance that this brings. So noise is neither
-counted twice nor summed from pause to pause as if these were independent, which would make the result twice too
-uncertain.
+counted twice nor summed as if pauses were independent, which would double the sigma of the result.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ class Footholds:
     def after_pause(
         self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
     ) -> tuple[Fit, Footholds]:
-        """Fit the footprint of a new pause; the footholds that follow hold its readings too.
+        """Fit the footprint of a new pause; returns it with the footholds updated by the pause's readings.
 
         Args:
             stayed: two or more feet that stayed where they were.

@@ -38,16 +38,15 @@ def turn_by_vertical(transform: Float) -> Float:
 
 
 def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Float) -> tuple[Float, Float]:
-    """How the transform moves with its causes, rows in REP-103 order (x y z, rotations about fixed axes).
+    """Derivatives of the transform by soles and vertical, rows in REP-103 order (x y z, rotations about fixed axes).
 
     Args:
         soles_in_base: (n, 3) supporting soles [m].
         transform: (4, 4) base to footprint.
-        up_by_soles: (3, 3 n) d(vertical) / d(soles); zero where the vertical comes from elsewhere.
+        up_by_soles: (3, 3 n) d(vertical) / d(soles); zero where the vertical does not come from the soles.
 
     Returns:
-        by_soles (6, 3 n) and by_vertical (6, 3): the first holds the vertical's dependence on the soles
-        already.
+        by_soles (6, 3 n) and by_vertical (6, 3); by_soles includes what the soles do through the vertical.
     """
     count = len(soles_in_base)
     up = transform[2, :3]
@@ -66,20 +65,20 @@ def skew(vector: Float) -> Float:
 
 
 def compose_covariance(
-    transform_middle_to_destination: Float,
-    covariance_middle_to_destination: Float,
-    transform_source_to_middle: Float,
-    covariance_source_to_middle: Float,
+    transform_via_to_destination: Float,
+    covariance_via_to_destination: Float,
+    transform_source_to_via: Float,
+    covariance_source_to_via: Float,
 ) -> Float:
-    """Covariance (6, 6) of `transform_middle_to_destination @ transform_source_to_middle`, both uncertain.
+    """Covariance (6, 6) of `transform_via_to_destination @ transform_source_to_via`, both uncertain.
 
     Each covariance is in REP-103 order: translation [m], then rotation about the fixed axes [rad] of the
     transform's destination (first-order propagation).
     """
-    rotation = transform_middle_to_destination[:3, :3]
+    rotation = transform_via_to_destination[:3, :3]
     by_outer, by_inner = np.eye(6), np.zeros((6, 6))
-    by_outer[:3, 3:] = -skew(rotation @ transform_source_to_middle[:3, 3])
+    by_outer[:3, 3:] = -skew(rotation @ transform_source_to_via[:3, 3])
     by_inner[:3, :3] = by_inner[3:, 3:] = rotation
     return np.asarray(
-        by_outer @ covariance_middle_to_destination @ by_outer.T + by_inner @ covariance_source_to_middle @ by_inner.T
+        by_outer @ covariance_via_to_destination @ by_outer.T + by_inner @ covariance_source_to_via @ by_inner.T
     )

@@ -9,5 +9,5 @@ from __future__ import annotations
 # Straight below the body's origin, z = 0 at the mean of the supporting soles; computed, not in the URDF.
 BASE_FOOTPRINT = "base_footprint"
 
-# Continuous over steps; equal to `base_footprint` of the first pause; computed by leg odometry.
+# Continuous from pause to pause; equal to `base_footprint` of the first pause; computed by leg odometry.
 ODOM = "odom"

@@ -24,7 +24,7 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
 
     Args:
         tree: the kinematic tree that names the joints.
-        joint_positions: by name, every joint once; or an array in the order of `tree.joint_names`.
+        joint_positions: joint name -> position, every joint once; or an array in the order of `tree.joint_names`.
 
     Raises:
         UnknownName: a joint that the robot does not have.
@@ -58,7 +58,7 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """A joint that turns less than a whole turn cannot stand half a turn beyond its limits: that is no radian."""
+    """Refuse a joint with less than a turn of range that is half a turn beyond its limits: not given in radians."""
     lower, upper = tree.lower_limits, tree.upper_limits
     turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)
@@ -72,7 +72,7 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 
 
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
-    """Joints beyond their limits and by how much [rad]; one `JointLimitWarning` tells of all.
+    """Joints beyond their limits and by how much [rad]; one `JointLimitWarning` lists them.
 
     A joint beyond its limit is a measurement, not a reason to stop: encoders are offset, limits in the URDF
     are nominal.

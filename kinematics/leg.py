@@ -24,10 +24,10 @@ import numpy.typing as npt
 from kinematics.arrays import Float, read_only
 from kinematics.tree import KinematicTree
 
-# Of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
+# Tolerance of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
 GEOMETRY_TOLERANCE = 1e-9
 
-# By this much the cosine of a straight knee may exceed 1.
+# The cosine of a straight knee may exceed 1 by this much.
 ROUNDING = 1e-12
 
 
@@ -37,7 +37,7 @@ class LegGeometry:
 
     Attributes:
         hip: (3,) meeting point of the first two axes in `base_link` [m].
-        senses: (4,) +1 or -1: sense of each axis against x, y, y, y.
+        senses: (4,) +1 where an axis points along x, y, y, y of `base_link`, -1 where it is opposite.
         thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m].
         knee_sign: sign of the knee bend b in the posture in which the robot stands.
         lower, upper: (4,) joint limits [rad].
@@ -92,7 +92,7 @@ class LegGeometry:
 
 
 def _turned(vector: Float, angle: Float) -> Float:
-    """A vector (x, z) rotated about y by angles (...,), (..., 2)."""
+    """Vectors (..., 2): the vector (x, z) rotated about y by each of the angles (...)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
@@ -132,14 +132,14 @@ def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
     thigh, shank, foot = (np.delete(points[i + 1] - points[i], 1) for i in (1, 2, 3))
     if min(np.linalg.norm(thigh), np.linalg.norm(shank)) < GEOMETRY_TOLERANCE:
         return None
-    centre = senses[2] * tree.nominal[columns[2]] + _angle(shank) - _angle(thigh)
+    bend = senses[2] * tree.nominal[columns[2]] + _angle(shank) - _angle(thigh)
     return LegGeometry(
         hip=read_only(points[1]),
         senses=read_only(senses),
         thigh=read_only(thigh),
         shank=read_only(shank),
         foot=read_only(foot),
-        knee_sign=1.0 if centre >= 0.0 else -1.0,
+        knee_sign=1.0 if bend >= 0.0 else -1.0,
         lower=lower,
         upper=upper,
     )

@@ -1,4 +1,4 @@
-"""Finds a robot folder by name or path, reads it, and tells all that is wrong with its files in one go."""
+"""Finds a robot folder by name or path, reads it, and reports at once all that is wrong with its files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision meshes: where their file lies, and the simplest shape that holds all of them.
+"""Collision meshes: where their files lie, and the smallest simple shape that contains a mesh.
 
 A mesh is taken as the smallest of an upright box, cylinder or sphere that contains its convex hull: never smaller than
 the mesh, so what lies on the robot is never taken for terrain. It is read by coal (Assimp), which comes with Pinocchio.
@@ -62,7 +62,7 @@ def _paths(filename: str, urdf: Path) -> Iterator[Path]:
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
-    """Vertices (n, 3) of a mesh file (STL, OBJ, Collada and what else Assimp reads), scaled [m].
+    """Vertices (n, 3) of a mesh file (STL, OBJ, Collada or another format that Assimp reads), scaled [m].
 
     Raises:
         RobotFileError: the file cannot be read, or holds fewer than four points or no volume.
@@ -84,7 +84,7 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
 
 @lru_cache(maxsize=256)
 def mesh_shape(path: Path, scale: tuple[float, ...], stamp: int) -> tuple[str, tuple[float, ...], Float]:
-    """`bounding_shape` of a mesh file, kept while the file's time `stamp` [ns] stays: legs share meshes."""
+    """`bounding_shape` of a mesh file, kept while its time of change, `stamp` [ns], is the same: legs share meshes."""
     return bounding_shape(read_mesh(path, scale))
 
 

@@ -25,7 +25,7 @@ class RobotModel:
 
     Attributes:
         folder: where it was read from.
-        toml_text, srdf_text: what robot.toml and the SRDF hold, for whoever hands the robot on.
+        toml_text, srdf_text: content of robot.toml and of the SRDF, for a description that is sent to others.
         name: the robot's name.
         tree: its kinematic tree (names, limits, Pinocchio's model).
         legs: names of the legs, in robot.toml's order.
@@ -34,9 +34,9 @@ class RobotModel:
         noise: how well a stance is known (table [stance]).
         odometry_limits: what counts as a foot that stayed (table [odometry]).
         pause_limits: what counts as a pause (table [pause]).
-        self_filter_settings: how the robot's own shapes are taken (table [self_filter]).
+        self_filter_settings: how large the robot's own shapes are taken to be (table [self_filter]).
         notes: what in the files is not used or could not be checked.
-        doubts: what loads and should be mended, such as a scan pattern off the area.
+        doubts: what is accepted and should be mended, such as a scan pattern that misses a piece of the area.
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """
@@ -91,7 +91,7 @@ class RobotModel:
         """One table of robot.toml, read-only all the way down, for readers above this package.
 
         Raises:
-            RobotFileError: naming the file and the missing table.
+            RobotFileError: the table is missing; the message names it and the file.
         """
         return self.config.section(name)
 

@@ -17,11 +17,11 @@ from kinematics.urdf import Joint, Shape, Urdf
 # Heights in robot.toml are written to the millimetre.
 HEIGHT_TOLERANCE = 0.0005
 
-# Left and right of one robot are built alike to half a millimetre; more is a slip of the pen.
+# Left and right of one robot are built alike to half a millimetre; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# A sole frame further from the lowest point of its foot sets every foothold too high or too low [m]. A round foot of
-# 20 mm whose frame lies along a tilted shank is 4 mm off.
+# [m] A sole frame further than this from the lowest point of its foot puts every foothold too high or too low. The
+# frame of a round foot of 20 mm that lies along a tilted shank is 4 mm off.
 SOLE_TOLERANCE = 0.005
 
 
@@ -116,7 +116,7 @@ def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]
 
 
 def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:
-    """How far a shape reaches from its centre along a unit vector (3,); `rotation` (3, 3) turns it there [m]."""
+    """How far a shape, turned by `rotation` (3, 3), reaches from its centre along a unit vector (3,) [m]."""
     along = np.abs(rotation.T @ direction)
     if shape.kind == "box":
         return float(along @ np.asarray(shape.size) / 2.0)
@@ -177,7 +177,7 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]
-        # A mirror keeps the sense of turns about an axis across it and reverses others; a slide just mirrors.
+        # A mirror keeps the sense of turns about an axis across it and reverses others; a sliding axis is mirrored.
         image = _axis(tree, a) * ((1.0, -1.0, 1.0) if a.kind == "prismatic" else (-1.0, 1.0, -1.0))
         sense = float(image @ _axis(tree, b))
         limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)

@@ -16,13 +16,13 @@ from kinematics.pinocchio_model import build_model
 from kinematics.tree import KinematicTree
 
 ITERATIONS = 40
-# Of the normal equations [m^2 / rad^2]: a step of 1 mm stays finite at a stretched leg.
+# Damping of the normal equations [m^2 / rad^2]: keeps the step finite where the leg is stretched.
 DAMPING = 1e-6
 # A radian of pitch weighs as much as this many metres: half a foot's height.
 LENGTH = 0.1
-# Of the weighted error [m].
+# Weighted error [m] below which a solution is found.
 TOLERANCE = 1e-9
-# Radians: keeps a first step from jumping to the other bend of the knee.
+# [rad] Keeps a first step from jumping to the other bend of the knee.
 LARGEST_STEP = 0.3
 
 
@@ -31,7 +31,7 @@ class NumericLeg:
 
     Args:
         tree: the robot's kinematic tree.
-        leg: its name.
+        leg: name of the leg.
         start: (joints,) positions to start from [rad], on the side to which the knee should bend.
     """
 

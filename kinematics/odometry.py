@@ -31,18 +31,18 @@ class OdometryPose:
     Attributes:
         step: number of the pause since the start, from 0.
         pose: the stance pose that it is built on (attitude source `odometry` where no IMU gives gravity).
-        transform_footprint_to_odom: (4, 4), a turn about z and a shift.
-        covariance: (6, 6) of it, REP-103 order, relative to the first pause; roll and pitch are exact by definition
-            (both frames are gravity-aligned; how well is in `pose.covariance`).
-        covariance_since_last: (6, 6) of the motion since the last pause, that is of this footprint in the last one's
-            frame, REP-103 order; zeros at the first pause. Pauses share feet, so this is far less than the difference
-            of their covariances suggests, and cannot be had from them.
-        own_covariance: (6, 6) of what this footprint alone is off by, along the axes of `odom`, REP-103 order: noise of
-            this pause's readings and of its vertical that no other pause shares; zeros at the first pause. What else it
-            is off by is drift, which the pauses that follow carry on.
+        transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
+        covariance: (6, 6) its covariance, REP-103 order, relative to the first pause; roll and pitch are exact by
+            definition (both frames are gravity-aligned; how well is in `pose.covariance`).
+        covariance_since_last: (6, 6) covariance of the motion since the last pause, that is of this footprint in the
+            last one's frame, REP-103 order; zeros at the first pause. Pauses share feet, so this is far less than the
+            difference of their covariances suggests, and cannot be computed from them.
+        own_covariance: (6, 6) covariance of the error that this footprint alone has, along the axes of `odom`, REP-103
+            order: noise of this pause's readings and of its vertical that no other pause shares; zeros at the first
+            pause. The rest of its error is drift, which the pauses that follow carry on.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
-        slipped_feet: the same, but moved by less than a swing.
+        slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
         gravity: gravity as carried to the next pause.
     """
@@ -61,7 +61,7 @@ class OdometryPose:
 
     @property
     def transform_base_to_odom(self) -> Float:
-        """(4, 4) of the body."""
+        """The body's pose in `odom`, (4, 4)."""
         return read_only(self.transform_footprint_to_odom @ self.pose.transform_base_to_footprint)
 
 
@@ -71,7 +71,7 @@ class LegOdometry:
     Args:
         robot: the model.
         transform_camera_to_base: (4, 4) calibrated camera placement, handed on to the stance poses.
-        camera_covariance: (6, 6) of it.
+        camera_covariance: (6, 6) covariance of that placement.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class LegOdometry:
 
     def _next(self, stance: Stance, last: OdometryPose, footholds: Footholds) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        # A foot that seemed to hang is asked too: it may stand on a block, and if it hangs its distances will not hold.
+        # A foot that seemed to hang counts too: it may stand on a block, and if it hangs its distances will not hold.
         common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
         stayed = self._stayed(state, last.pose.state, common)
         gravity = None
@@ -225,8 +225,8 @@ def _named_feet(pose: StancePose) -> tuple[str, ...]:
 def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     """Covariance (6, 6) of the motion from the last footprint to the new one, in the last one's frame.
 
-    With headings a, places t and R the last turn, the motion is R' (t_new - t_last), a_new - a_last; its errors follow
-    from those of both footprints by the chain rule, what they share taken off.
+    With headings a, positions t and R the rotation of the last footprint, the motion is R' (t_new - t_last), a_new -
+    a_last; its errors follow from those of both footprints by the chain rule, where errors that they share cancel.
     """
     before, after = last.transform_footprint_to_odom, fit.transform_footprint_to_odom
     rotation = before[:3, :3]

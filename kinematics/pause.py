@@ -1,4 +1,4 @@
-"""Tells when the robot stands still enough to scan, and whether it stood still while it did."""
+"""Tells when the robot stands still enough to scan, and whether it stood still during the scan."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class PauseDetector:
         """Take one reading.
 
         Args:
-            time: time of the reading [s] from any origin, growing.
+            time: time of the reading [s] since any fixed instant; later than that of the last reading.
             joint_velocities: joint name -> velocity [rad/s], every joint.
             support_feet: legs whose soles carry the body.
 
@@ -97,9 +97,9 @@ class CameraMotion:
     """How the camera moved between two readings of the joints.
 
     Attributes:
-        translation: way of the optical centre [m].
-        rotation: angle of its turn [rad].
-        is_still: both within the limits of robot.toml.
+        translation: distance that the optical centre moved [m].
+        rotation: angle by which the camera turned [rad].
+        is_still: whether both are within the limits of robot.toml.
     """
 
     translation: float
@@ -112,7 +112,7 @@ def camera_motion(
 ) -> CameraMotion:
     """How the camera moved over the feet that carried the body throughout.
 
-    The feet stand on the ground; what they seem to move in `base_link` is the body's own motion, the other way round.
+    The feet stand on the ground: how they seem to move in `base_link` is the body's own motion, reversed.
 
     Args:
         robot: the model.
@@ -153,7 +153,7 @@ def check_camera_still(
     """As `camera_motion`, for a scan that must not be used when the camera moved.
 
     Raises:
-        CameraMoved: with both ways and their limits.
+        CameraMoved: the message gives both motions and their limits.
         StanceError: as `camera_motion`.
     """
     motion = camera_motion(robot, begin, end, transform_camera_to_base=transform_camera_to_base)

@@ -1,7 +1,7 @@
 """Builds Pinocchio's model of a robot from what was read of its URDF.
 
 Pinocchio's own reader of URDF is not used: it gives a continuous joint two coordinates, and answers with an error
-where a link and a joint share a name. Only frames of links are made, so every name is found once.
+where a link and a joint share a name. Only frames of links are made, so every name is unique.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
     first = 0
     if only is None:
         first = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "root_joint")
-    # Link, the joint that carries it, and its index on that joint.
+    # Name of a link, index of the joint that carries it, and its pose on that joint.
     open_links = [(root, first, pinocchio.SE3.Identity())]
     while open_links:
         name, carrier, placement = open_links.pop()

@@ -1,7 +1,6 @@
-"""Writes of a URDF what is used of it: links with mass and primitive shapes, joints with limits.
+"""Writes a URDF that holds only what is used: links with mass and primitive shapes, joints with limits.
 
-Pinocchio is built from this text, so that nothing that is not used can trip it; and it is what a new robot folder and a
-grid carry.
+A new robot folder gets this text, and a grid carries it in the description of its robot.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ def plain_urdf(urdf: Urdf, *, with_shapes: bool = True) -> str:
 
     Args:
         urdf: what was read.
-        with_shapes: also the collision shapes.
+        with_shapes: whether to write the collision shapes.
     """
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
@@ -59,7 +58,7 @@ def _add_joint(root: Element, joint: Joint) -> None:
     SubElement(element, "child", link=joint.child)
     if joint.kind != "fixed":
         SubElement(element, "axis", xyz=_numbers(joint.axis))
-        # A model without motors: what readers of URDF demand of a <limit>, and nobody uses here.
+        # Readers of URDF demand effort and velocity of a <limit>; nobody uses them here.
         SubElement(element, "limit", lower=repr(joint.lower), upper=repr(joint.upper), effort="0", velocity="0")
 
 

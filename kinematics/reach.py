@@ -20,7 +20,7 @@ from kinematics.tree import KinematicTree
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """Which of some soles a leg reaches, and how; for soles of shape (..., 3), arrays are read-only.
+    """Which sole centres, given as (..., 3), a leg reaches, and with which joint positions; arrays are read-only.
 
     Attributes:
         joint_positions: (..., joints of the leg) [rad]; NaN where no solution exists at all.

@@ -1,4 +1,4 @@
-"""Reads a URDF file: what places a robot's joints and shapes is checked, what does not is passed over and named.
+"""Reads a URDF file: values that say where joints and shapes are get checked; the others are skipped and named.
 
 All that is wrong is reported at once, each with its line. Visuals, vendors' tags and the inertia of links say nothing
 about where the robot is; masses only matter for its balance, so links without one are taken as weightless.
@@ -174,7 +174,7 @@ class _Reader:
             self.findings.wrong(f"{where}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
             return None
         if shape.tag == "capsule":
-            # Its round ends are held by a cylinder that is longer by both.
+            # A cylinder that is longer by both round ends contains the capsule.
             return Shape("cylinder", (size[0], size[1] + 2.0 * size[0]), transform)
         return Shape(shape.tag, size, transform)
 

@@ -12,8 +12,8 @@ from typing import Final
 from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
-# The pattern may miss the area's ends by this much [m]: a cell.
-PATTERN_M: Final = 0.005
+# The scan may miss the area's ends by this much [m]: a cell.
+END_TOLERANCE_M: Final = 0.005
 
 
 def plane_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -> float:
@@ -30,7 +30,8 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
     """What robot.toml's scan pattern misses of the area to scan; None where it sweeps all of it.
 
     Args:
-        root: robot.toml; tables [scan] and [grid.footprint] that are absent or malformed are left to who reads them.
+        root: robot.toml; where table [scan] or [grid.footprint] is absent or malformed, the result is None: the
+            packages that use these tables report it.
         mirror_x: x of the mirror's axis in `base_footprint`, in the scan posture [m].
         mirror_height: height of that axis over the floor [m].
     """
@@ -42,10 +43,10 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
     if findings.is_wrong:
         return None
     first, last = sorted(plane_on_floor(mirror_x, mirror_height, angle) for angle in angles)
-    if first <= near + PATTERN_M and last >= far - PATTERN_M:
+    if first <= near + END_TOLERANCE_M and last >= far - END_TOLERANCE_M:
         return None
-    # As a stock folder has it: a stripe before the area to a stripe past it.
-    wanted = [mirror_angle_for(mirror_x, mirror_height, x) for x in (near - PATTERN_M, far + PATTERN_M)]
+    # From just before the area to just past it, as the folder of guara has it.
+    wanted = [mirror_angle_for(mirror_x, mirror_height, x) for x in (near - END_TOLERANCE_M, far + END_TOLERANCE_M)]
     return (
         f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "
         f"{near:g} to {far:g}: set mirror_angle_first = {wanted[0]:.3f} and mirror_angle_last = {wanted[1]:.3f} "

@@ -71,7 +71,7 @@ class SelfFilter:
         """Which points lie on the robot.
 
         Args:
-            points_in_base: (n, 3) in `base_link` [m]; a row with NaN lies nowhere.
+            points_in_base: (n, 3) in `base_link` [m]; a row with NaN does not lie on the robot.
 
         Returns:
             (n,) true where a point lies inside a grown shape.
@@ -116,7 +116,7 @@ class SelfFilter:
             (n,) true where a grown shape lies on the segment, its end included.
 
         Raises:
-            ArgumentError: wrong shape, or one origin for all that lies inside a shape (its link belongs into `ignore`).
+            ArgumentError: wrong shape, or an origin inside a grown shape (name that shape's link in `ignore`).
         """
         points = _checked_points(points_in_base, "points_in_base")
         origins = np.asarray(origins_in_base, dtype=np.float64)
@@ -167,7 +167,7 @@ class _Segments:
     origins_squared: Float
 
     def pass_by(self, centre: Float, reach: float) -> Mask:
-        """Which segments come within reach of a centre: coarse, but never wrong where a shape is met."""
+        """Which segments may come within `reach` of a centre: some in vain, but none that does is missed."""
         along = self.directions @ centre - self.directions_by_origins
         distance = self.origins_squared - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
         # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.

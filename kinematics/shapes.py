@@ -61,7 +61,7 @@ class PlacedShape:
 
 
 def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: float) -> PlacedShape:
-    """A shape of the URDF at its place on the robot, grown by a margin [m]."""
+    """A shape of the URDF at its pose on the robot, grown by a margin [m]."""
     transform = transform_link_to_base @ shape.transform_shape_to_link
     if shape.kind == "box":
         half = np.asarray(shape.size) / 2.0
@@ -76,7 +76,7 @@ def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: 
 
 
 def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Float]:
-    """Where rays enter and leave the slabs |x_i| <= half_i of all axes at once, in parts of their length."""
+    """Where rays enter and leave the slabs |x_i| <= half_i of all axes at once, as shares of their length."""
     direction = np.where(along == 0.0, NO_DIRECTION, along)
     with np.errstate(over="ignore"):
         one, other = (-half - start) / direction, (half - start) / direction

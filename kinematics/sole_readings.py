@@ -2,7 +2,7 @@
 
 The pitch is read because a flat sole that carries the body keeps it: what it seems to change between two pauses is
 noise of the leg's joints, and the same noise displaces the sole. Their covariance tells by how much. A round foot (a
-leg of fewer than four joints cannot hold a flat one level) says nothing by its pitch.
+leg of fewer than four joints cannot hold a flat one level) has no meaningful pitch.
 """
 
 from __future__ import annotations
@@ -24,13 +24,12 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
 
     Args:
         pose: the stance pose.
-        legs: whose soles.
+        legs: names of the legs whose soles are read.
         noise: standard deviations.
 
     Returns:
-        readings (n, 4): x, y, z of the centre [m] and pitch of the sole against the horizontal [rad]; and their
-            covariances
-        (n, 4, 4) by encoders and contact, without the shift that a wrong vertical gives all of them alike.
+        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole against the horizontal [rad]; and covariances
+        (n, 4, 4) of these by encoders and contact, without the shift that a wrong vertical gives all of them alike.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]
     tree, state = pose.state.tree, pose.state
@@ -40,10 +39,11 @@ def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> 
     for row, leg in enumerate(legs):
         config = tree.leg(leg)
         x, y, z = rotation @ state.transform_to_base(config.sole)[:3, 0]
-        level = np.hypot(x, y)
-        readings[row] = *centres[row], np.arctan2(-z, level)
+        horizontal = np.hypot(x, y)
+        readings[row] = *centres[row], np.arctan2(-z, horizontal)
         jacobian = state.jacobian(config.sole)
-        by_joints = np.vstack([rotation @ jacobian[:3], np.array([-y, x, 0.0]) / level @ rotation @ jacobian[3:]])
+        pitch_axis = np.array([-y, x, 0.0]) / horizontal
+        by_joints = np.vstack([rotation @ jacobian[:3], pitch_axis @ rotation @ jacobian[3:]])
         covariances[row] = noise.encoder_sigma**2 * by_joints @ by_joints.T
         covariances[row] += np.diag([noise.contact_sigma**2] * 3 + [noise.sole_pitch_sigma**2 + vertical_variance])
         if len(config.joints) < 4:

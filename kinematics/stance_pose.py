@@ -1,7 +1,7 @@
 """Where the body stands over the ground at a pause, which way is up, and how well both are known.
 
-A point measured in `base_link` does not depend on this pose: the pose only says which way is up and joins
-scans.
+A point measured in `base_link` does not depend on this pose: the pose only says which way is up, and how scans lie to
+one another.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class StanceNoise:
         level_sigma: the body's tilt where it is taken as level, per axis [rad].
         terrain_slope_sigma: tilt of the support plane against the horizontal, per axis [rad].
         centre_of_mass_sigma: standard deviation of its horizontal position [m].
-        unloaded_sigmas: how many sigmas above the plane of the others a foot may carry no load [-].
+        unloaded_sigmas: a foot that is more sigmas than this above the plane of the others may carry no load [-].
     """
 
     encoder_sigma: float
@@ -72,7 +72,7 @@ class StancePose:
 
     Attributes:
         transform_base_to_footprint: (4, 4).
-        covariance: (6, 6) of it, REP-103 order (x y z [m], rotations about the footprint's fixed axes [rad]).
+        covariance: (6, 6) its covariance, REP-103 order (x y z [m], rotations about the footprint's fixed axes [rad]).
             x, y and the heading are exact by definition. With `support_plane` it is relative to that plane,
             not to gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
@@ -81,8 +81,8 @@ class StancePose:
         support_residual: rms distance of the used soles from their plane [m]; zero for three, NaN for fewer
             feet.
         soles_in_footprint: (n, 3) centres of the used soles [m].
-        transform_camera_to_footprint: (4, 4) of the camera placement that was given (nominal: the URDF's).
-        camera_covariance: (6, 6) of it, same order.
+        transform_camera_to_footprint: (4, 4), by the camera placement that was given, else by the URDF's.
+        camera_covariance: (6, 6) its covariance, same order.
         state: the robot's state that it was made from.
     """
 
@@ -146,7 +146,7 @@ def stance_pose(
             `support_plane`.
         odometry: gravity carried over from earlier pauses.
         transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
-        camera_covariance: (6, 6) of it, REP-103 order in `base_link`; default zero.
+        camera_covariance: (6, 6) covariance of that placement, REP-103 order in `base_link`; default zero.
         find_unloaded: among four feet, look for one that hangs, and leave it out.
 
     Raises:

@@ -18,7 +18,7 @@ class RobotState:
 
     Args:
         tree: the robot's kinematic tree.
-        joint_positions: by name, every joint once [rad]; or (n,) in the order of `tree.joint_names`.
+        joint_positions: joint name -> position [rad], every joint once; or (n,) in the order of `tree.joint_names`.
 
     Attributes:
         tree: as given.

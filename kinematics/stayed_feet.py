@@ -27,11 +27,11 @@ def find_stayed_feet(
     """Rows of the feet that stayed, in order; fewer than two rows mean that none is known to have stayed.
 
     Args:
-        soles_now: (n, 3) in the footprint of this pause [m].
-        covariances_now: (n, 3, 3) of the first [m^2].
-        soles_before: (n, 3) the same feet in the footprint of the pause before [m].
-        covariances_before: (n, 3, 3) of the second [m^2].
-        slip_sigmas: a distance that changes by more standard deviations has changed.
+        soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].
+        covariances_now: (n, 3, 3) covariances of `soles_now` [m^2].
+        soles_before: (n, 3) the same soles at the pause before, in the same frame of the body [m].
+        covariances_before: (n, 3, 3) covariances of `soles_before` [m^2].
+        slip_sigmas: a distance has changed when it differs by more standard deviations than this.
         turn_limit: largest turn of the body between two pauses [rad].
     """
     count = len(soles_now)

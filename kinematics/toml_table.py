@@ -10,7 +10,7 @@ from typing import Final
 
 from kinematics.findings import Findings
 
-# Given for what is not there; TOML has no null.
+# Stands for a key that is absent; TOML has no null.
 _ABSENT: Final = object()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 # [byte] Far above any real file: the largest robot.toml or world file of this repository has 8 kB.
 LARGEST_FILE = 1024 * 1024
-# Most parts of a dotted key, and most levels of nested tables or lists.
+# Most parts of a dotted key, and deepest nesting of tables or lists.
 DEEPEST = 16
 
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")

@@ -32,7 +32,8 @@ class KinematicTree:
         lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
         pinocchio_model: Pinocchio's model; take it as read-only.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
-        nominal: (n,) a posture in which the robot stands, in the order of `joint_names`: so the knees bend.
+        nominal: (n,) joint positions of a posture in which the robot stands, in the order of `joint_names`: it gives
+            the side to which the knees bend.
     """
 
     def __init__(self, urdf: Urdf, config: RobotToml, nominal: Mapping[str, float] | None = None) -> None:
@@ -41,7 +42,7 @@ class KinematicTree:
         Args:
             urdf: what the file says.
             config: what robot.toml says; its links and joints are in the URDF.
-            nominal: joint name -> position [rad] of a posture; None = the middle between the limits.
+            nominal: joint name -> position [rad] of a posture; None = the centre between the limits.
 
         Raises:
             RobotFileError: Pinocchio refuses the URDF.
@@ -98,7 +99,7 @@ class KinematicTree:
         return self.legs[leg]
 
     def joint_index(self, joint: str) -> int:
-        """Place of a joint in `joint_names`.
+        """Index of a joint in `joint_names`.
 
         Raises:
             UnknownName: the robot has no such joint; the message lists them.

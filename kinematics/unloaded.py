@@ -26,7 +26,7 @@ class FourFeet:
 
     Attributes:
         soles: (4, 3) sole centres in `base_link` [m].
-        covariances: (4, 3, 3) of each [m^2].
+        covariances: (4, 3, 3) covariances of `soles` [m^2].
         centre_of_mass: (3,) in `base_link` [m].
         centre_of_mass_sigma: standard deviation of its horizontal position [m].
         up: (3,) unit vertical in `base_link` where known, else None.
@@ -91,7 +91,7 @@ def _gaps_in_sigmas(feet: FourFeet) -> Float:
 
 
 def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
-    """Whether the other three stand on one level, as far as soles and vertical are known."""
+    """Whether the other three stand at one height, as far as soles and vertical are known."""
     up = np.asarray(feet.up)
     others, covariances = feet.soles[OTHERS[row]], feet.covariances[OTHERS[row]]
     heights = others @ up

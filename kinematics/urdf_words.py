@@ -1,7 +1,7 @@
 """Which elements and attributes of a URDF are read, and what is done about the others.
 
-Every reader of URDF passes over what it does not know and takes the default: a misspelt <origin> puts a link somewhere
-else without a word. So what looks like a word that is read is refused, and some vendor's own word is named as unused.
+Readers of URDF skip names that they do not know and take the default: a misspelt <origin> puts a link somewhere else
+without a warning. So an unknown name that resembles one that is read is refused, any other is reported as unused.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ATTRIBUTES = {
     "sphere": ("radius",),
     "mesh": ("filename", "scale"),
 }
-# Words of the URDF specification and of simulators that say nothing about where the robot is: passed over in silence.
+# Names of the URDF specification and of simulators that say nothing about where the robot is: skipped in silence.
 COMMON = {
     "robot": {"material", "mujoco", "gazebo", "transmission", "drake", "sensor"},
     "link": {"visual"},
@@ -47,12 +47,12 @@ LIKE_AN_ELEMENT, LIKE_AN_ATTRIBUTE = 0.75, 0.6
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Look at the words of one element that is read, all the way down to the links and joints below it.
+    """Check the names of an element's attributes and of all elements below it; links and joints below it are left out.
 
     Args:
-        element: that is read.
-        where: for messages.
-        findings: take what looks misspelt as wrong, and what is some vendor's own as unused.
+        element: an element that is read.
+        where: what it belongs to, for messages.
+        findings: gets names that look misspelt as wrong, and other unknown names as unused.
     """
     known = ATTRIBUTES.get(element.tag)
     for attribute in element.attrib:

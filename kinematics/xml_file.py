@@ -1,7 +1,7 @@
 """Reads an XML file into elements that know their line; what can only harm is refused before it is read.
 
-A robot's files may come from anywhere, and with a grid over the network: no entity is expanded, and no file is opened
-that is larger than any robot's.
+A robot's files may come from anywhere, and with a grid over the network: no entity is expanded, and no file larger than
+any robot's is opened.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sends one query and hands over its replies one by one, with a deadline and an ear for the other side's death."""
+"""Sends one query and hands over its replies one by one, until a deadline or until the other side dies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from transport import zenoh_api
 from transport.session import Session
 
-# [s] Beyond the caller's timeout, so that the answerer's own word about its deadline can still arrive.
+# [s] Beyond the caller's timeout, so that the answerer's own message that the deadline passed can still arrive.
 GRACE = 0.5
 
 # [s] How often a waiting caller looks whether the other side still lives.
@@ -21,7 +21,7 @@ ZENOH_TIMEOUT = b"Timeout"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One thing that happened to a query.
+    """One event of an open query.
 
     Attributes:
         payload: payload of a reply, or None.
@@ -54,9 +54,9 @@ def ask(
         session: open session.
         key: key of the queryable.
         payload: payload of the query.
-        timeout: [s] after which the caller no longer waits. Ctrl-C works.
+        timeout: time after which the caller no longer waits [s]; Ctrl-C ends the wait.
         is_alive: tells whether the other side still lives; asked while waiting.
-        priority: on congested links, of the query and its replies.
+        priority: priority of the query and its replies on congested links.
         encoding: encoding of the payload, as in `transport.messages.encodings`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A planner's or viewer's side of the transport, whole: the newest grid, scan requests, queries, sign of life."""
+"""The whole transport of a planner or viewer: the newest grid, scan requests, queries, sign of life."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ logger = logging.getLogger(__name__)
 class PerceptionClient:
     """Receives the grids of one robot and asks it for scans.
 
-    Each extent is subscribed to when first asked for. Whose a grid is, and how old, is judged in one place for all ways
-    of receiving it: `GridJudge`.
+    Each extent is subscribed to when first asked for. However a grid is received, `GridJudge` decides by its sender and
+    its age whether it may be used.
 
     Attributes:
         robot: instance name.
@@ -112,7 +112,7 @@ class PerceptionClient:
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """How the node's wall clock stands against this machine's; None while the node has not said."""
+        """Offset of the node's wall clock from this machine's; None while the node has not reported it."""
         return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
@@ -144,8 +144,8 @@ class PerceptionClient:
     def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
         """The newest summary of the map; while there is none that may be used, one is waited for.
 
-        It has no history: what was sent before the first call of this is not had. Samples that are no valid summary are
-        passed over.
+        It has no history: what was sent before the first call is not received. Samples that are no valid summary are
+        skipped.
 
         Args:
             timeout: [s] to wait for one that may be used.
@@ -162,7 +162,7 @@ class PerceptionClient:
     def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
         """The steppable regions of the newest map that may still be used, waited for as in `summary`.
 
-        Arguments and errors as in `summary`, but the last that were sent are had too.
+        Arguments and errors as in `summary`, but the last regions sent before the first call are received too.
         """
         receiver = self._of_map(RegionsMessage.extent, regions_key(self.robot), decode_regions)
         return self._waiter.newest(receiver, timeout, max_age)
@@ -193,13 +193,13 @@ class PerceptionClient:
 
         Args:
             predicate: called with each newest grid.
-            timeout: [s]; None waits without end.
+            timeout: longest wait [s]; None waits without end.
             extent: "footprint" or "map".
             max_age: as in `latest`; infinite takes grids of any age.
             after: number of a sample; only later ones count.
 
         Raises:
-            ReceiveTimeout: none came in time although the node lives; it says so when only old ones did.
+            ReceiveTimeout: none came in time although the node lives; the message says so when only old ones came.
             ScannerGone: none came, and the node went away.
             ScannerUnavailable: none came, and no node was ever seen.
         """
@@ -230,10 +230,10 @@ class PerceptionClient:
 
         Args:
             step: number of the pause.
-            timeout: [s]
+            timeout: longest wait [s].
             extent: "footprint" or "map".
             epoch: identity of the walk; None takes the one that the node is on.
-            confirmed: do not take a provisional one.
+            confirmed: whether to skip provisional grids.
             max_age: as in `receive`.
         """
         predicate = self._waiter.is_of_step(step, epoch, confirmed=confirmed)
@@ -244,7 +244,7 @@ class PerceptionClient:
     ) -> None:
         """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`.
 
-        A grid that may no longer be used when its turn comes is not handed over, one that is withdrawn always.
+        A grid that may no longer be used when its turn comes is not handed over; a withdrawn one always is.
         """
         notices = Seldom(logger)
 
@@ -300,12 +300,12 @@ class PerceptionClient:
         Args:
             extent: "footprint" or "map".
             region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
-            timeout: [s]
+            timeout: longest wait [s].
             max_age: as in `latest`.
 
         Raises:
-            StaleTerrain: it is too old, or there is none yet.
-            MessageError: what was answered is of another robot, extent or frame, or of a node that is no more.
+            StaleTerrain: the newest grid is too old, or there is none yet.
+            MessageError: the answer is of another robot, extent or frame, or of a node that no longer runs.
         """
         asked = time.time_ns(), clock.now()
         terrain = query_terrain(

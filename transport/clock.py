@@ -1,4 +1,4 @@
-"""The clock by which ages are measured: it never steps, and goes on while the machine sleeps."""
+"""The clock by which ages are measured: it never jumps, and goes on while the machine sleeps."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def now() -> float:
-    """[s] since some moment in the past, the same for all processes of one machine."""
+    """[s] since some instant in the past, the same for all processes of one machine."""
     return time.monotonic() if BOOT_CLOCK is None else time.clock_gettime(BOOT_CLOCK)
 
 
 class JumpDetector:
-    """Finds jumps of the wall clock against the clock that never steps."""
+    """Finds jumps of the wall clock against the clock that never jumps."""
 
     # [s] Less is what time servers do when they slew a clock, and what a busy machine does between two readings.
     LEAST = 0.1
@@ -31,7 +31,7 @@ class JumpDetector:
 
     @staticmethod
     def _read() -> float:
-        # The wall clock between two readings of the other: a pause of this thread must not look like a jump.
+        # The wall clock between two readings of the other: an interrupted thread must not look like a jump.
         best, offset = float("inf"), 0.0
         for _ in range(3):
             before, wall, after = now(), time.time_ns() * 1e-9, now()

@@ -33,7 +33,7 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 
 
 def check_endpoint(endpoint: str) -> str:
-    """`endpoint` if it reads as one of Zenoh, `protocol/address`.
+    """`endpoint` if it is valid for Zenoh, `protocol/address`.
 
     Raises:
         ConfigurationError: unknown protocol, no address, or no port where one is needed.
@@ -106,7 +106,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending(*, patient: bool = False) -> dict[str, Any]:
-    """The `transport/link/tx` section: how long a silent side counts as there, what waits for a link and how long."""
+    """The `transport/link/tx` section: how long a silent side is taken as alive, what waits for a link and how long."""
     drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 

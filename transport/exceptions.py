@@ -63,7 +63,7 @@ class ScanFailed(TransportError, RuntimeError):
     """The scanner refused the request or could not finish the scan; `code` is the short name of the cause."""
 
     def __init__(self, message: str, code: str = "failed") -> None:
-        """Keep the short name of the cause beside the words."""
+        """Keep the short name of the cause beside the message."""
         super().__init__(message)
         self.code = code
 

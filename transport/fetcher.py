@@ -16,18 +16,18 @@ from transport.patience import Patience
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
-# [byte/s] On a slower link most of what is sent by itself is lost half way, and what was sent of it keeps other things
-# waiting: a reader there unsubscribes, and fetches what is announced.
+# [byte/s] On a slower link most published messages are lost half way, and the pieces of them that were sent delay
+# others: a reader there unsubscribes, and fetches what is announced.
 SUBSCRIBING_RATE = 3e6
-# [s] Within this time a piece must come, and a larger one than the first, which only a quick link is asked for: with
-# the answer the word that there is none may be lost too. Pieces are made larger below QUICK and smaller above SLOW.
+# [s] A piece must come within this time, since an answer may be lost; the second is for pieces larger than FIRST_PIECE,
+# which are asked for only over a quick link. Pieces are made larger below QUICK and smaller above SLOW.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
-# [byte] First and smallest piece: less than one batch of Zenoh (64 KiB), so that small messages never wait behind more.
+# [byte] First and smallest piece: below one batch of Zenoh (64 KiB), so that small messages never wait for more.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
 # Pieces that may be lost one after the other before the next announcement is waited for, and [s] between them.
 ATTEMPTS = 20
-PAUSE = 0.1
+BETWEEN_ATTEMPTS = 0.1
 # Publishers whose numbers are remembered; one more with each restart of a node.
 REMEMBERED = 32
 CLOSE_TIMEOUT = 2.0
@@ -173,7 +173,7 @@ class Fetcher:
                 failures += 1
                 if failures >= ATTEMPTS:
                     break
-                time.sleep(PAUSE)
+                time.sleep(BETWEEN_ATTEMPTS)
                 continue
             took += time.monotonic() - start
             head, content = piece
@@ -230,13 +230,13 @@ class Fetcher:
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 
-        def sort(found_key: str, attachment: bytes, content: bytes) -> None:
+        def take(found_key: str, attachment: bytes, content: bytes) -> None:
             if len(attachment) == PIECE.size and len(content) <= size:
                 on_piece(found_key, PIECE.unpack(attachment), content)
 
         selector = f"{key}?piece={begin};size={size};number={number}"
         self._session.attempt(
-            lambda: zenoh_api.get_pieces(self._session.raw, selector, timeout, sort, finished.set),
+            lambda: zenoh_api.get_pieces(self._session.raw, selector, timeout, take, finished.set),
             f"cannot ask {key!r}",
         )
         deadline = time.monotonic() + timeout

@@ -1,4 +1,4 @@
-"""Whether a grid may be used, in one place for every way of receiving it: whose it is, and how old."""
+"""Whether a grid may be used, by its sender and its age: the same for every way of receiving it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NS = 1e-9
 FRAME = "base_footprint"
 # Runs of nodes that are over and may not speak again.
 REMEMBERED = 64
-# [s] Between two looks for news.
+# [s] Between two queries for news.
 POLL = 0.05
 logger = logging.getLogger(__name__)
 ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
@@ -67,7 +67,7 @@ class Grid(Protocol):
 
     @property
     def scan_end_clock(self) -> float | None:
-        """End of the scan by a clock that never steps [s]."""
+        """End of the scan by a clock that never jumps [s]."""
 
     @property
     def valid_for(self) -> float:
@@ -118,9 +118,9 @@ class GridJudge:
         """Why a grid that came must not be taken for one of this robot; empty when it may.
 
         Args:
-            terrain: that came.
-            extent: that was asked for.
-            is_newest: whether it must come after all before it, as what is published does and an answer need not.
+            terrain: the grid.
+            extent: extent that was asked for.
+            is_newest: whether it must be newer than all before it, as in what is published; an answer need not be.
         """
         for what, given, wanted in (
             ("robot", terrain.robot, self._robot),
@@ -160,10 +160,10 @@ class GridJudge:
         return ""
 
     def age(self, received: Received[G]) -> float:
-        """[s] since the end of the scan of a received grid, never less than the truth by what is not known.
+        """[s] since the end of the scan of a received grid; where it is uncertain, rather too much than too little.
 
-        By the clocks of both machines that never step, where the node tells its own. A node that does not: the time
-        since the arrival, and before it what the two wall clocks say.
+        Where the node reports its clock that never jumps, by that clock and this machine's. Else it is the time since
+        the arrival, and before the arrival what the two wall clocks say.
         """
         terrain = received.message
         if terrain.scan_end_clock is not None:
@@ -172,7 +172,7 @@ class GridJudge:
                 return max(age, received.age)
             if self.node.is_alive:
                 self._unasked.say(
-                    "the node of %r does not answer for its clock: ages come from the clocks on the wall of both "
+                    "the node of %r does not answer for its clock: ages come from the wall clocks of both "
                     "machines. Access rules made by an earlier version? `guara security renew` on their machine",
                     self._robot,
                 )
@@ -184,7 +184,7 @@ class GridJudge:
         Args:
             received: grid with its arrival.
             max_age: [s] since the end of the scan; None takes the grid's own validity, in time and in pauses.
-            wait: [s] how long to wait for a first word of a node that lives.
+            wait: how long to wait for the first answer of a node that lives [s].
 
         Raises:
             StaleTerrain: it may not; the message says why and what to do.
@@ -203,7 +203,7 @@ class GridJudge:
         return terrain
 
     def wait_for_news(self, timeout: float) -> None:
-        """Ask the node; where the pause that it followed is over, wait this long for the next to begin [s]."""
+        """Ask the node; where its pause is over, wait up to `timeout` [s] for the next one to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
             if self._values_of("").get("standing") != "false" or clock.now() > deadline:

@@ -37,7 +37,7 @@ class GridPublishers:
         Args:
             session: open session of the node.
             robot: instance name.
-            outbox: outbox of the node; whoever made it closes it, before these.
+            outbox: outbox of the node; whoever made it closes it, before these publishers.
 
         Raises:
             SessionClosed: the session is closed.
@@ -45,7 +45,7 @@ class GridPublishers:
         self._outbox = outbox
 
         def latched(key: str, encoding: str, priority: str) -> Publisher:
-            """Who comes later gets the last, and so does who asks on the key."""
+            """Whoever subscribes later gets the last message, and so does whoever queries the key."""
             return Publisher(session, key, priority=priority, encoding=encoding, answers=True)
 
         self._terrain = {
@@ -120,7 +120,7 @@ class GridPublishers:
 
 
 def _send(publisher: Publisher, made: MadeOnce, mirror: Ros2Mirror | None, name: str, kind: str) -> None:
-    """Put on the own key, and on a topic of ROS 2 where that is mirrored."""
+    """Put on the publisher's key, and on a topic of ROS 2 where that is mirrored."""
     publisher.put(made)
     if mirror is not None:
         mirror.put(name, kind, made())

@@ -1,4 +1,4 @@
-"""`GridWaiter`: waits for what a receiver brings until it may be used, and says why nothing did."""
+"""`GridWaiter`: waits until a receiver has a message that may be used, and says why none came."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class GridWaiter:
         """The newest message that `predicate` accepts and that may still be used.
 
         Args:
-            receiver: what it is waited at.
+            receiver: receiver of the messages.
             predicate: called with each newest message.
-            timeout: [s]; None waits without end.
+            timeout: longest wait [s]; None waits without end.
             max_age: as in `PerceptionClient.latest`.
             after: number of a sample; only later ones count.
             says_stale: raise StaleTerrain when one came in time and was too old, instead of saying so in the error.
@@ -97,7 +97,7 @@ class GridWaiter:
         return predicate
 
     def unavailable(self, found: str = "") -> ScannerUnavailable:
-        """The error of who asks where no node is to be seen; `found` is what else is known."""
+        """The error when no node is visible; its message begins with `found`, which says what else is known."""
         return ScannerUnavailable(
             f"{found}no node of robot {self._robot!r} is to be seen: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"

@@ -1,4 +1,4 @@
-"""Jumps of the node's wall clock: stamps before and after one do not compare, which its status says for a while."""
+"""Jumps of the node's wall clock: stamps before and after a jump cannot be compared; the status reports it."""
 
 from __future__ import annotations
 

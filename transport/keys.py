@@ -26,7 +26,7 @@ def check_name(name: str, what: str = "robot") -> str:
 
     Args:
         name: instance name of a robot, or name of a role.
-        what: word for the error message.
+        what: what has the name, for the error message.
 
     Raises:
         KeyNameError: the name is empty or holds other characters than letters, digits, `_` and `-`.
@@ -130,7 +130,7 @@ def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
 
 
 def summary_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the small form of the newest map, for the far end of a thin link."""
+    """Key of the summary of the newest map, for receivers over a slow link."""
     return f"{perception_prefix(robot)}/summary"
 
 

@@ -30,15 +30,15 @@ logger = logging.getLogger(__name__)
 MAXIMUM_ANSWERS = 16
 # [byte] Largest piece; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
-# Messages kept beyond the last for readers in the middle of fetching them, and [s] for how long after a question; one
-# that nobody asked for goes when the next comes.
+# Messages kept beyond the last one for readers that are still fetching them, and [s] how long they are kept after a
+# question; a message that nobody asked for is dropped when the next comes.
 KEPT = 3
 KEPT_FOR = 10.0
-# In place of a message while there is none.
+# When a question was asked that never was, and what is kept while there is no message.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
-# Attachment of a piece: number of the message, its length in bytes, where in it the piece begins.
+# Attachment of a piece: number of the message, its length in bytes, offset of the piece in it.
 PIECE = struct.Struct("<QQQ")
 
 
@@ -65,7 +65,7 @@ class LastMessage:
             key: key of the publisher.
             source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: encoding of the publisher's payloads.
-            answers: hand the last message to whoever asks on the key itself, too.
+            answers: whether a query of the key itself gets the last message too.
         """
         self._session, self._key, self._encoding = session, key, encoding
         self._announcement_key, self._pieces = announcement_key(key, source), pieces_key(key, source)
@@ -89,7 +89,7 @@ class LastMessage:
         session.pulse.add(self, self._repeat)
 
     def keep(self, number: int, payload: MadeOnce, attachment: bytes | None) -> None:
-        """The last message is now this one."""
+        """Make this message the last one."""
         now = time.monotonic()
         with self._lock:
             self._last = number
@@ -175,13 +175,13 @@ class LastMessage:
         query.drop()
 
     def close(self) -> None:
-        """Take all back."""
+        """Undeclare all keys."""
         self._is_closing = True
         self._session.pulse.remove(self)
         self._outbox.close()
         if not self._session.raw_is_closed:
-            for part in self._raw:
-                part.undeclare()
+            for declared in self._raw:
+                declared.undeclare()
 
 
 def _whole(text: str | None, default: int) -> int:

@@ -1,4 +1,4 @@
-"""The node's clock seen from here: how old its grids are, whatever the clocks on the wall say."""
+"""The node's clock seen from here: how old its grids are, whatever the wall clocks say."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
 # [s] A bound this old is replaced by a new one even if that is looser: clocks drift by 50 ppm.
 BOUND_LIFE = 60.0
-# [s] Clocks on two walls that differ by more are worth a line in the log.
+# [s] A larger difference of the two wall clocks is logged.
 WORTH_TELLING = 1.0
 CLOSE_TIMEOUT = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """How the node's wall clock stands against this machine's.
+    """Offset of the node's wall clock from this machine's.
 
     Attributes:
         offset: to be added to this machine's clock to get the node's [s].
-        doubt: the offset lies within this much of the truth [s].
+        doubt: largest error of the offset [s].
         jumps: how often this machine's wall clock has jumped since the client began.
     """
 
@@ -44,7 +44,7 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class _Bound:
-    """The node's clock read `clock` at some moment between `asked` and `answered` of this machine's."""
+    """The node's clock read `clock` at some instant between `asked` and `answered` of this machine's clock."""
 
     clock: float
     asked: float
@@ -56,7 +56,7 @@ class _Bound:
 
 
 class NodeClock(Resource):
-    """Asks the node for its status now and then; the answer tells its clock within the time that it took."""
+    """Asks the node for its status now and then; the answer gives its clock, as exactly as the answer was quick."""
 
     def __init__(self, session: Session, robot: str) -> None:
         """Begin to ask, on a thread of its own."""
@@ -80,7 +80,7 @@ class NodeClock(Resource):
 
     @property
     def offset(self) -> ClockOffset | None:
-        """Of the two wall clocks; None while the node has not answered."""
+        """Offset of the two wall clocks; None while the node has not answered."""
         return self._offset
 
     def wake(self) -> None:
@@ -93,9 +93,9 @@ class NodeClock(Resource):
         self._tried.wait(max(0.0, timeout))
 
     def age(self, run: str, reading: float) -> float | None:
-        """[s] since a moment of the clock of a run of the node, what is not known of it counted as age; None: unknown.
+        """[s] since the clock of a run of the node showed `reading`; None when that clock is not known.
 
-        The node read its clock after it was asked; that moment counts as the one of asking, so that no age is too
+        The node read its clock some time after it was asked; it is taken as read when asked, so that no age is too
         small.
         """
         with self._lock:
@@ -137,9 +137,9 @@ class NodeClock(Resource):
             self._bounds[run] = bound
             while len(self._bounds) > 8:
                 del self._bounds[next(iter(self._bounds))]
-        self._compare_walls(status.stamp, wall, answered - asked)
+        self._compare_wall_clocks(status.stamp, wall, answered - asked)
 
-    def _compare_walls(self, node: int, here: int, took: float) -> None:
+    def _compare_wall_clocks(self, node: int, here: int, took: float) -> None:
         jump = self._detector.jump()
         if jump:
             self._jumps += 1

@@ -21,7 +21,7 @@ from transport.session import Session, open_client, open_node
 logger = logging.getLogger(__name__)
 # [s] A node that was killed is gone at once, one that hangs within two seconds; the rest is for a busy machine.
 NAME_TIMEOUT = 15.0
-# [s] Between two looks.
+# [s] Between two checks.
 POLL = 0.25
 # [s] To reach the node that holds the port.
 KNOCK_TIMEOUT = 0.5
@@ -29,7 +29,7 @@ ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
 def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
-    """Wait until no other node has the name, and hold everybody off who wants it too.
+    """Wait until no other node has the name, and keep it from others who want it too.
 
     Args:
         session: open session of the node.
@@ -111,7 +111,7 @@ def open_only_node(
 
 
 def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, robot: str) -> None:
-    """Let the node there see that another one wants its place."""
+    """Show the node that holds the port that another one waits for it."""
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")

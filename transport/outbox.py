@@ -1,4 +1,4 @@
-"""Threads that send for others: who produces never waits, and lanes never wait for one another."""
+"""Threads that send for others: whoever makes a message never waits, and lanes never wait for one another."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ CLOSE_TIMEOUT = 2.0
 class Outbox:
     """Runs actions on threads of its own: those of one lane one after the other, oldest first, lanes side by side.
 
-    A lane has one slot per key: an action that waits when a newer one of the same key comes is replaced by it and
-    counted. A lane's thread lives while there is something to do.
+    In a lane at most one action of a key waits: a newer one of the same key replaces it, which is counted. A lane's
+    thread lives while there is something to do.
     """
 
     def __init__(self) -> None:
@@ -71,9 +71,9 @@ class Outbox:
         """Hand over an action; returns at once.
 
         Args:
-            key: slot; a waiting action of the same key and lane is dropped.
-            action: encodes and sends.
-            lane: actions of one lane run in order; what one lane waits for holds up no other.
+            key: names what is sent; a waiting action of the same key and lane is dropped.
+            action: function that encodes and sends.
+            lane: name of the lane; its actions run in order, and no other lane waits for them.
 
         Raises:
             SessionClosed: the outbox is closed.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-# [s] At most, as where nothing is known of the link yet, and at least: a machine that is busy for a moment is no loss.
+# [s] Longest wait, also while nothing is known of the link yet, and shortest: a machine may be busy for a short time.
 LONGEST, SHORTEST = 0.3, 0.02
-# Times the latest lateness before it, after which a message is taken as lost.
+# A message is taken as lost after this multiple of the largest lateness of those before.
 MARGIN = 4.0
-# Of the latest before, what is still believed after each message.
+# Share of the largest lateness that is kept with each message.
 KEPT = 0.9
 
 
@@ -19,16 +19,16 @@ class Patience:
 
     def __init__(self) -> None:
         """Nothing is known yet."""
-        self._latest: float | None = None
+        self._lateness: float | None = None
 
     def learn(self, lateness: float) -> None:
         """A message came by itself, this long after its announcement [s]; 0 or less where it came before."""
         late = max(0.0, lateness)
-        self._latest = late if self._latest is None else max(late, KEPT * self._latest)
+        self._lateness = late if self._lateness is None else max(late, KEPT * self._lateness)
 
     @property
     def grace(self) -> float:
         """[s] to wait after an announcement."""
-        if self._latest is None:
+        if self._lateness is None:
             return LONGEST
-        return min(LONGEST, max(SHORTEST, MARGIN * self._latest))
+        return min(LONGEST, max(SHORTEST, MARGIN * self._lateness))

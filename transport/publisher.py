@@ -40,10 +40,10 @@ class Publisher(Resource):
         Args:
             session: open session.
             key: where to publish.
-            latched: late joiners get the last payload, and receivers notice losses.
-            priority: on links that are congested, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
+            latched: whether late joiners get the last payload, and receivers notice losses.
+            priority: priority on congested links, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
             encoding: encoding of all payloads, as in `transport.messages.encodings`; None says nothing.
-            answers: also hand the last payload to whoever asks (`get`) on the key itself.
+            answers: whether a query (`get`) of the key itself gets the last payload too.
 
         Raises:
             SessionClosed: the session is closed.
@@ -69,9 +69,9 @@ class Publisher(Resource):
         """Send one payload. Returns without error when nobody listens or the link is down.
 
         Args:
-            payload: what to send; or what makes it, which is called when somebody has subscribed, or when somebody
-                asks for it later.
-            attachment: sent with it.
+            payload: payload, or a function that makes it, which is called when somebody has subscribed, or when
+                somebody asks for it later.
+            attachment: bytes that are sent with the payload.
 
         Raises:
             SessionClosed: the session is closed.

@@ -13,7 +13,7 @@ CLOSE_TIMEOUT = 2.0
 
 
 class Pulse:
-    """Calls what was added at each beat, on a thread that lives from the first that is added until it is closed.
+    """Calls all added actions at each beat, on a thread that lives from the first action until `close`.
 
     Each message wakes its sender, the router and the reader; several that are sent together wake each of them once.
     """
@@ -29,9 +29,9 @@ class Pulse:
         """Call `action` at each beat from now on, until `owner` is removed; it must be quick.
 
         Args:
-            owner: whose action it is; a second action of the same owner replaces the first.
+            owner: object that the action belongs to; a second action of the same owner replaces the first.
             action: function that sends a small message.
-            first: call it before the actions that are there already, such as one that takes time to make its message.
+            first: whether to call it before the actions that are there already, as for one that is slow.
         """
         with self._lock:
             self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}
@@ -58,4 +58,4 @@ class Pulse:
                 try:
                     action()
                 except Exception:
-                    logger.exception("what is repeated failed")
+                    logger.exception("a repeated action failed")

@@ -57,7 +57,7 @@ class QueryServer(Resource):
             if self._is_closed or self._outbox.pending >= MAXIMUM_ANSWERS:
                 query.drop()
             else:
-                # A lane for each: who asks over a slow link waits alone.
+                # A lane for each query: whoever asks over a slow link delays nobody else.
                 self._outbox.post("query", lambda: self._answer(query), lane=str(self._count))
 
     def _answer(self, query: Any) -> None:
@@ -105,7 +105,7 @@ def query_terrain(
         robot: instance name.
         extent: "footprint" or "map".
         region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
-        timeout: [s]
+        timeout: longest wait [s].
         encoding: "lossless" or "compact"; a node of an earlier version answers lossless.
 
     Raises:

@@ -16,12 +16,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[T]):
-    """A message with the moment of its arrival.
+    """A message with the time of its arrival.
 
     Attributes:
         message: decoded message.
         number: counts the samples of this receiver, from 1.
-        arrival: [s] on `transport.clock.now()`.
+        arrival: time of its arrival by `transport.clock.now()` [s].
         arrival_stamp: [ns] since the epoch, by this machine's clock.
     """
 
@@ -36,11 +36,11 @@ class Received(Generic[T]):
         return clock.now() - self.arrival
 
 
-class Slot(Generic[T]):
-    """One payload with its arrival; decoded at most once, by whoever asks first."""
+class Sample(Generic[T]):
+    """One payload with the time of its arrival; decoded at most once, by whoever asks first."""
 
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
-        """It arrives now."""
+        """Take the present as the time of its arrival."""
         self.number = number
         self.taken = False
         self._arrival = (clock.now(), time.time_ns())

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
 from transport.fetcher import Fetcher
-from transport.received import Received, Slot
+from transport.received import Received, Sample
 from transport.resource import Resource
 from transport.seldom import Seldom
 from transport.session import Session
@@ -26,9 +26,9 @@ T = TypeVar("T")
 class NewestReceiver(Resource, Generic[T]):
     """Receives one key and keeps the newest message only.
 
-    Zenoh's thread copies each payload into one slot; decoding happens in the thread that asks. A slow reader
-    therefore never sees an old message, and never holds anybody up. What was published before, or lost on a slow
-    link, is fetched.
+    Zenoh's thread copies each payload, which replaces the one before; decoding happens in the thread that asks. A slow
+    reader therefore never sees an old message, and never holds anybody up. What was published before, or lost on a
+    slow link, is fetched.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class NewestReceiver(Resource, Generic[T]):
             key: key to receive.
             decode: makes a message of a payload; raises MessageError when it is not one.
             latched: ask for the last message that was published before, and notice losses.
-            refusal: says why a message must not take the place of the one before, empty when it may; called once for
-                each that arrives, on Zenoh's thread. What is refused is counted, and logged now and then.
+            refusal: says why a message must not replace the one before, empty when it may; called once for each that
+                arrives, on Zenoh's thread. What is refused is counted, and logged now and then.
 
         Raises:
             SessionClosed: the session is closed.
@@ -58,7 +58,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._decode, self._refusal = decode, refusal
         self._refusals = Seldom(logger)
         self._changed = threading.Condition()
-        self._slot: Slot[T] | None = None
+        self._sample: Sample[T] | None = None
         self._received = self._superseded = self._missed = self._rejected = self._refused = 0
         self._is_closed = False
         self._threads: list[threading.Thread] = []
@@ -124,10 +124,10 @@ class NewestReceiver(Resource, Generic[T]):
             self._fetcher.take(*number, payload)
 
     def _take(self, payload: bytes) -> None:
-        slot = Slot(payload, self._received + 1, self._decode)
+        sample = Sample(payload, self._received + 1, self._decode)
         if self._refusal is not None:
             try:
-                refusal = self._refusal(slot.peek())
+                refusal = self._refusal(sample.peek())
             except MessageError:
                 refusal = ""
             if refusal:
@@ -135,20 +135,20 @@ class NewestReceiver(Resource, Generic[T]):
                 self._refusals.say("message on %s not taken: %s", self.key, refusal)
                 return
         with self._changed:
-            if self._slot is not None and not self._slot.taken:
+            if self._sample is not None and not self._sample.taken:
                 self._superseded += 1
             self._received += 1
-            self._slot = slot
+            self._sample = sample
             self._changed.notify_all()
 
     def _on_miss(self, count: int) -> None:
         with self._changed:
             self._missed += count
 
-    def _open(self, slot: Slot[T]) -> Received[T]:
-        first = not slot.taken
+    def _open(self, sample: Sample[T]) -> Received[T]:
+        first = not sample.taken
         try:
-            return slot.open()
+            return sample.open()
         except MessageError:
             if first:
                 self._rejected += 1
@@ -158,11 +158,11 @@ class NewestReceiver(Resource, Generic[T]):
         """The newest message, or None when none came yet.
 
         Raises:
-            MessageError: the newest sample is not a valid message; an older one is not returned in its place.
+            MessageError: the newest sample is not a valid message; an older one is not returned instead.
         """
         with self._changed:
-            slot = self._slot
-        return None if slot is None else self._open(slot)
+            sample = self._sample
+        return None if sample is None else self._open(sample)
 
     def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
         """Wait for a newest message that `predicate` accepts; as `wait_until`, but of the message alone."""
@@ -175,7 +175,7 @@ class NewestReceiver(Resource, Generic[T]):
 
         Args:
             predicate: called in this thread with each newest message and its arrival.
-            timeout: [s]; None waits without end. Ctrl-C works.
+            timeout: longest wait [s]; None waits without end. Ctrl-C ends the wait.
             after: number of a sample; only later ones count.
 
         Raises:
@@ -184,28 +184,28 @@ class NewestReceiver(Resource, Generic[T]):
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
-            slot = self._next(after, deadline)
-            if slot is None:
+            sample = self._next(after, deadline)
+            if sample is None:
                 raise ReceiveTimeout(
                     f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
                     f"{self.rejected} were damaged, {self.missed} were lost"
                 )
-            after = slot.number
+            after = sample.number
             try:
-                received = self._open(slot)
+                received = self._open(sample)
             except MessageError as error:
                 self._refusals.say("message on %s refused: %s", self.key, error)
                 continue
             if predicate(received):
                 return received
 
-    def _next(self, after: int, deadline: float | None) -> Slot[T] | None:
+    def _next(self, after: int, deadline: float | None) -> Sample[T] | None:
         with self._changed:
             while True:
                 if self._is_closed:
                     raise SessionClosed(f"the receiver of {self.key!r} is closed")
-                if self._slot is not None and self._slot.number > after:
-                    return self._slot
+                if self._sample is not None and self._sample.number > after:
+                    return self._sample
                 remaining = None if deadline is None else deadline - time.monotonic()
                 if remaining is not None and remaining <= 0.0:
                     return None
@@ -241,25 +241,25 @@ class NewestReceiver(Resource, Generic[T]):
         number = 0
         while True:
             try:
-                slot = self._next(number, None)
+                sample = self._next(number, None)
             except SessionClosed:
                 return
-            if slot is None:
+            if sample is None:
                 continue
-            number = slot.number
+            number = sample.number
             try:
-                self._hand_over(slot, callback, on_refused)
+                self._hand_over(sample, callback, on_refused)
             except Exception:
                 logger.exception("the callback for %s failed", self.key)
 
     def _hand_over(
         self,
-        slot: Slot[T],
+        sample: Sample[T],
         callback: Callable[[Received[T]], None],
         on_refused: Callable[[MessageError], None] | None,
     ) -> None:
         try:
-            received = self._open(slot)
+            received = self._open(sample)
         except MessageError as error:
             self._refusals.say("message on %s refused: %s", self.key, error)
             if on_refused is not None:

@@ -1,4 +1,4 @@
-"""What everything that is declared in a session has in common: it is closed once, with the session at the latest."""
+"""The base of everything that is declared in a session: closed once, with the session at the latest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Resource(ABC):
     """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
 
     def __init__(self, session: Session) -> None:
-        """Belong to `session`; to be called last, when all is declared."""
+        """Belong to `session`, which closes it at the latest with itself."""
         self._session = session
         self._close_lock = threading.Lock()
         self._is_closed = False

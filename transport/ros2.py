@@ -91,7 +91,7 @@ class Ros2Mirror(Resource):
 
         Raises:
             ConfigurationError: a domain that ROS 2 does not have, or a name that no ROS 2 topic can have.
-            KeyNameError: no name of a robot.
+            KeyNameError: the robot's name cannot be part of a key.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
             raise ConfigurationError(f"ROS domain is {domain}; allowed: 0 to {MAXIMUM_DOMAIN}")
@@ -113,7 +113,7 @@ class Ros2Mirror(Resource):
 
         Args:
             name: name of the topic below `/<robot>/`; with a slash in front it is the whole name.
-            type_name: such as `nav_msgs/msg/OccupancyGrid`; of a topic always the same.
+            type_name: name of the message type, such as `nav_msgs/msg/OccupancyGrid`; a topic always has the same.
             payload: payload of that type.
         """
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"

@@ -35,7 +35,7 @@ from transport.session import Session
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5
-# [s] A grid may take this long after its scan was said to be done, however little of the timeout is left.
+# [s] A grid may take this long after its scan was reported as done, however little of the timeout is left.
 ARRIVES_WITHIN = 2.0
 
 
@@ -60,7 +60,7 @@ def request_scan(
         session: open session.
         robot: instance name.
         mode: "coarse" or "standard".
-        timeout: [s] until the scan must be done. Ctrl-C works.
+        timeout: time within which the scan must be done [s]; Ctrl-C ends the wait.
         request_id: the same id again returns the same scan, not a second one; None makes a new id.
         on_progress: called in this thread with each reply that says how far the scan is.
         is_alive: tells whether the node still lives, to notice a hung one before the timeout.

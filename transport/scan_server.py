@@ -1,4 +1,4 @@
-"""The scanner's side of a scan request: at most one scan per request, and exactly one last word."""
+"""The scanner's side of a scan request: at most one scan per request, and exactly one final reply."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ScanJob:
 
 
 class _Work:
-    """A running request: its job, the queries to answer, and whether the last word was said."""
+    """A running request: its job, the queries to answer, the latest progress, and the final reply once it is sent."""
 
     def __init__(self, job: ScanJob, queries: list[Any]) -> None:
         self.job = job
@@ -233,7 +233,7 @@ class ScanServer(Resource):
                 self._say(query, last, "last")
 
     def _release(self) -> None:
-        # A running scan ends as failed, and its handler gets a moment to return.
+        # A running scan ends as failed, and its handler gets some time to return.
         work = self._work
         if work is not None:
             work.job.cancelled.set()

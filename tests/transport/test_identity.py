@@ -34,7 +34,7 @@ with transport.PerceptionClient(transport.open_client(sys.argv[1], timeout=180.0
 
 
 def say(peer, server: transport.PerceptionServer, sequence: int, *, age: float = 0.0, **fields: object):
-    """A grid as a node of today sends it: with its run, and the end of its scan by a clock that never steps."""
+    """A grid as a node of today sends it: with its run, and the end of its scan by a clock that never jumps."""
     reported = {"run": server.run, "epoch": "walk-a", "scan_end_clock": clock.now() - age, "provisional": False}
     metadata = json.dumps({**reported, **fields.pop("metadata", {})})
     end = time.time_ns() - round(age * 1e9)
@@ -164,7 +164,7 @@ def test_a_walk_that_counts_anew_is_another_walk(node, client, peer, eventually)
 
 
 @pytest.mark.parametrize("behind", [-3600.0, *further(45.0)])
-def test_ages_do_not_depend_on_the_clocks_on_the_wall(node, endpoint: str, peer, behind: float) -> None:
+def test_ages_do_not_depend_on_the_wall_clocks(node, endpoint: str, peer, behind: float) -> None:
     """A planner whose clock is 45 s behind, or an hour ahead: a grid of 47 s is 47 s old, one of now is fresh."""
     for sequence, age, found in ((1, 47.0, "stale"), (2, 0.0, "got 2")):
         node.publish(say(peer, node, sequence, age=age, valid_for=420.0))

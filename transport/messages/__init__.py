@@ -1,4 +1,4 @@
 """What travels: messages in Python, checked when made, and their CDR payloads and back; no Zenoh in it.
 
-Everybody may import it; it imports of the transport its errors, names of keys and array types alone.
+Any module may import it; of the transport it imports only errors, names of keys and array types.
 """

@@ -1,7 +1,7 @@
 """The compact form of a Terrain message, for slow links: rounded to the safe side, then made small.
 
 It is the same message with the same layers of float32, in which numbers take fewer different values. What is done to
-each layer makes the terrain no better than it is: lowest samples go down, highest up, deviations up, room and score
+each layer makes the terrain no better than it is: lowest samples go down, highest up, variances up, clearance and score
 down; flags stay as they are. `rounding` in the metadata says by how much an elevation may be off, and a variance too
 large.
 """
@@ -20,8 +20,8 @@ from transport.messages.shuffle import compress
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import TerrainMessage
 
-# Between two values, powers of two so that each is a float32: of heights, which scatter by 0.1 mm and more, of
-# differences of heights and of clearance [m], of slope [rad].
+# Values are rounded to multiples of these, powers of two so that each is a float32: heights, which scatter by 0.1 mm
+# and more, differences of heights and clearance [m]; slope [rad].
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
 # Bits after the leading one: a variance may become an eighth larger, a score a 32nd smaller.
 VARIANCE_BITS, SCORE_BITS = 3, 5
@@ -58,10 +58,10 @@ def _in_bits(bits: int, *, up: bool) -> Callable[[Array], Array]:
     rest = np.int32((1 << (MANTISSA_BITS - bits)) - 1)
 
     def to_bits(values: Array) -> Array:
-        """Of values that are not negative: floats of one sign are in the order of their bits."""
+        """For values that are not negative: floats of one sign are in the order of their bits."""
         integers = values.view(np.int32)
         result = ((integers + rest if up else integers) & ~rest).view(np.float32)
-        # What is lost in either direction stays: nothing becomes infinite, and nothing becomes 0.
+        # A value that rounding would make infinite or 0 stays as it is.
         return np.where(np.isfinite(result) & (result > 0.0), result, values)
 
     return to_bits
@@ -80,5 +80,5 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "traversability": _in_bits(SCORE_BITS, up=False),
     }
 )
-# [m] An elevation is off by at most this; the true variance is more than the one sent over 1 + this.
+# [m] An elevation is off by at most this; the true variance is more than the sent one divided by 1 + this.
 ROUNDING: Mapping[str, float] = MappingProxyType({"elevation": HEIGHT_UNIT / 2, "variance": 2.0**-VARIANCE_BITS})

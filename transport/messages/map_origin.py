@@ -1,4 +1,4 @@
-"""What each message made of a fused map says of that map: of which robot, pause and walk, and how long it holds."""
+"""What each message made of a fused map says of that map: its robot, pause and walk, and how long it is valid."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class MapOrigin:
         stamp, scan_end: [ns] since the epoch, as in the map.
         valid_for: [s] after `scan_end`; may be infinite.
         valid_pauses: pauses after `step` for which it may be used.
-        run, epoch: identity of the node's run and of the walk; empty when it tells none.
-        scan_end_clock: end of the scan by a clock of the node that never steps [s]; None when it tells none.
+        run, epoch: identity of the node's run and of the walk; empty when the map has none.
+        scan_end_clock: end of the scan by a clock of the node that never jumps [s]; None when the map has none.
         provisional, withdrawn: as in the map.
         frame_id: frame of what the message holds.
         version: (major, minor) of the message.

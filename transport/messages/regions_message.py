@@ -18,7 +18,8 @@ from transport.messages.submessages import checked_array, finite
 from transport.messages.typestore import REGIONS, message_class
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# By this much a half-plane's normal may differ from length 1, and a corner may lie outside of it or off the plane [m].
+# A half-plane's normal may differ by this much from length 1, and a corner may lie this far outside of it or off the
+# plane [m].
 TOLERANCE = 1e-6
 
 
@@ -31,7 +32,7 @@ class RegionMessage:
         vertices: (m, 3) corners on the plane, counter-clockwise [m].
         plane: (3,) p of z = p[0] x + p[1] y + p[2].
         sigma: standard deviation of the ground about the plane [m].
-        area: seen from above [m^2].
+        area: area seen from above [m^2].
     """
 
     halfspaces: Float
@@ -41,7 +42,7 @@ class RegionMessage:
     area: float
 
     def __post_init__(self) -> None:
-        """Copy and check: a region that says two things about where a sole may go is refused."""
+        """Copy and check: a region whose half-planes and corners contradict each other is refused."""
         halfspaces = checked_array(self.halfspaces, (None, 3), "half-planes of a region")
         vertices = checked_array(self.vertices, (None, 3), "corners of a region")
         for name, count in (("half-planes", len(halfspaces)), ("corners", len(vertices))):
@@ -73,7 +74,7 @@ class RegionsMessage(MapOrigin):
         regions: in the order in which they were found.
     """
 
-    # Judged as grids are; of this kind, not of the map's.
+    # `GridJudge` judges it as a grid of this kind, not as the map itself.
     extent: ClassVar[str] = "regions"
 
     regions: tuple[RegionMessage, ...]
@@ -115,10 +116,10 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 
 
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
-    """Whether what the half-planes hold ends at the edges between corners (m, 2) that lie in all of them.
+    """Whether the half-planes hold just the polygon of corners (m, 2), all of which lie in every half-plane.
 
-    It does when every edge lies on the line of a half-plane and the edges go round something: a closed way along the
-    border of a convex area of which a side is open only goes there and back.
+    They do when every edge lies on the line of a half-plane and the edges enclose an area: a closed way along the
+    border of an area that is open on one side runs there and back, and encloses nothing.
     """
     on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
     on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)

@@ -14,8 +14,8 @@ from transport.messages.codec import MAXIMUM_PAYLOAD
 
 # Every zstd frame begins with this, and no CDR payload does.
 FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
-# Of zstd; a higher one gains a few per cent here and costs several times as long.
-LEVEL = 3
+# A higher one gains a few per cent here and takes several times as long.
+ZSTD_LEVEL = 3
 
 
 def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
@@ -23,12 +23,12 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
 
     Args:
         data: elements one after the other.
-        itemsize: [byte] of an element.
+        itemsize: size of an element [byte].
     """
     import zstandard
 
     parameters = zstandard.ZstdCompressionParameters.from_level(
-        LEVEL, source_size=len(data), write_content_size=True, write_checksum=True
+        ZSTD_LEVEL, source_size=len(data), write_content_size=True, write_checksum=True
     )
     return zstandard.ZstdCompressor(compression_params=parameters).compress(
         _transposed(data, itemsize, encode=True).tobytes()
@@ -40,8 +40,8 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
 
     Args:
         data: one zstd frame, whole.
-        itemsize: [byte] of an element, as it was compressed.
-        maximum: [byte] of the result; a frame that says more is refused before anything is decompressed.
+        itemsize: size of an element [byte], as `compress` was given it.
+        maximum: largest result [byte]; a frame that declares more is refused before anything is decompressed.
 
     Raises:
         MessageError: the frame is damaged, cut, too large, does not tell its length, or bytes are left over.

@@ -21,7 +21,7 @@ class StatusItem:
     """Status of one part of the node.
 
     Attributes:
-        name: part, for example "scanner".
+        name: name of the part, for example "scanner".
         level: OK, WARN, ERROR or STALE.
         message: one line for a person.
         hardware_id: device or robot, empty when none.
@@ -42,11 +42,11 @@ class StatusItem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """Status of the node: one item per item.
+    """Status of the node: one item for each of its parts.
 
     Attributes:
         stamp: [ns] since the epoch.
-        items: parts of the node.
+        items: status of each part.
     """
 
     stamp: int
@@ -63,7 +63,7 @@ class Status:
 
 
 def whole_number(text: str) -> int | None:
-    """The whole number that a figure of a status says, None where it says none."""
+    """A figure of a status as a whole number, None where it is no such number."""
     try:
         return int(text)
     except ValueError:

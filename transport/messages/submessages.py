@@ -53,7 +53,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
 
 
 def _determinant(m: Float) -> float:
-    """Of a 3 x 3 matrix; by hand, because this runs for every grid that arrives."""
+    """Determinant of a 3 x 3 matrix; by hand, because this runs for every grid that arrives."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 

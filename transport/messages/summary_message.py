@@ -17,7 +17,7 @@ from transport.messages.submessages import finite
 from transport.messages.terrain_message import MAXIMUM_CELLS
 from transport.messages.typestore import SUMMARY, message_class
 
-# [mm] In `heights`: not known.
+# Stands in `heights` [mm] where the height is not known.
 UNKNOWN_HEIGHT = -32768
 # Dtype of each layer on the wire, little endian.
 LAYERS: Mapping[str, np.dtype[Any]] = {
@@ -39,7 +39,7 @@ class SummaryMessage(MapOrigin):
         traversability: (ny, nx) uint8 [1/255], 0 never.
     """
 
-    # Judged as grids are; of this kind, not of the map's.
+    # `GridJudge` judges it as a grid of this kind, not as the map itself.
     extent: ClassVar[str] = "summary"
 
     resolution: float

@@ -116,7 +116,7 @@ class TerrainMessage:
         run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
         provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
         withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
-        scan_end_clock: from the metadata: the end of the scan by a clock of the node that never steps [s]; None when
+        scan_end_clock: from the metadata: the end of the scan by a clock of the node that never jumps [s]; None when
             it does not say.
     """
 
@@ -218,7 +218,7 @@ class TerrainMessage:
         self._take_from(data)
 
     def _take_from(self, data: Mapping[str, Any]) -> None:
-        """Read what the metadata tells of origin and state; old readers find it there and leave it alone."""
+        """Take the fields that travel in the metadata, where readers of earlier versions ignore them."""
         for name in ("epoch", "run"):
             text = data.get(name, "")
             if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:

@@ -1,4 +1,4 @@
-"""A file that grows by whole records only: what a full disk tore is cut off before anything follows it."""
+"""A file that grows by whole records only: one that a full disk left incomplete is cut off before the next follows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class GrowingFile:
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte will stand."""
+        """Offset at which the next byte will stand."""
         return self._size + len(self.pending)
 
     def flush(self) -> None:
@@ -50,7 +50,7 @@ class GrowingFile:
                 while written < len(view):
                     written += os.write(self._descriptor, view[written:])
         except OSError:
-            # The torn piece must go: a reader stops at it, and would never see what follows.
+            # The incomplete record must go: a reader stops at it, and would never see what follows.
             os.ftruncate(self._descriptor, self._size)
             os.lseek(self._descriptor, self._size, os.SEEK_SET)
             raise

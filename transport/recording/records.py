@@ -108,7 +108,7 @@ class ScanRecord:
         stance: stance at the beginning.
         calibration_hash: hash of the calibration that was used; empty without one.
         stance_end: stance after the scan, None when it was not read.
-        stripes: in the order in which they were taken.
+        stripes: the stripes, in the order in which they were taken.
         is_whole: whether the recording holds the scan to its end.
     """
 

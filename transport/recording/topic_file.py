@@ -62,12 +62,12 @@ class TopicFile:
         self._check_open()
         if len(self._file.pending) > MAXIMUM_PENDING:
             self.flush()
-        # A clock may be set back while it is recorded; readers want the order of writing.
+        # The clock may be set back during a recording; readers want the order of writing.
         self._log_time = max(self._log_time, time.time_ns())
         self._writer.add_message(
             self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
         )
-        # Nothing of this is acknowledged yet: an error shows, if it lasts, when it is.
+        # Nothing of this is acknowledged yet: an error that lasts is raised by the flush that acknowledges it.
         with suppress(OSError):
             self._file.append()
 

@@ -50,7 +50,7 @@ TYPES = {
     "/robot_description": TEXT,
 }
 
-# Topics of which a late subscriber wants the last message; of the others it wants what comes.
+# Topics whose last message a late subscriber wants; of the others it wants only the messages that follow.
 LATCHED = frozenset(TYPES) - {
     "scan/start",
     "scan/stripe",
@@ -93,7 +93,7 @@ def short_name(topic: str) -> str:
 
 
 def quality_of_service(short: str) -> str:
-    """How a topic is offered, in rosbag2's YAML: by it `ros2 bag play` publishes."""
+    """How a topic is offered, in rosbag2's YAML: `ros2 bag play` publishes it with these settings."""
     depth, durability = (1, "transient_local") if short in LATCHED else (10, "volatile")
     return "\n".join(
         (

@@ -29,7 +29,7 @@ class RecordingWriter:
 
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns: from then on it survives
     the end of the process, whatever ends it. What a full disk refused is kept, up to `MAXIMUM_PENDING`, and written
-    when there is room again; the file itself never holds a torn piece in its middle.
+    when there is room again; the file itself never holds an incomplete record before a whole one.
 
     In the file, log_time is when a message was written and never goes back. publish_time is the same, but for frames:
     theirs is the stamp by which stripes refer to them.
@@ -49,9 +49,9 @@ class RecordingWriter:
         Args:
             path: new file, usually `*.mcap`.
             robot: instance name, part of the topics.
-            calibration: text of `calibration.json`, attached.
-            atomic: write beside, and give the file its name when it is whole.
-            sync: also wait for the disk at each acknowledgement, against loss of power.
+            calibration: text of `calibration.json` to attach.
+            atomic: whether to write under another name, and give the file its own when it is whole.
+            sync: whether to wait for the disk at each acknowledgement too, against loss of power.
 
         Raises:
             RecordingError: the file exists or cannot be written.
@@ -139,7 +139,7 @@ class RecordingWriter:
 
         Args:
             index: index in the standard pattern.
-            mirror_angle: [rad] as commanded.
+            mirror_angle: commanded mirror angle [rad].
             on: picture with the laser on, None when it was lost.
             off: picture with the laser off; a reference to share one between stripes.
             stamp: [ns]; None takes that of the picture, or of the scan.
@@ -220,7 +220,7 @@ class RecordingWriter:
             self._file.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
-        """Add the CDR payload of a status of the node, as it was sent; it is safe with the next that is."""
+        """Add the CDR payload of a status of the node, as it was sent; safe once a later message is."""
         with self._lock:
             self._file.add("status", payload)
 

@@ -47,9 +47,8 @@ class Neighbours:
     Attributes:
         above: routers that it dials; they read from it.
         below: routers that dial it, each with the robots whose grids it may bring.
-        scans: whether who is above may request scans.
-        summary_only: whether who is above gets summaries, status and signs of life and nothing else, so that it need
-            not know of more.
+        scans: whether the routers above may request scans.
+        summary_only: whether the routers above get only summaries, status and signs of life.
     """
 
     above: Sequence[str] = ()
@@ -77,7 +76,7 @@ class _Rules:
         }
 
     def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
-        """Let who has one of the common names do so; a subject without names would stand for everybody."""
+        """Allow these rules to owners of these common names; a subject without names would stand for everybody."""
         if names:
             # One property per subject: several would all have to hold at once.
             self._subjects.append({"id": subject, "cert_common_names": list(names)})
@@ -134,7 +133,7 @@ def router_access_control(
     reads; no link between routers carries stance pauses.
 
     Args:
-        robots: by instance name, the common names that have each role.
+        robots: instance name -> role -> common names that have it.
         neighbours: other routers.
         fleet: common names of those who see which robots live, and their status.
     """
@@ -166,7 +165,7 @@ def _perception(robot: str) -> list[str]:
 
 
 def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
-    """What those do who read of a robot, ask and trigger it, or say how it stands."""
+    """Rules for reading what a robot publishes, asking for grids and scans, and announcing stance pauses."""
     perception, stance = _perception(robot), stance_key(robot)
     stance_keys = [stance, f"{stance}/@adv/**"]
     rules.write(f"{label}read", "ingress", SUBSCRIBING, perception)
@@ -179,7 +178,7 @@ def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
 
 
 def _write_source(rules: _Rules, robot: str) -> None:
-    """What goes over the link to a robot's node, or to the router that it is behind."""
+    """Rules for the link to a robot's node, or to the router that it is behind."""
     perception, stance = _perception(robot), stance_key(robot)
     stance_keys = [stance, f"{stance}/@adv/**"]
     rules.write(f"{robot} source_in", "ingress", SERVING, perception)
@@ -192,7 +191,7 @@ def _write_source(rules: _Rules, robot: str) -> None:
 
 
 def _write_thin(rules: _Rules, robot: str) -> None:
-    """What those do who get of a robot only what is small."""
+    """Rules for those who get only summary, status and sign of life of a robot."""
     keys = [summary_key(robot), status_key(robot), f"{perception_prefix(robot)}/@alive/**"]
     rules.write(f"{robot} thin_read", "ingress", SUBSCRIBING, keys)
     rules.write(f"{robot} thin_ask", "ingress", ["query"], [status_key(robot)])
@@ -200,7 +199,7 @@ def _write_thin(rules: _Rules, robot: str) -> None:
 
 
 def _write_watching(rules: _Rules) -> None:
-    """What those do who see of any robot that it lives, and its status."""
+    """Rules for those who see of every robot whether it lives, and its status."""
     rules.write("fleet_read", "ingress", SUBSCRIBING, FLEET_KEYS)
     rules.write("fleet_ask", "ingress", ["query"], FLEET_KEYS[:1])
     rules.write("fleet_send", "egress", SERVING, FLEET_KEYS)

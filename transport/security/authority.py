@@ -94,7 +94,7 @@ def make_certificate(
 
     Args:
         authority: CA.
-        common_name: role; the access rules go by it.
+        common_name: name of the owner, such as `<robot>.<role>`; the access rules know it by this name.
         hosts: names and addresses under which the owner can be reached.
         days: [days] life from now; negative for one that has expired.
     """

@@ -34,7 +34,7 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# [days] Before its end a certificate is warned of.
+# [days] A warning is given this long before a certificate ends.
 WARNING_DAYS = 30
 
 
@@ -113,7 +113,7 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
 
     Args:
         folder: made by `init_security`.
-        names: role or member; with several robots `<robot>.<role>`; routers as `<name>.router`.
+        names: names of roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
 
     Returns:
         Who was renewed.

@@ -32,7 +32,8 @@ CONFIGURATION = "zenoh.json5"
 # Where a secured node listens: on all of its networks, because nobody gets in without a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# [byte] and levels: ours has 3 kB and six. Zenoh's reader ends the process where nesting takes all of its stack.
+# [byte], and depth of nesting: ours has 3 kB and a depth of six. Zenoh's reader ends the process where nesting takes
+# all of its stack.
 LARGEST_CONFIGURATION = 256 * 1024
 DEEPEST_CONFIGURATION = 32
 
@@ -53,7 +54,7 @@ FILES = (
 
 
 def tls_links(name: str, *, listens: bool, prefix: str = "") -> dict[str, Any]:
-    """What TLS adds to `transport/link` of who is called `name`; `prefix` is what its files' names begin with."""
+    """What TLS adds to `transport/link` of the member `name`; the names of its files begin with `prefix`."""
     files = {
         "root_ca_certificate": f"{prefix}ca.pem",
         "connect_private_key": f"{prefix}{name}.key",
@@ -92,8 +93,8 @@ def init_security(
     Args:
         folder: new folder.
         robot: instance name, or several; the access rules hold for its keys.
-        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name; of
-            several robots each has one of the same number, or none is given.
+        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name; with
+            several robots one for each, in the same order, or none.
         listen: where the node will listen.
 
     Returns:
@@ -262,7 +263,7 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     if is_key and mode & 0o077:
         raise SecurityError(
             f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
-            f"chmod 600 it; if it was so for long, `guara security renew` makes a new one"
+            f"chmod 600 it; if others may have read it, `guara security renew` makes a new one"
         )
     return path
 

@@ -12,7 +12,7 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel, SelfFilter, Stance
-from kinematics.scan_pattern import PATTERN_M, plane_on_floor
+from kinematics.scan_pattern import END_TOLERANCE_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
@@ -65,7 +65,7 @@ def coverage(robot: RobotModel) -> Coverage:
         y,
         _in_picture(robot, in_camera).reshape(shape),
         hidden.reshape(shape),
-        ((every_x >= first - PATTERN_M) & (every_x <= last + PATTERN_M)),
+        ((every_x >= first - END_TOLERANCE_M) & (every_x <= last + END_TOLERANCE_M)),
         inside,
     )
 

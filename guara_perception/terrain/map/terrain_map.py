@@ -144,7 +144,7 @@ class TerrainMap:
                 walk is taken as odometry gives it; at every pause or at none.
             own_covariance: (6, 6) of what odometry is off by at this pause alone (`OdometryPose.own_covariance`), which
                 is not carried on to the next. None = none; counts only with the former.
-            time: time of the scan by a clock that never steps [s], by which cells grow old; None takes the grid's
+            time: time of the scan by a clock that never jumps [s], by which cells grow old; None takes the grid's
                 stamp. Time that runs backwards makes all that was seen before STALE.
 
         Returns:

@@ -103,7 +103,7 @@ def _make_old(folder: Path) -> None:
 def test_a_folder_of_an_earlier_version_works_and_says_so_until_it_is_renewed(
     endpoint: str, peer, folder: Path, caplog
 ) -> None:
-    """Planners get grids but not the node's clock: ages by the clocks on the wall, and a warning; `renew` mends it."""
+    """Planners get grids but not the node's clock: ages by the wall clocks, and a warning; `renew` mends it."""
     _make_old(folder)
     level, message = judge_security(folder / "node")
     assert level is Health.WARN and "the access rules were made by another version" in message
