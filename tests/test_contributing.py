@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names files that are there: the ten to read, the rooms, and the makers of each form of a frame."""
+"""CONTRIBUTING.md names files that are there: the ten to read, the subpackages, and the makers of each form of a frame."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ def test_ten_files_are_named_and_there():
     assert len(named) == 10 and all((ROOT / name).is_file() for name in named), named
 
 
-def test_rooms_of_the_picture_are_the_folders_there_are():
+def test_subpackages_of_the_picture_are_the_folders_there_are():
     """Every folder of the four packages is drawn, and nothing else."""
     picture = TEXT.partition("```text\nguara_perception/\n")[2].partition("```")[0]
     drawn = set(re.findall(r"(\w+)/(?=\s)", picture))

@@ -45,9 +45,9 @@ EXPECTED: dict[str, tuple[str, ...]] = {
     STRANGER: (),
 }
 
-# [s] For what should arrive.
+# [s] How long to wait for what should arrive.
 WAIT = 2.0
-# [s] For what should not arrive; far above the milliseconds that it would take.
+# [s] How long to wait for what should not arrive; far above the milliseconds that it would take.
 QUIET = 0.5
 
 
@@ -141,11 +141,11 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
 
 
 def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """The same at a router: its configuration is run on a free port of this machine, and the node is its client.
+    """As `check_security` at a router: its configuration is run on a free port of this machine, the node is its client.
 
     Args:
         folder: made by `init_security`.
-        router: its name.
+        router: name of the router.
         robot: instance name of one that it serves; None takes the first.
 
     Raises:
@@ -167,7 +167,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
-            # What it brings of its own robots is its business.
+            # It may bring whatever it likes of its own robots.
             brings = ("connect", "forge grids") if name in found.robots else ("connect",)
             rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
     for watcher in members.fleet:

@@ -1,4 +1,4 @@
-"""Log lines that come seldom: what a flood of bad messages says goes into the log once, then as a count."""
+"""Log lines that come seldom: of a flood of bad messages the first is written, the others are counted."""
 
 from __future__ import annotations
 

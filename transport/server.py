@@ -1,4 +1,4 @@
-"""The perception node's side of the transport, whole: grids, scan requests, queries, status, sign of life."""
+"""The whole transport of a perception node: grids, scan requests, queries, status, sign of life."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from transport.status_reporter import StatusReporter
 from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)
-# [s] How long the last word of a scan request waits for its terrain message to be sent.
+# [s] How long the final reply to a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
 
 
@@ -65,9 +65,9 @@ class PerceptionServer(Resource):
         Args:
             session: open session of the node.
             robot: instance name.
-            collect_status: further status items; runs once a second on the reporter's thread.
-            ros2_domain: mirror occupancy, grid map and status (as `/diagnostics`) for ROS 2 in this domain; None
-                does not.
+            collect_status: function that gives further status items; runs once a second on the reporter's thread.
+            ros2_domain: ROS 2 domain into which occupancy, grid map and status (as `/diagnostics`) are mirrored; None
+                mirrors nothing.
             name_timeout: [s] how long to wait for another node of this name to vanish.
 
         Raises:
@@ -98,7 +98,7 @@ class PerceptionServer(Resource):
         if self._mirror is not None:
             mirror = self._mirror
             self._status.follow(lambda payload: mirror.put("/diagnostics", STATUS, payload))
-        # Last: who sees them asks at once.
+        # Last: whoever sees the tokens asks at once.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
         self._names = NameWatch(session, robot, self.run, self._status.changed)
         claim.close()
@@ -132,9 +132,9 @@ class PerceptionServer(Resource):
             terrain: grid of either extent.
             occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
                 and the GridMap are published too.
-            summary: makes that of a map, as `encode_summary` does, to be sent after it; called when somebody has
-                subscribed to it, on a thread of the outbox.
-            regions: makes those of a map, which takes time: it is called on a thread of the outbox.
+            summary: function that makes the payload of a map's summary, as `encode_summary` does, to be sent after the
+                map; called when somebody has subscribed to summaries, on a thread of the outbox.
+            regions: function that makes the regions of a map; it takes time, and is called on a thread of the outbox.
 
         Raises:
             MessageError: the occupancy has another shape, or the grid another robot's name.
@@ -147,7 +147,7 @@ class PerceptionServer(Resource):
         with self._lock:
             self._newest[terrain.extent] = terrain
             if self._standing is None and terrain.extent == "footprint":
-                # Nobody tells of pauses here, as in a replay: the newest scan is of the newest.
+                # Nobody announces pauses here, as in a replay: the newest scan is of the newest pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
         self._grids.post(terrain, occupancy, summary, regions, self._mirror if self._draw is None else None)
@@ -167,7 +167,7 @@ class PerceptionServer(Resource):
         """Send message objects to ROS 2, if it is mirrored; returns at once, they are made on a thread of the outbox.
 
         Args:
-            make: gives pairs of topic, below `/<robot>/`, and message object.
+            make: function that gives pairs of topic, below `/<robot>/`, and message object.
             lane: name of a queue of which only the newest message is sent; one that still waits there is left out.
         """
         mirror = self._mirror
@@ -196,7 +196,7 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is done all the same: who asked waits for the grid by itself.
+                # The scan is done all the same: whoever asked for it waits for the grid too.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 

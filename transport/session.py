@@ -25,7 +25,7 @@ from transport.security.folder import configured_endpoints, load_configuration, 
 
 logger = logging.getLogger(__name__)
 # [s] Between two attempts to connect; short, so that Ctrl-C is answered at once.
-PAUSE = 0.1
+RETRY_INTERVAL = 0.1
 
 CHECK_LISTEN = (
     "Check: is another node or a Zenoh router running on this port (then stop it, or connect to it instead)? "
@@ -50,7 +50,7 @@ class Session:
 
     Attributes:
         endpoints: where it listens or connects.
-        pulse: repeats what is to be sent again and again.
+        pulse: sends what is repeated twice a second.
     """
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
@@ -194,7 +194,7 @@ def open_node(
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        # Who is behind the router at the other end of an uplink reaches this node through it.
+        # Whoever is behind the router at the other end of an uplink reaches this node through it.
         check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
         return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")
@@ -217,7 +217,7 @@ def open_client(
         security: folder of a role, such as `DIR/planner`, made by `guara security init`.
         shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
             millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
-        timeout: [s] to wait for the router; it is tried again until then. Ctrl-C works.
+        timeout: time to wait for the router, which is dialled again until then [s]; Ctrl-C ends the wait.
 
     Raises:
         ConfigurationError: the endpoint is not valid, or not encrypted although a security folder is given.
@@ -258,9 +258,9 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
         try:
             return Session(configuration, endpoints)
         except zenoh_api.zenoh_error() as error:
-            if time.monotonic() + PAUSE >= deadline:
+            if time.monotonic() + RETRY_INTERVAL >= deadline:
                 raise ConnectionFailed(
                     f"cannot connect to {', '.join(endpoints)} within {timeout:g} s: "
                     f"{zenoh_api.error_text(error)} {CHECK_CONNECT}"
                 ) from error
-        time.sleep(PAUSE)
+        time.sleep(RETRY_INTERVAL)

@@ -19,7 +19,8 @@ from transport.resource import Resource
 from transport.session import Session
 
 logger = logging.getLogger(__name__)
-# Announcements that may wait for whoever follows them; of more, the oldest but BEGIN and END are dropped.
+# Announcements that may wait for whoever follows them; then the oldest HOLD or unreadable one is dropped, else the
+# oldest.
 MAXIMUM_WAITING = 256
 
 
@@ -28,7 +29,7 @@ class StancePublisher(Resource):
 
     Args:
         session: open session.
-        robot: instance name, the same as in each `StancePause`; whoever starts within a pause still gets its begin.
+        robot: instance name, the same as in each `StancePause`; whoever starts within a pause still gets its BEGIN.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
@@ -36,14 +37,14 @@ class StancePublisher(Resource):
         self._robot = robot
         encoding = cdr(STANCE_PAUSE)
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
-        # Not kept for those who join later: they need the begin.
+        # Not kept for those who join later: they need the BEGIN.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._outbox = Outbox()
         self._count = 0
         super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
-        """Announce; returns at once. All are sent, in order; only of HOLD the newest counts while it waits.
+        """Announce; returns at once. All are sent, in order, but a HOLD that still waits is replaced by a newer one.
 
         Raises:
             SessionClosed: the session is closed.
@@ -76,7 +77,7 @@ class StancePublisher(Resource):
 class StanceReceiver(NewestReceiver[StancePause]):
     """Follows the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
 
-    `latest` and the waiting methods know the newest only, as of every receiver.
+    `latest` and the waiting methods know only the newest, as in every receiver.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Publishes the status of a node once a second and whenever it changes, and answers who asks for it."""
+"""Publishes the status of a node once a second and whenever it changes, and answers queries for it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from transport.session import Session
 logger = logging.getLogger(__name__)
 # Beats of the session's pulse, half a second each, between two messages without change.
 BEATS = 2
-# [s] Between two messages on change: who sends the node a thousand bad messages a second gets no thousand statuses.
+# [s] Between two messages on change: a thousand bad messages a second must not cause a thousand statuses.
 LEAST_GAP = 0.05
 CLOSE_TIMEOUT = 2.0
 

@@ -16,7 +16,7 @@ from transport.session import Session
 
 
 class ViewSender(Resource):
-    """Publishes points and picture of each scan, behind everything else; who joins later gets the last."""
+    """Publishes points and picture of each scan, behind everything else; late subscribers get the last."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the keys.
@@ -35,7 +35,7 @@ class ViewSender(Resource):
         """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns at once.
 
         Args:
-            make: gives them; runs on a thread of its own, the newest only when several wait.
+            make: function that gives the message objects; runs on a thread of its own, only the newest if several wait.
         """
 
         def put() -> None:

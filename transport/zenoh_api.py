@@ -77,7 +77,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
     Args:
         session: raw Zenoh session.
         key: where to publish.
-        priority: name of one of Zenoh's; each has a queue of its own on each link.
+        priority: name of one of Zenoh's priorities; each has a queue of its own on each link.
         encoding: encoding of all payloads, see `transport.messages.encodings`; None says nothing.
     """
     zenoh = _zenoh()
@@ -160,7 +160,7 @@ def get_replies(
     """
     zenoh = _zenoh()
 
-    def sort(reply: Any) -> None:
+    def take(reply: Any) -> None:
         if reply.ok is not None:
             on_reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), None)
         else:
@@ -168,7 +168,7 @@ def get_replies(
 
     session.get(
         key,
-        direct(sort, on_finished),
+        direct(take, on_finished),
         payload=payload,
         encoding=encoding,
         timeout=timeout,
@@ -195,14 +195,14 @@ def get_pieces(
     """
     zenoh = _zenoh()
 
-    def sort(reply: Any) -> None:
+    def take(reply: Any) -> None:
         sample = reply.ok
         if sample is not None and sample.attachment is not None:
             on_piece(str(sample.key_expr), sample.attachment.to_bytes(), sample.payload.to_bytes())
 
     session.get(
         selector,
-        direct(sort, on_finished),
+        direct(take, on_finished),
         timeout=timeout,
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.DATA_HIGH,
@@ -211,5 +211,5 @@ def get_pieces(
 
 
 def declare_queryable(session: Any, key: str, on_query: Callable[[Any], None]) -> Any:
-    """A queryable with all there is on its key; `on_query` runs on Zenoh's thread, must not block."""
+    """A queryable with all there is on its key; `on_query` runs on Zenoh's thread and must not block."""
     return session.declare_queryable(key, direct(on_query), complete=True)

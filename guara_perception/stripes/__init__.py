@@ -1,6 +1,6 @@
 """Stripes: from a pair of frames to the position of the laser line in every column.
 
-Imports no other room; `calibration`, `ranging` and the scan processor use it. It does no input or output.
+Imports no other subpackage; `calibration`, `ranging` and the scan processor use it. It does no input or output.
 """
 
 from __future__ import annotations

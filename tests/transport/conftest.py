@@ -127,7 +127,7 @@ def start() -> Iterator[Callable[..., Process]]:
 
 @pytest.fixture
 def start_program() -> Iterator[Callable[..., Process]]:
-    """As `start`, but each in an interpreter of its own, from its begin to its end."""
+    """As `start`, but each in an interpreter of its own, from its start to its end."""
     yield from starter(new_program)
 
 

@@ -48,8 +48,8 @@ class Router:
     Attributes:
         robots: instance names of those that it serves.
         uplink: name of the router that it dials, empty for none.
-        scans: whether who reads from above, and whoever reads at robots that dial it, may request scans through it.
-        summary_only: whether the router above gets summaries, status and signs of life and nothing else.
+        scans: whether the routers above, and whoever reads at robots that dial it, may request scans through it.
+        summary_only: whether the router above gets only summaries, status and signs of life.
     """
 
     robots: tuple[str, ...]
@@ -64,8 +64,8 @@ class Members:
 
     Attributes:
         root: the folder.
-        robots: by instance name.
-        routers: by name, which is that of the folder too.
+        robots: instance name -> members of that robot.
+        routers: name, which is that of its folder too -> router.
         fleet: names of those who see which robots live.
         revoked: routers and fleet members that were shut out.
     """
@@ -151,7 +151,7 @@ class Members:
     def save(self) -> tuple[Path, ...]:
         """Write the rules of nodes and routers, then the list of members.
 
-        The rules come first: a list that says more than the rules do would be a promise not kept.
+        The rules come first: the list must never name a member whom the rules do not know yet.
 
         Returns:
             The folders that changed and must be copied again.
@@ -185,7 +185,7 @@ class Members:
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:
-        """The same with a robot's members replaced, or a robot more."""
+        """The same with a robot's members replaced, or with one more robot."""
         return replace(self, robots={**self.robots, robot: own})
 
 
@@ -230,7 +230,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Make the folder of who is new by `write`, then save the members with it; where that fails the folder goes again.
+    """Make the folder of a new member by `write`, then save all members; where that fails the folder is removed.
 
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.
@@ -285,7 +285,7 @@ def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
 
 
 def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Read a member's configuration, let `change` alter it, and write it when that says that something is new.
+    """Read a member's configuration, let `change` alter it, and write it when `change` returns that it did.
 
     Raises:
         SecurityError: it is not as it was made, or cannot be written.
@@ -301,7 +301,7 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
 
 
 def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Write a file whole or not at all, in the place of the one that is there."""
+    """Write a file whole or not at all; one that is there is replaced."""
     temporary = path.with_name(f".{path.name}.part")
     temporary.unlink(missing_ok=True)
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)

@@ -50,9 +50,9 @@ def make_router(
         listen: where it listens.
         uplink: name of a router in the same folder that it dials; empty for none.
         uplink_host: name or address by which it reaches that one; empty takes the first of that one's hosts.
-        scans: let planners that read through this router from a node's uplink, or from above it, request scans too.
-        summary_only: give the router above summaries, status and signs of life and nothing else: for a thin link, and
-            for a router of very many robots, which then need not know of every key.
+        scans: whether planners that read through this router from a node's uplink, or from above it, may request scans.
+        summary_only: whether the router above gets only summaries, status and signs of life: for a slow link, and for
+            a router of very many robots, which then need not know of every key.
         place: folder in which its files will lie where it runs; None takes where they are made.
 
     Returns:

@@ -12,7 +12,7 @@ from transport.exceptions import SecurityError
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
-    """Write a new file; a private one is readable by its owner only, from the first moment."""
+    """Write a new file; a private one is readable by its owner only, from its creation on."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)

@@ -1,4 +1,4 @@
 """When and how to scan, and grids from arrays that no stripe made.
 
-Imports the other rooms of `terrain`; `app` and users call it.
+Imports the other subpackages of `terrain`; `app` and users call it.
 """

@@ -79,7 +79,7 @@ def test_pauses_of_a_gait_that_knows_no_walks_are_read(peer, byte_order: str) ->
 
 
 def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:
-    """It is refused with a message that say what is known, by an error of its own."""
+    """It is refused with a message that says which phases are known, by an error of its own."""
     message = make_stance_pause(sample_pause(peer))
     message.phase = 9
     with pytest.raises(transport.UnknownPhase, match=r"phase is 9; known: 1 \(BEGIN\), 2 \(END\) and 3 \(HOLD\)"):
@@ -88,7 +88,7 @@ def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:
 
 @pytest.mark.parametrize("fields", [{"step": 2**53 + 1}, {"step": -(2**63)}, {"epoch": "x" * 101}])
 def test_a_pause_of_absurd_numbers_is_refused(peer, fields: dict[str, object]) -> None:
-    """No step that would overflow what counts pauses, no epoch without end."""
+    """No number of a pause that would overflow a counter, no endless epoch."""
     with pytest.raises(MessageError, match=next(iter(fields))):
         replace(sample_pause(peer), **fields)
 

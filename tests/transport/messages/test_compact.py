@@ -116,9 +116,12 @@ def test_plain_zenoh_sees_which_is_which(node: Any, endpoint: str) -> None:
     configuration.insert_json5("mode", '"client"')
     configuration.insert_json5("connect/endpoints", f'["{endpoint}"]')
     node.tell("publish 1")
-    said = "application/zstd;shuffle=4;application/cdr;guara_msgs/msg/Terrain"
+    compact_encoding = "application/zstd;shuffle=4;application/cdr;guara_msgs/msg/Terrain"
     with zenoh.open(configuration) as session:
-        for key, encoding in (("compact/terrain", said), ("terrain", "application/cdr;guara_msgs/msg/Terrain")):
+        for key, encoding in (
+            ("compact/terrain", compact_encoding),
+            ("terrain", "application/cdr;guara_msgs/msg/Terrain"),
+        ):
             for _ in range(100):
                 (reply,) = session.get(f"guara/perception/v1/{key}", timeout=5.0)
                 if reply.ok is not None:
@@ -126,7 +129,7 @@ def test_plain_zenoh_sees_which_is_which(node: Any, endpoint: str) -> None:
             assert str(reply.ok.encoding) == encoding
         question = encode_query_request(transport.QueryRequest(extent="footprint", region=None))
         (reply,) = session.get("guara/perception/v1/query?encoding=compact", payload=question, timeout=5.0)
-        assert str(reply.ok.encoding) == said
+        assert str(reply.ok.encoding) == compact_encoding
         (reply,) = session.get("guara/perception/v1/query?encoding=other", payload=question, timeout=5.0)
         assert str(reply.ok.encoding) == "application/cdr;guara_msgs/msg/Terrain"
 

@@ -65,7 +65,7 @@ def test_grid_map_bytes_are_golden() -> None:
 
 
 def test_grid_map_index_rule_finds_each_cell() -> None:
-    """By the rule of grid_map (rows along -x, columns along -y, column-major), each place has its own value."""
+    """By the rule of grid_map (rows along -x, columns along -y, column-major), each cell has its own value."""
     edge, (x0, y0) = 0.25, (0.5, -0.25)
     message = grid_map_message({"elevation": VALUES.astype(np.float32)}, edge, (x0, y0), "f", 0)
     info, data = message.info, message.data[0]

@@ -39,7 +39,7 @@ def test_a_cut_frame_is_refused_wherever_it_ends() -> None:
 
 
 def test_a_flipped_bit_is_noticed() -> None:
-    # Four bits of the frame's header are for nobody: only that the data is right counts.
+    # Four bits of the frame's header are not used: a flip there may pass when the data are right.
     data = np.arange(300, dtype=np.float32).tobytes()
     frame = compress(data)
     refused = 0

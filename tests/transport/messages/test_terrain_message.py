@@ -225,7 +225,7 @@ def test_other_parts_refuse_bad_numbers(peer) -> None:
 
 
 def test_crop_returns_the_cells_that_the_region_touches(peer) -> None:
-    """Values stay at their places in the world; a region that ends on a border takes no further cell."""
+    """Values keep their positions in the world; a region that ends on a border takes no further cell."""
     terrain = peer.make_terrain(shape=(10, 20), resolution=0.1, origin=(1.0, -0.5))
     part = crop_terrain(terrain, (1.25, 1.5, -0.4, 0.05))
     assert part.shape == (5, 3)
