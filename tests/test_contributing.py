@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names files that are there: the ten to read, the subpackages, and the makers of each form of a frame."""
+"""CONTRIBUTING.md names files that are there: the ten to read, the subpackages, the makers of each form of a frame."""
 
 import re
 from pathlib import Path

@@ -68,9 +68,12 @@ def test_packages_import_in_one_direction(graph: dict[str, set[str]]):
             assert not [u for u in used if u.startswith(above)], f"{name} imports {sorted(used)}"
 
 
-TERRAIN = {"terrain", *(f"terrain.{room}" for room in ("layers", "assessment", "questions", "map", "scan", "drawing"))}
+TERRAIN = {
+    "terrain",
+    *(f"terrain.{subpackage}" for subpackage in ("layers", "assessment", "questions", "map", "scan", "drawing")),
+}
 CORE = {"stripes", "calibration", "ranging", *TERRAIN}
-# Room of guara_perception -> the other rooms that it may import; the files beside the rooms are free.
+# Subpackage of guara_perception -> the other subpackages that it may import; the files beside the subpackages are free.
 MAY_IMPORT = {
     "stripes": set(),
     "calibration": {"stripes"},
@@ -88,28 +91,32 @@ MAY_IMPORT = {
 }
 
 
-def room_of(name: str) -> str | None:
-    """Room of a file of guara_perception, None for a file beside the rooms and for other packages."""
+def subpackage_of(name: str) -> str | None:
+    """Subpackage of a file of guara_perception, None for a file beside the subpackages and for other packages."""
     package, *parts = name.split(".")
-    if package != "guara_perception" or not parts or parts[0] not in {room.split(".")[0] for room in MAY_IMPORT}:
+    if (
+        package != "guara_perception"
+        or not parts
+        or parts[0] not in {subpackage.split(".")[0] for subpackage in MAY_IMPORT}
+    ):
         return None
     inner = ".".join(parts[:2])
     return inner if inner in MAY_IMPORT else parts[0]
 
 
-def test_rooms_import_in_one_direction(graph: dict[str, set[str]]):
-    """Each room imports the rooms below it and no other, and every folder is a room or lies in one."""
+def test_subpackages_import_in_one_direction(graph: dict[str, set[str]]):
+    """Each subpackage imports those below it and no other, and every folder is a subpackage or lies in one."""
     for name, used in graph.items():
-        room = room_of(name)
-        if room is not None:
-            above = {other for other in used if room_of(other) not in (None, room, *MAY_IMPORT[room])}
-            assert not above, f"{name} of {room!r} imports {sorted(above)}"
+        subpackage = subpackage_of(name)
+        if subpackage is not None:
+            above = {other for other in used if subpackage_of(other) not in (None, subpackage, *MAY_IMPORT[subpackage])}
+            assert not above, f"{name} of {subpackage!r} imports {sorted(above)}"
     folders = {path.parent.name for path in (ROOT / "guara_perception").glob("*/__init__.py")}
-    assert folders == {room.split(".")[0] for room in MAY_IMPORT}
+    assert folders == {subpackage.split(".")[0] for subpackage in MAY_IMPORT}
 
 
 @pytest.mark.parametrize(
-    ("room", "beside"),
+    ("subpackage", "beside"),
     [
         ("messages", {"arrays", "exceptions", "keys"}),
         (
@@ -118,11 +125,11 @@ def test_rooms_import_in_one_direction(graph: dict[str, set[str]]):
         ),
     ],
 )
-def test_rooms_of_the_transport_import_little(graph: dict[str, set[str]], room: str, beside: set[str]):
+def test_subpackages_of_the_transport_import_little(graph: dict[str, set[str]], subpackage: str, beside: set[str]):
     """Messages know no Zenoh; security opens no session."""
     for name, used in graph.items():
-        if name.startswith(f"transport.{room}."):
-            outside = {other.split(".")[1] for other in used} - {room}
+        if name.startswith(f"transport.{subpackage}."):
+            outside = {other.split(".")[1] for other in used} - {subpackage}
             assert outside <= beside, f"{name} imports {sorted(outside - beside)}"
 
 

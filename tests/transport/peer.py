@@ -21,7 +21,7 @@ STAMP = 1_700_000_000_000_000_000
 
 
 def make_stance() -> transport.StanceMessage:
-    """A posture with all that one can have."""
+    """A stance with every field set."""
     return transport.StanceMessage(
         joint_positions={"lf_haa_joint": 0.1, "lf_hfe_joint": -0.4},
         support_feet=("lf", "rf", "lh"),
@@ -38,7 +38,7 @@ def make_terrain(
     extent: str = "footprint",
     **changes: object,
 ) -> transport.TerrainMessage:
-    """A grid whose every value tells the sequence, so that a mixed one would show."""
+    """A grid whose values follow from its sequence, so that a mixed one would show."""
     rng = np.random.default_rng(sequence)
     layers = {}
     for name, kind in transport.LAYERS.items():
@@ -181,7 +181,7 @@ def run_router(endpoint: str) -> None:
 
 
 def run_zenohd(configuration: str) -> None:
-    """A Zenoh router out of its own configuration file, as `zenohd -c` would run it."""
+    """A Zenoh router from its own configuration file, as `zenohd -c` would run it."""
     with zenoh.open(zenoh.Config.from_file(configuration)):
         say("ready")
         sys.stdin.read()

@@ -59,7 +59,7 @@ def test_nobody_is_searched_for_and_hangs_are_noticed() -> None:
 
 def test_a_grid_and_a_piece_fit_into_the_queue_of_a_link(peer) -> None:
     """A put of the grid of a scan waits for no reader, and no piece that is asked for is too large for its queue."""
-    # A batch of Zenoh carries 64 KiB at most, a little of it for itself.
+    # A batch of Zenoh carries 64 KiB at most, its own headers included.
     batch = 60_000
     assert len(transport.encode_terrain(peer.make_terrain(shape=(108, 90)))) < QUEUES["data_low"] * batch
     assert MAXIMUM_PIECE < QUEUES["data_high"] * batch

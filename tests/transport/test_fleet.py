@@ -44,7 +44,7 @@ def test_all_that_live_are_reported_with_step_age_health_and_links(start, endpoi
 
 
 def test_a_robot_speaks_for_no_other(endpoint: str) -> None:
-    """An answer on the key of one robot that calls itself another is of nobody; invalid figures are left out."""
+    """An answer on the key of one robot that names another one is ignored; invalid figures are left out."""
 
     def answer(robot: str, claimed: str, step: str) -> Callable[[Any], None]:
         item = StatusItem(name=STATUS_NAME, level=Health.OK, hardware_id=claimed, values={"step": step, "links": step})

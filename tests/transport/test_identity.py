@@ -1,4 +1,4 @@
-"""Whose a grid is, and how old: judged in one place for every way of receiving; one node of a name."""
+"""Whose a grid is, and how old: judged alike for every way of receiving; a name has only one node."""
 
 import json
 import math
@@ -33,7 +33,7 @@ with transport.PerceptionClient(transport.open_client(sys.argv[1], timeout=180.0
 """
 
 
-def say(peer, server: transport.PerceptionServer, sequence: int, *, age: float = 0.0, **fields: object):
+def make_grid(peer, server: transport.PerceptionServer, sequence: int, *, age: float = 0.0, **fields: object):
     """A grid as a node of today sends it: with its run, and the end of its scan by a clock that never jumps."""
     reported = {"run": server.run, "epoch": "walk-a", "scan_end_clock": clock.now() - age, "provisional": False}
     metadata = json.dumps({**reported, **fields.pop("metadata", {})})
@@ -68,27 +68,27 @@ FOREIGN: dict[str, tuple[dict[str, object], str]] = {
 def test_a_grid_of_somebody_else_is_not_taken(what: str, node, client, endpoint: str, peer, eventually, caplog) -> None:
     """Without security anybody may put on the key: the newest grid of our node stays, and the log says what came."""
     fields, expected_text = FOREIGN[what]
-    node.publish(say(peer, node, 3, step=3))
+    node.publish(make_grid(peer, node, 3, step=3))
     assert client.wait_for_step(3, timeout=PATIENCE).sequence == 3
     heard: list[int] = []
     client.on_terrain(lambda terrain: heard.append(terrain.sequence))
     with transport.open_client(endpoint, timeout=PATIENCE) as intruder:
         raw = Publisher(intruder, keys.terrain_key())
-        raw.put(transport.encode_terrain(say(peer, node, 2 if "older" in what else 9, step=9, **fields)))
+        raw.put(transport.encode_terrain(make_grid(peer, node, 2 if "older" in what else 9, step=9, **fields)))
         assert eventually(lambda: client.receiver().refused == 1)
     assert client.latest().sequence == 3 and expected_text in caplog.text
-    node.publish(say(peer, node, 10, step=10))
+    node.publish(make_grid(peer, node, 10, step=10))
     assert client.wait_for_step(10, timeout=PATIENCE).sequence == 10
     assert set(heard) <= {3, 10}
 
 
 def test_a_flood_of_foreign_grids_does_not_flood_the_log(node, client, endpoint: str, peer, eventually, caplog) -> None:
     """One line, then a count."""
-    node.publish(say(peer, node, 1, step=1))
+    node.publish(make_grid(peer, node, 1, step=1))
     client.wait_for_step(1, timeout=PATIENCE)
     with transport.open_client(endpoint, timeout=PATIENCE) as intruder:
         raw = Publisher(intruder, keys.terrain_key())
-        payload = transport.encode_terrain(say(peer, node, 2, robot="other", shape=(2, 3)))
+        payload = transport.encode_terrain(make_grid(peer, node, 2, robot="other", shape=(2, 3)))
         for _ in range(200):
             raw.put(payload)
         assert eventually(lambda: client.receiver().refused >= 100)
@@ -126,7 +126,7 @@ def ways(client: transport.PerceptionClient) -> dict[str, Callable[[], object]]:
 
 def test_an_old_grid_is_old_for_every_way_of_receiving(node, endpoint: str, peer) -> None:
     """A planner that joins gets the last grid, an hour old, and learns its age whichever way it asks."""
-    node.publish(say(peer, node, 1, age=3600.0, valid_for=420.0))
+    node.publish(make_grid(peer, node, 1, age=3600.0, valid_for=420.0))
     node.flush()
     with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
         assert client.wait_for_step(1, timeout=PATIENCE, max_age=math.inf).sequence == 1
@@ -137,7 +137,7 @@ def test_an_old_grid_is_old_for_every_way_of_receiving(node, endpoint: str, peer
                 ask()
                 pytest.fail(way)
         assert client.query(max_age=math.inf).sequence == 1
-        node.publish(say(peer, node, 2))
+        node.publish(make_grid(peer, node, 2))
         assert client.wait_for_step(2, timeout=PATIENCE).sequence == 2
         assert all(asked().sequence == 2 for asked in (client.latest, client.query))
     assert 1 not in heard
@@ -146,7 +146,7 @@ def test_an_old_grid_is_old_for_every_way_of_receiving(node, endpoint: str, peer
 def test_a_walk_that_counts_anew_is_another_walk(node, client, peer, eventually) -> None:
     """After step 600 of a walk, step 0 of the next: no grid of the walk before is given for it."""
     for extent, sequence in (("footprint", 1), ("map", 1)):
-        node.publish(say(peer, node, sequence, step=600, extent=extent, valid_pauses=40))
+        node.publish(make_grid(peer, node, sequence, step=600, extent=extent, valid_pauses=40))
     assert client.wait_for_step(600, timeout=PATIENCE, extent="map").step == 600
     assert client.wait_for_step(600, timeout=PATIENCE).epoch == "walk-a"
     node.begin_step(0, "walk-b")
@@ -156,7 +156,7 @@ def test_a_walk_that_counts_anew_is_another_walk(node, client, peer, eventually)
         with pytest.raises(transport.StaleTerrain, match="the robot is on walk 'walk-b'"):
             client.latest(extent=extent)
     for step in (0, 44):
-        node.publish(say(peer, node, 2 + step, step=step, metadata={"epoch": "walk-b"}))
+        node.publish(make_grid(peer, node, 2 + step, step=step, metadata={"epoch": "walk-b"}))
         assert client.wait_for_step(step, timeout=PATIENCE).epoch == "walk-b"
         assert client.latest().step == step
     with pytest.raises(transport.ReceiveTimeout):
@@ -167,7 +167,7 @@ def test_a_walk_that_counts_anew_is_another_walk(node, client, peer, eventually)
 def test_ages_do_not_depend_on_the_wall_clocks(node, endpoint: str, peer, behind: float) -> None:
     """A planner whose clock is 45 s behind, or an hour ahead: a grid of 47 s is 47 s old, one of now is fresh."""
     for sequence, age, found in ((1, 47.0, "stale"), (2, 0.0, "got 2")):
-        node.publish(say(peer, node, sequence, age=age, valid_for=420.0))
+        node.publish(make_grid(peer, node, sequence, age=age, valid_for=420.0))
         node.flush()
         planner = subprocess.run(
             [sys.executable, "-c", CLOCK_BEHIND, endpoint, str(behind)],
@@ -232,7 +232,7 @@ def test_a_second_node_of_a_name_is_refused_and_both_say_why(start, endpoint: st
 def test_a_second_node_waits_for_the_port_of_the_first(
     start, endpoint: str, eventually, tmp_path: Path, is_secured: bool
 ) -> None:
-    """Where the node is its own router: refused after a while, with words on both sides; after a kill -9 it has it."""
+    """Where the node is its own router: refused after a while, which both sides report; after a kill -9 it has it."""
     folder = None
     if is_secured:
         folder = transport.init_security(tmp_path / "keys")

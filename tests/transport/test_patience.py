@@ -11,7 +11,7 @@ from transport.publisher import Publisher
 
 
 def test_before_anything_is_known_it_is_the_longest() -> None:
-    """Then as many times the latest as the margin says, within the bounds; what was late once is forgotten slowly."""
+    """Then it is MARGIN times the largest lateness, within the bounds; a single late message is forgotten slowly."""
     patience = Patience()
     assert patience.grace == LONGEST
     patience.learn(-0.01)

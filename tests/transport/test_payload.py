@@ -11,7 +11,7 @@ from transport.publisher import Publisher
 
 
 def test_it_is_made_once_however_many_ask() -> None:
-    """Also when they ask at the same moment."""
+    """Also when they ask at the same instant."""
     made: list[int] = []
     payload = MadeOnce(lambda: (made.append(1), b"grid")[1])
     assert made == []

@@ -1,4 +1,4 @@
-"""What Zenoh alone shows of a node: keys, encodings, and the last grid for who asks; nothing of ours on this side."""
+"""What Zenoh alone shows of a node: keys, encodings, and the last grid for whoever asks; no code of ours reads it."""
 
 import queue
 from collections.abc import Callable, Iterator
@@ -16,8 +16,8 @@ from transport.security.folder import load_configuration
 
 PATIENCE = 30.0
 PREFIX = "guara/perception/v1"
-# Of each key of the node, what its samples say of themselves.
-SAID = {
+# Key of the node -> encoding of its samples.
+ENCODINGS = {
     "terrain": "application/cdr;guara_msgs/msg/Terrain",
     "map": "application/cdr;guara_msgs/msg/Terrain",
     "occupancy": "application/cdr;nav_msgs/msg/OccupancyGrid",
@@ -67,7 +67,7 @@ def test_every_sample_says_what_it_is(session: zenoh.Session, node: Any) -> None
     session.declare_subscriber(f"{PREFIX}/*", heard.put)
     found: dict[str, str] = {}
     sequence = 2
-    while set(found) != set(SAID):
+    while set(found) != set(ENCODINGS):
         node.tell(f"publish {sequence}")
         node.tell(f"map {sequence}")
         sequence += 1
@@ -75,11 +75,11 @@ def test_every_sample_says_what_it_is(session: zenoh.Session, node: Any) -> None
         name = str(sample.key_expr).removeprefix(f"{PREFIX}/")
         found[name] = str(sample.encoding)
         decode(sample.payload.to_bytes(), found[name].removeprefix("application/cdr;"))
-    assert found == SAID
+    assert found == ENCODINGS
 
 
 def test_a_mirrored_topic_says_what_it_is(session: zenoh.Session, node: Any) -> None:
-    """What rmw_zenoh reads says so too; rmw_zenoh itself does not look."""
+    """What rmw_zenoh reads has an encoding too, which rmw_zenoh itself ignores."""
     heard: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
     session.declare_subscriber("0/guara/occupancy/**", heard.put)
     for sequence in range(2, 50):
@@ -88,24 +88,24 @@ def test_a_mirrored_topic_says_what_it_is(session: zenoh.Session, node: Any) -> 
             sample = heard.get(timeout=1.0)
         except queue.Empty:
             continue
-        assert str(sample.encoding) == SAID["occupancy"]
+        assert str(sample.encoding) == ENCODINGS["occupancy"]
         return
     raise AssertionError("nothing arrived")
 
 
-@pytest.mark.parametrize("name", sorted(set(SAID) - {"status"}))
+@pytest.mark.parametrize("name", sorted(set(ENCODINGS) - {"status"}))
 def test_asking_on_the_key_of_a_grid_gives_the_newest(session: zenoh.Session, node: Any, name: str) -> None:
     """Who joins late and knows nothing of advanced subscribers asks once, and needs no message to do so."""
     reply = eventually_asked(session, f"{PREFIX}/{name}")
     assert str(reply.ok.key_expr) == f"{PREFIX}/{name}"
-    assert str(reply.ok.encoding) == SAID[name]
+    assert str(reply.ok.encoding) == ENCODINGS[name]
     first = reply.ok.payload.to_bytes()
     node.tell("map 7" if name == "map" else "publish 7")
     for _ in range(100):
         newest = eventually_asked(session, f"{PREFIX}/{name}").ok.payload.to_bytes()
         if newest != first:
             break
-    message = decode(newest, SAID[name].removeprefix("application/cdr;"))
+    message = decode(newest, ENCODINGS[name].removeprefix("application/cdr;"))
     if name in ("terrain", "map"):
         assert message.sequence == 7 and transport.decode_terrain(newest).sequence == 7
 
@@ -121,15 +121,15 @@ def test_asking_before_there_is_a_grid_is_refused_in_words(start: Callable[..., 
 
 
 def test_replies_say_what_they_are(session: zenoh.Session) -> None:
-    """Of a query, of a scan, of the status, and of refusals; questions without an encoding are answered."""
+    """Replies to a query, a scan request and a query of the status, and refusals; requests need no encoding."""
     eventually_asked(session, f"{PREFIX}/map")
     query = encode_query_request(QueryRequest(extent="map", region=None))
     (reply,) = replies(session, f"{PREFIX}/query", payload=query)
-    assert str(reply.ok.encoding) == SAID["map"]
+    assert str(reply.ok.encoding) == ENCODINGS["map"]
     (reply,) = replies(session, f"{PREFIX}/query", payload=b"nonsense")
     assert str(reply.err.encoding) == "application/cdr;guara_msgs/msg/Refusal"
     (reply,) = replies(session, f"{PREFIX}/status")
-    assert str(reply.ok.encoding) == SAID["status"]
+    assert str(reply.ok.encoding) == ENCODINGS["status"]
     request = encode_scan_request(ScanRequest(id="plain", mode="coarse", timeout=20.0))
     said = {str(reply.ok.encoding) for reply in replies(session, f"{PREFIX}/scan", payload=request)}
     assert said == {"application/cdr;guara_msgs/msg/ScanReply"}
@@ -139,7 +139,7 @@ def test_replies_say_what_they_are(session: zenoh.Session) -> None:
 
 
 def test_questions_and_announcements_of_ours_say_what_they_are(endpoint: str, peer: Any) -> None:
-    """Seen by a plain queryable and a plain subscriber in the place of the node."""
+    """Seen by a plain queryable and a plain subscriber that stand in for the node."""
     asked: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()
 
     def note(query: zenoh.Query) -> None:
@@ -199,4 +199,4 @@ def test_only_who_may_query_may_ask_on_the_keys(start: Callable[..., Any], endpo
             if role == "gait":
                 assert replies(session, f"{PREFIX}/terrain") == []
             else:
-                assert str(eventually_asked(session, f"{PREFIX}/terrain").ok.encoding) == SAID["terrain"]
+                assert str(eventually_asked(session, f"{PREFIX}/terrain").ok.encoding) == ENCODINGS["terrain"]

@@ -39,7 +39,7 @@ def test_what_was_acknowledged_survives_a_kill(tmp_path: Path, start) -> None:
 
 @pytest.mark.slow
 def test_a_cut_file_is_mended_wherever_it_was_cut(tmp_path: Path, peer) -> None:
-    """Any cut gives either what came before it, or an error that says the file is none; the more, the more."""
+    """Any cut gives either what came before it, or an error that says that the file is no recording."""
     write_recording(tmp_path / "a.mcap", peer, scans=3)
     data = (tmp_path / "a.mcap").read_bytes()
     counts = []

@@ -71,7 +71,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
             server.publish(terrain, occupancy=values.astype(np.int8))
             server.flush()
         with transport.open_client(endpoint) as client:
-            parts = [
+            subscribers = [
                 zenoh.ext.declare_advanced_subscriber(
                     client.raw,
                     f"4/guara/{name}/**",
@@ -84,7 +84,7 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
             watcher = zenoh_api.watch_tokens(client.raw, "@ros2_lv/4/**", see)
             with changed:
                 assert changed.wait_for(lambda: len(arrived) == 2 and len(tokens) == 4, 30.0)
-            del parts, watcher
+            del subscribers, watcher
         zenoh_id = session.zenoh_id
     grid = decode(arrived["occupancy"][0], OCCUPANCY)
     np.testing.assert_array_equal(grid.data.reshape(108, 90), values)

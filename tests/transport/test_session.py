@@ -29,7 +29,7 @@ def test_taken_port_says_what_to_check(endpoint: str) -> None:
 
 
 def test_open_port_without_security_is_refused() -> None:
-    """A node does not listen beyond this machine unless that was said."""
+    """A node does not listen beyond this machine unless that was asked for."""
     with pytest.raises(ConfigurationError, match="nothing protects it"):
         transport.open_node(listen="tcp/0.0.0.0:0")
 

@@ -107,7 +107,7 @@ MAY = {
 def test_each_may_do_what_the_table_says_and_nothing_else(
     site: Site, peer, router: str, member: str, robot: str
 ) -> None:
-    """Tried on the running site: reading the newest, asking, requesting a scan, saying how the robot stands, forging.
+    """Tried on the running site: reading the newest, asking, requesting a scan, announcing a pause, forging.
 
     What is not expected must not happen within a while; what is expected has all the time it needs.
     """
@@ -158,7 +158,7 @@ def test_who_has_no_certificate_gets_no_link(site: Site) -> None:
 
 
 def test_the_fleet_is_seen_from_the_top(site: Site, eventually) -> None:
-    """All six robots of both rooms, by who may see nothing else of them."""
+    """All six robots of both rooms, by a member that may see nothing else of them."""
     with open_client(site.endpoints["top"], security=site.keys / "desk", timeout=PATIENCE) as session:
         assert eventually(lambda: [state.robot for state in robot_states(session)] == list(ROBOTS))
         states = robot_states(session)

@@ -20,7 +20,7 @@ def test_a_missing_name_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert zenoh_api.missing_names() == ("handlers.Callback",)
 
 
-def test_error_text_drops_the_places_in_the_source() -> None:
+def test_error_text_drops_the_lines_of_the_source() -> None:
     """A user sees the cause, not where Zenoh was built."""
     text = "Unable to connect!  at /home/x/.cargo/a.rs:1."
     assert zenoh_api.error_text(RuntimeError(text)) == "Unable to connect!"

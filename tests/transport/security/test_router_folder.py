@@ -77,7 +77,7 @@ def test_the_rules_of_routers_are_as_meant(site: Path, router: str, robot: str) 
 
 
 @pytest.mark.slow
-def test_scans_through_a_router_are_allowed_by_its_own_word_only(tmp_path: Path) -> None:
+def test_scans_through_a_router_are_allowed_only_where_asked_for(tmp_path: Path) -> None:
     """With `scans` a router may trigger at nodes that dial it, and pass on what comes from above."""
     folder = tmp_path / "keys"
     make_router(folder, ["rex"], name="top")
@@ -136,7 +136,7 @@ def test_a_zenoh_router_takes_the_configuration_as_it_stands(start, tmp_path: Pa
 
 
 def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
-    """Paths in the configuration are whole: of where it was made, or of the place that was given."""
+    """Paths in the configuration are absolute: in the folder where it was made, or in the folder that was given."""
     here = make_router(tmp_path / "keys", ["rex"])
     there = make_router(tmp_path / "keys", ["rex"], name="top", place="/etc/zenohd/")
     for made, lies_in in ((here, str(here)), (there, "/etc/zenohd")):
@@ -144,7 +144,7 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
         files = {value for value in tls.values() if isinstance(value, str)}
         assert files == {f"{lies_in}/{name}" for name in ("ca.pem", f"{made.name}.pem", f"{made.name}.key")}
         assert zenoh_api.configuration_value((made / CONFIGURATION).read_text(), "mode") == "router"
-    # Who comes or goes later changes its rules, though its files lie elsewhere.
+    # A member that is added or shut out later changes its rules, though its files lie elsewhere.
     second = add(tmp_path / "keys", "second", "planner")
     assert '"rex.second"' in (there / CONFIGURATION).read_text()
     assert revoke(tmp_path / "keys", "second") == (tmp_path / "keys" / "node", here, there) and second.is_dir()
@@ -235,7 +235,7 @@ def test_the_check_sees_forged_grids_whoever_is_shut_out(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_role_folders_of_an_earlier_version_go_on_working(tmp_path: Path) -> None:
-    """Names are the roles alone: all may what they might; who is added or renewed is called so too."""
+    """Names are the roles alone: all keep their rights; members that are added or renewed get such names too."""
     folder = init_security(tmp_path / "keys")
     ca = Credentials((folder / "ca" / "ca.pem").read_bytes(), (folder / "ca" / "ca.key").read_bytes())
     for role in ROLES:
