@@ -4,7 +4,7 @@ Four soles and a plane leave one number: by how far they miss lying in one plane
 not which: of the two feet at the ends of the raised diagonal either may be the one. What decides, in this
 order:
 
-1. where the vertical is known: the three feet left over stand level with each other for one of the two only.
+1. where the vertical is known: the three remaining feet are level with each other for one of the two only.
    When they do so for neither, the ground is uneven and nothing says that a foot hangs: all four are kept;
 2. balance: the centre of mass must lie over the triangle of the loaded feet, so beyond the other diagonal, seen
    from the foot that hangs. Where it lies on the near side by more than its own uncertainty, that foot stands;

@@ -142,7 +142,7 @@ class PerceptionClient:
         return self._judge.check(received, max_age, wait=SETTLE)
 
     def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
-        """The newest summary of the map; while there is none that may be used, one is waited for.
+        """The newest summary of the map; waits for one while there is none that may be used.
 
         It has no history: what was sent before the first call is not received. Samples that are no valid summary are
         skipped.

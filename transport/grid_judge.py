@@ -134,7 +134,7 @@ class GridJudge:
 
     def _refused_run(self, terrain: Grid) -> str:
         run = terrain.run
-        # A sender that tells no run is one of an earlier version, or another tool: it is judged by order alone.
+        # A sender that reports no run is one of an earlier version, or another tool: it is judged by order alone.
         if not run or run == self._run:
             return ""
         if run in self._over:

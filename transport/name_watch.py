@@ -34,7 +34,7 @@ class NameWatch:
             level, message = (
                 Health.ERROR,
                 (
-                    f"another node lives under the name {self._robot!r}, beyond an uplink: who reads there takes the "
+                    f"another node lives under the name {self._robot!r}, beyond an uplink: readers there take the "
                     "grids of one of the two. Give one of them another name"
                 ),
             )

@@ -115,7 +115,7 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
-        # Who listens on all networks is reached on this machine, under the name that its certificate has too.
+        # A node that listens on all networks is reached as localhost, a name that its certificate has too.
         endpoint = ANYWHERE.sub("/localhost:", listen or own[0])
         session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))

@@ -171,7 +171,7 @@ class NewestReceiver(Resource, Generic[T]):
     def wait_until(
         self, predicate: Callable[[Received[T]], bool], timeout: float | None, *, after: int = 0
     ) -> Received[T]:
-        """Wait for a newest message that `predicate` accepts; samples that are no message are passed over.
+        """Wait for a newest message that `predicate` accepts; samples that are no valid message are skipped.
 
         Args:
             predicate: called in this thread with each newest message and its arrival.

@@ -1,4 +1,4 @@
-"""Stance pauses between processes: both ends are heard, what is no announcement is reported as such."""
+"""Stance pauses between processes: both ends are heard, an invalid announcement is reported."""
 
 import numpy as np
 import pytest

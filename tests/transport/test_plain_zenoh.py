@@ -95,7 +95,7 @@ def test_a_mirrored_topic_says_what_it_is(session: zenoh.Session, node: Any) -> 
 
 @pytest.mark.parametrize("name", sorted(set(ENCODINGS) - {"status"}))
 def test_asking_on_the_key_of_a_grid_gives_the_newest(session: zenoh.Session, node: Any, name: str) -> None:
-    """Who joins late and knows nothing of advanced subscribers asks once, and needs no message to do so."""
+    """Whoever joins late and knows nothing of advanced subscribers asks once, and needs no message to do so."""
     reply = eventually_asked(session, f"{PREFIX}/{name}")
     assert str(reply.ok.key_expr) == f"{PREFIX}/{name}"
     assert str(reply.ok.encoding) == ENCODINGS[name]

@@ -121,7 +121,7 @@ def test_outbox_survives_an_action_that_fails() -> None:
 
 
 def test_posting_never_waits_for_what_is_being_sent() -> None:
-    """A put that hangs holds the outbox thread, not who posts."""
+    """A put that hangs holds the outbox thread, not the one that posts."""
     outbox, release = transport.Outbox(), threading.Event()
     outbox.post("a", lambda: release.wait(60.0))
     for _ in range(1000):

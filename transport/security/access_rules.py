@@ -22,7 +22,7 @@ from transport.keys import (
 # Roles of a robot that get a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
-# Roles beside any robot: a router of a site, and who sees which robots live and how they are.
+# Roles that belong to no robot: a router of a site, and a watcher that sees which robots live and how they are.
 ROUTER, FLEET = "router", "fleet"
 
 SUBSCRIBING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")

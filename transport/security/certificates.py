@@ -116,7 +116,7 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
         names: names of roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
 
     Returns:
-        Who was renewed.
+        Names of the members that were renewed.
 
     Raises:
         SecurityError: no such member, or the folder lacks its CA.
@@ -183,7 +183,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     Args:
         folder: made by `init_security`.
         name: name of the member; with several robots `<robot>.<name>`.
-        role: "planner", "viewer" or "gait" of the robot, or "fleet": who sees which robots live, at routers.
+        role: "planner", "viewer" or "gait" of the robot; or "fleet", which sees at routers which robots live.
 
     Returns:
         Its folder. The folders of the node and of its routers change too and must be copied to where they run.

@@ -28,7 +28,7 @@ class Robot:
     Attributes:
         folder: folder that holds the folders of its roles.
         added: role of each member beyond one per role.
-        revoked: who was shut out.
+        revoked: names of members that were shut out.
     """
 
     folder: Path

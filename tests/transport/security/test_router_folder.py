@@ -219,7 +219,7 @@ def test_a_folder_that_cannot_be_changed_is_left_as_it_was(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_the_check_sees_forged_grids_whoever_is_shut_out(tmp_path: Path) -> None:
-    """A reader who is left looks for them; where nobody is, the check says so instead of "no"."""
+    """A reader that is left looks for them; where none is left, the check says so instead of "no"."""
     folder = tmp_path / "keys"
     make_router(folder, ["rex"], name="top")
     make_router(folder, ["rex"], name="room", uplink="top")
