@@ -23,7 +23,7 @@ class FoundCamera:
         source: what --camera and devices.toml take.
         description: maker and model, and how it is reached.
         evidence: what it can prove.
-        lines: its lines that can be triggered, for --trigger; empty when it can only run freely.
+        lines: lines on which it can be triggered, for --trigger; empty when it can only run freely.
     """
 
     source: str

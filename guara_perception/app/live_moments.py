@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from transport.received import Received
 
 logger = logging.getLogger(__name__)
-# [s] In which the router must have answered which robots live.
+# [s] Time that the router has to answer which robots live.
 ROUTER_TIMEOUT_S = 2.0
 
 

@@ -124,7 +124,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, value)
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        with _warnings_in_words():
+        with _warnings_as_lines():
             code = guara.main(args=given, prog_name="guara", standalone_mode=False)
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as error:
@@ -141,13 +141,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not is_expected(error):
             raise
-        return _say(words_of(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
+        return _say(text_of(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
     # An integer comes from ctx.exit(code); otherwise click returns what the command returned, which is None.
     return code if isinstance(code, int) else 0
 
 
 @contextmanager
-def _warnings_in_words() -> Iterator[None]:
+def _warnings_as_lines() -> Iterator[None]:
     """Python's warnings as lines of this program, each once, whatever numbers stand in it."""
     shown: set[str] = set()
 
@@ -187,7 +187,7 @@ def is_bad_input(error: BaseException) -> bool:
     return isinstance(error, (ValueError, KeyError, *files))
 
 
-def words_of(error: Exception) -> str:
+def text_of(error: Exception) -> str:
     """Text of an error; one of the file system without its number and with the file first, as in our own errors."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"

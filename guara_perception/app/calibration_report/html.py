@@ -70,8 +70,8 @@ def report_page(result: CalibrationResult) -> str:
         _image(camera_pictures.board_before_after(result), "board before and after correction"),
         "<h2>Does the lens model fit?</h2>",
         "<p>Each arrow shows how far a corner of the board lies from where the lens model puts it, enlarged. Arrows in "
-        "all directions are noise; a pattern (all outward in one corner, say) means a bent board or a wrong model. A "
-        "picture whose bar sticks out was blurred or moved.</p>",
+        "all directions are noise; arrows like their neighbours (all outward in one corner, say) mean a bent board or "
+        "a wrong model. A picture with a long bar was blurred or moved.</p>",
         _image(camera_pictures.corner_residuals(result), "corner errors"),
         "<h2>Was the whole picture used?</h2>",
         "<p>The lens is only known where the board was seen. On the right is what that means on the floor: how far a "
@@ -91,7 +91,7 @@ def report_page(result: CalibrationResult) -> str:
         _image(camera_pictures.fiducials(result), "fiducials"),
         "<h2>The laser planes</h2>",
         "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "
-        "known heights tell where each laser plane lies in space.</p>",
+        "known heights show where each laser plane lies in space.</p>",
         _image(laser_pictures.side_view(result), "laser planes from the side"),
         _image(laser_pictures.stripes_over_plate(result), "stripes over plates"),
         "<h2>How well heights are measured</h2>",

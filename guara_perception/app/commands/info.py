@@ -30,10 +30,10 @@ def command(file: Path, as_json: bool) -> None:
         click.echo(json.dumps(found))
         return
     for name, value in found.items():
-        click.echo(f"{name.replace('_', ' ') + ':':<20} {_in_words(value)}")
+        click.echo(f"{name.replace('_', ' ') + ':':<20} {_text_of(value)}")
 
 
-def _in_words(value: Any) -> str:
+def _text_of(value: Any) -> str:
     if value in (None, [], {}):
         return "none"
     if isinstance(value, bool):
@@ -41,10 +41,10 @@ def _in_words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_in_words(entry)}" for name, entry in value.items())
+        return ", ".join(f"{name} {_text_of(entry)}" for name, entry in value.items())
     if isinstance(value, list):
         between = "; " if isinstance(value[0], dict) else ", "
-        texts = list(map(_in_words, value))
+        texts = list(map(_text_of, value))
         if len(texts) > LONGEST_LIST:
             return between.join([*texts[:3], "...", texts[-1]]) + f" ({len(texts)} in all)"
         return between.join(texts)

@@ -9,7 +9,7 @@ import click
 
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 
-# [s] How long to wait for the connection where no shorter time is asked for.
+# [s] Longest time to wait for the connection.
 CONNECTING_SECONDS = 5.0
 
 
@@ -55,8 +55,8 @@ def command(
     from guara_perception.app.summary import facts, summary
 
     seen = 0
-    patience = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
-    with TerrainClient(endpoint, robot=robot, security=security, timeout=patience, encoding=encoding) as client:
+    connecting = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
+    with TerrainClient(endpoint, robot=robot, security=security, timeout=connecting, encoding=encoding) as client:
         try:
             for terrain in client.stream(timeout, extent):
                 seen += 1

@@ -81,7 +81,7 @@ def draw_range_image(
                 entries.append((colour, label, True))
                 rest &= ~mask
         if rest.any():
-            # Pixels between samples in a cell that is known: finer than the grid can tell.
+            # Pixels between samples in a cell that is known: they are finer than the grid.
             _hatch(axes, rest, extent, "#888888")
             entries.append(("#888888", "between samples of a known cell", True))
         _legend(axes, entries)

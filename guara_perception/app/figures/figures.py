@@ -43,8 +43,8 @@ def draw_figures(
     transform = processor.transform_camera_to_footprint
     raw = median_stripe_frame(scan)
 
-    def corrected(frame: Grey) -> Grey:
-        return corrected_image(frame, calibration.camera, transform, area)
+    def corrected(image: Grey) -> Grey:
+        return corrected_image(image, calibration.camera, transform, area)
 
     perspective, ortho = terrain.pictures["range_image_mm"], terrain.pictures["ortho_image_mm"]
     return [

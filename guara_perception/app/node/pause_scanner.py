@@ -200,7 +200,7 @@ class PauseScanner:
             self._withdraw(published)
 
     def _withdraw(self, published: Published) -> None:
-        """Publish that nothing of the grid is known any more; unless the gait had confirmed it, undo it in the map too.
+        """Publish that nothing of the grid is known any more; if it was never confirmed, undo it in the map too.
 
         A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
         """

@@ -264,7 +264,7 @@ class ScanRecording:
     def _begin_again(self, mode: str) -> None:
         self._writer.end_scan(stamp=time.time_ns())
         self._writer.begin_scan(dataclasses.replace(self._record, mode=mode))
-        # Readers reject a topic whose time goes back: all stripes get the stamp of the last; frames keep their own.
+        # No topic's time may go back for readers: all stripes get the stamp of the last one; frames keep their own.
         last = self._stripes[-1][-1] if self._stripes else None
         for index, angle, on, off, _ in self._stripes:
             self._writer.add_stripe(index, angle, on, off, stamp=last)

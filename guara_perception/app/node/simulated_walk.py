@@ -43,7 +43,7 @@ def walk_until_stopped(
         session: session of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.
-        tell: called with a line at the end of the walk.
+        tell: called with a line of text at the end of the walk.
     """
     gait = SimulatedGait(StancePublisher(session, robot=instance), instance)
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
 
-# [s] In which a camera must deliver a frame.
+# [s] Time that a camera has to deliver a frame.
 FRAME_SECONDS = 2.0
 
 

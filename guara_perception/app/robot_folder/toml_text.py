@@ -25,11 +25,11 @@ def assumed(proposal: Proposal) -> dict[str, str]:
         "frames.camera": "mount the camera, measure where it sits, and calibrate: the calibration overrides it",
         "frames.laser": "mount the mirror, measure where it sits, and calibrate: the calibration overrides it",
         "traversability.slope_limit": "find the steepest ground on which a foot holds",
-        "traversability.step_limit": "half of what a foot is lifted in a swing",
+        "traversability.step_limit": "half the height to which a swing lifts a foot",
         "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
         "traversability.roughness_limit": "the unevenness under one sole that the robot stands on",
         "heights.minimum": "how deep a foot reaches below the plane it stands on, twice",
-        "heights.maximum": "twice of what a foot is lifted in a swing",
+        "heights.maximum": "twice the height to which a swing lifts a foot",
         "stance.encoder_sigma": "read a joint that stands still, and how far it turns with the motor held",
         "stance.centre_of_mass_sigma": "weigh the robot on its feet and compare with the masses of the URDF",
     }
@@ -48,7 +48,7 @@ def toml_text(proposal: Proposal, source: str) -> str:
 def _lines(p: Proposal, source: str) -> Iterator[str]:
     m, scan = p.mounts, p.scan
     yield f"# {p.name}: what its URDF cannot say, made by `guara robot new` from {source}. SI units."
-    yield "# The table [assumed] at the end names what nobody has measured yet; delete a line there when you have."
+    yield "# The table [assumed] at the end names what nobody has measured yet; delete a line once it is measured."
     yield f'name = "{p.name}"'
     yield 'scan_posture = "scan"'
     yield f"sole = [{p.sole[0]:.3f}, {p.sole[1]:.3f}]    # length x, width y: {_sole_reason(p)}"
@@ -86,7 +86,7 @@ def _lines(p: Proposal, source: str) -> Iterator[str]:
     yield f"y = [{m.area_y[0]:.2f}, {m.area_y[1]:.2f}]"
     yield ""
     hind = min(float(sole[0]) for sole in scan.soles.values())
-    yield "[grid.map]                     # back to where the hind feet stand, with half a stride to spare"
+    yield "[grid.map]                     # from 0.30 m behind the hind feet"
     yield f"x = [{round(hind - 0.30, 2):.2f}, {m.area_x[1] + 0.05:.2f}]"
     yield f"y = [{m.area_y[0] - 0.08:.2f}, {m.area_y[1] + 0.08:.2f}]"
     yield ""
@@ -96,7 +96,7 @@ def _lines(p: Proposal, source: str) -> Iterator[str]:
     yield "join_height = 0.008            # more than this between neighbouring stripes is a wall, not a slope"
     yield ""
     yield "[scan]"
-    yield f"stripes = {p.stripes}                   # one every 6.4 mm of the area on the mean, as the paper's 70"
+    yield f"stripes = {p.stripes}                   # one every 6.4 mm of the area on average, as the paper's 70"
     yield "coarse_every = 2"
     yield f"mirror_angle_first = {p.mirror_angles[0]:.5f}  # just before the area: atan((x - x_mirror) / height) / 2"
     yield f"mirror_angle_last = {p.mirror_angles[1]:.5f}   # just past it"
@@ -171,7 +171,7 @@ def _limits(p: Proposal) -> Iterator[str]:
     yield f"step_limit = {SWING_HEIGHT_M / 2:.3f}    # half the swing height of {swing}: the other half is clearance"
     yield f"drop_limit = {drop:.3f}    # a foot that slips off: 3 degrees of tilt, 20 mm at most"
     yield "roughness_limit = 0.0035       # a stone of 17 mm in the disc"
-    yield "sigma_limit = 0.005            # a height less sure than this eats a sixth of the step limit"
+    yield "sigma_limit = 0.005            # a sixth of the step limit of 30 mm"
     yield f"disc_radius = {max(0.015, round(half, 3)):.3f}            # half the sole's width, and three cells at least"
     yield "confidence = 2.0               # sigmas added to every value before it is compared with its limit"
     yield ""

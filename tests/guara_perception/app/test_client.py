@@ -166,16 +166,16 @@ def test_stream_yields_newer_grids_only(node, client: gp.TerrainClient):
 
 
 def client_stream_after(client: gp.TerrainClient, step: int) -> Iterator[gp.TerrainGrid]:
-    """Grids after `step`, with little patience."""
+    """Grids after `step`, each awaited for a short time only."""
     return (terrain for terrain in client.stream(timeout=0.3) if terrain.step > step)
 
 
 def test_query_returns_a_region(node, client: gp.TerrainClient, paper_terrain: gp.TerrainGrid):
     """A region of the newest grid is cut on whole cells and holds the same values."""
     node.tell("publish 120")
-    part = client.query(region=(0.60, 0.70, -0.10, 0.05), timeout=180)
-    assert part.shape == (30, 20) and part.origin == pytest.approx((0.60, -0.10))
-    np.testing.assert_array_equal(part.hazard, np.asarray(paper_terrain.hazard)[34:64, 20:40])
+    region = client.query(region=(0.60, 0.70, -0.10, 0.05), timeout=180)
+    assert region.shape == (30, 20) and region.origin == pytest.approx((0.60, -0.10))
+    np.testing.assert_array_equal(region.hazard, np.asarray(paper_terrain.hazard)[34:64, 20:40])
 
 
 def test_requested_scan_comes_back_or_says_why_not(node, client: gp.TerrainClient):

@@ -12,7 +12,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app import main as module
-from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run, words_of
+from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run, text_of
 from kinematics.exceptions import unknown_name
 from tests.forked import run_forked
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
@@ -139,7 +139,7 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
     fail_with(monkeypatch, error)
     said = guara("process")
     assert said.code == code and said.out == ""
-    assert said.err == f"guara: {words_of(error)}\n"
+    assert said.err == f"guara: {text_of(error)}\n"
     assert is_bad_input(error) == (code == 2)
 
 
@@ -154,7 +154,7 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
 )
 def test_errors_of_the_file_system_begin_with_the_file(error: Exception, expected_text: str):
     """As the package's own messages do, and without the system's number."""
-    assert words_of(error) == expected_text
+    assert text_of(error) == expected_text
 
 
 def test_a_full_disk_is_no_bad_input_whoever_reports_it():
