@@ -16,9 +16,9 @@ SHOWN = 16
 def hotspots(scan: ScanInMemory) -> Section:
     """Share of a scan's time in each of this project's functions, callees included."""
     whole_scan.process(scan, "precise")
-    profile = cProfile.Profile()
-    profile.runcall(whole_scan.process, scan, "precise")
-    stats = pstats.Stats(profile).stats  # type: ignore[attr-defined]
+    profiler = cProfile.Profile()
+    profiler.runcall(whole_scan.process, scan, "precise")
+    stats = pstats.Stats(profiler).stats  # type: ignore[attr-defined]
     total = max(cumulative for _, _, _, cumulative, _ in stats.values())
     root = str(ROBOTS.parent / "guara_perception")
     own = [

@@ -1,7 +1,7 @@
 """Prints the figures of the package `kinematics` as a table: legs, poses, odometry, and what each call costs.
 
 Run it from the root of the checkout: `.venv/bin/python -m benchmarks.kinematics [--quick]`. Everything is computed here
-from the robot's model; no recording is needed. Times are medians on the machine at hand.
+from the robot's model; no recorded scan is needed. Times are medians on the machine at hand.
 """
 
 import argparse

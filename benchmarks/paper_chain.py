@@ -1,4 +1,4 @@
-"""What the paper does after triangulation, with scipy: range image by griddata, eqs. 20 and 21, slope and step."""
+"""What the paper does after triangulation, with scipy: range image by griddata, eqs. 20 and 21, slope, step height."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Range = tuple[float, float]
 
 # Picture of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Window of slope and step, as the grids of this project have it.
+# Window of slope and step height, as the grids of this project have it.
 WINDOW_M = 0.030
 
 
@@ -75,7 +75,7 @@ def cells(ortho: Float, x: Range, y: Range, cell: float) -> Float:
 
 
 def layers(elevation: Float, cell: float) -> tuple[Float, Float]:
-    """Slope (tangent) and step [m] in the window around every cell."""
+    """Slope (tangent) and step height [m] in the window around every cell."""
     from scipy.ndimage import generic_filter
 
     size = window_cells(cell)
@@ -85,10 +85,10 @@ def layers(elevation: Float, cell: float) -> tuple[Float, Float]:
     def slope(window: Float) -> float:
         return float(np.hypot(*(gradients @ window)))
 
-    def step(window: Float) -> float:
+    def step_height(window: Float) -> float:
         return float(window.max() - window.min())
 
-    return generic_filter(elevation, slope, size=size), generic_filter(elevation, step, size=size)
+    return generic_filter(elevation, slope, size=size), generic_filter(elevation, step_height, size=size)
 
 
 def window_cells(cell: float) -> int:

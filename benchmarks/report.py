@@ -20,10 +20,10 @@ Frames are in memory, decoding is timed apart, OpenCV and the linear algebra run
 - *Reference*: a plain band extraction with OpenCV and numpy (red planes subtracted, five taps, block argmax, centre of
   gravity). It has no guard against two stripes, clipped light, texture or a changed background and gives no sigma.
 - *Paper taken literally*: red channel, Otsu, skeleton, mean row, `griddata` of scipy for the range image, eqs. 20 and
-  21, `generic_filter` for slope and step on cells of 5 mm; arrays wherever arrays will do. The skeleton is this
+  21, `generic_filter` for slope and step height on cells of 5 mm; arrays wherever arrays will do. The skeleton is this
   project's own Zhang-Suen thinning; where scikit-image or OpenCV's contrib modules are installed, theirs take part too.
 - *Point by point*: the same as it stands in the text, one loop over the points and one over the pixels, slope and step
-  on the paper's own picture of 512 x 640.
+  height on the paper's own picture of 512 x 640.
 - *OpenCV user*: argmax and centre of gravity on the whole frame, `griddata` onto the cells, layers with OpenCV.
 """
 

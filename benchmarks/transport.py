@@ -47,7 +47,7 @@ def codec(count: int) -> None:
 
 
 def latency(rounds: int, per_round: int) -> None:
-    """Array to array between two processes: ours, and the same bytes over raw TCP, in turns in one run."""
+    """Array to array between two processes: this project's, and the same bytes over raw TCP, alternating in one run."""
     delays: list[float] = []
     echoes: list[float] = []
     payload = np.frombuffer(transport.encode_terrain(make_terrain(1)), np.uint8)

@@ -57,7 +57,7 @@ def test_every_section_has_its_table(sections):
 
 @pytest.mark.heavy
 def test_every_contender_takes_part_in_the_whole_scan(sections):
-    """Ours, the paper and the OpenCV user stand side by side, each with an error."""
+    """This project, the paper and the OpenCV user are all there, each with an error."""
     (contenders,) = sections["whole_scans"].figures.values()
     for name in (*OURS, LITERAL, USER):
         assert np.isfinite(contenders[name]["mean"]) and contenders[name]["ratio"] > 0

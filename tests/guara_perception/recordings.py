@@ -23,12 +23,12 @@ def guara() -> RobotModel:
 
 @functools.cache
 def truth() -> gp.Calibration:
-    """The true calibration of the recordings."""
+    """The true calibration of the recorded scans."""
     return truth_calibration(DATA)
 
 
 @functools.cache
-def recording(name: str) -> tuple[gp.Scan, tuple[Frames, ...]]:
+def recorded_scan(name: str) -> tuple[gp.Scan, tuple[Frames, ...]]:
     """A scan and the frames of its stripes: index, laser on, laser off."""
     scan = gp.open_scan(DATA / "scans" / name)
     return scan, tuple((stripe.index, on, off) for stripe, on, off in scan.frames())

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from tests.guara_perception.recordings import guara, recording, truth
+from tests.guara_perception.recordings import guara, recorded_scan, truth
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def needed(work: Callable[[], object]) -> tuple[int, int]:
 
 def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
     """While a stripe is sought two pictures of its band's light, then its profile and points, at the end few layers."""
-    scan, frames = recording("paper")
+    scan, frames = recorded_scan("paper")
 
     def begun() -> gp.ScanProcessor:
         return gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.ranging.stripe_ranger import StripeRanger
-from tests.guara_perception.recordings import Frames, guara, recording, truth
+from tests.guara_perception.recordings import Frames, guara, recorded_scan, truth
 from tests.thorough import examples, further
 
 
 def processor(name: str, mode: str | None = None, method: str = "precise") -> gp.ScanProcessor:
-    scan = recording(name)[0]
+    scan = recorded_scan(name)[0]
     return gp.ScanProcessor(truth(), guara(), scan.stance, mode or scan.mode, method=method)
 
 
@@ -55,7 +55,7 @@ def grouped(frames: Sequence[Frames], sizes: Sequence[int]) -> Iterator[list[gp.
 @settings(max_examples=examples(4), deadline=None, derandomize=True)
 def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObject) -> None:
     """Lost stripes, blank frames and frames of another size among them; the reference: stripes one by one in order."""
-    frames = recording(name)[1]
+    frames = recorded_scan(name)[1]
     indices = [index for index, _, _ in frames]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=6))
     blank = data.draw(st.frozensets(st.sampled_from(indices), max_size=4))
@@ -85,7 +85,7 @@ def test_any_order_and_grouping_gives_the_same_bits(name: str, data: st.DataObje
 @pytest.mark.parametrize("late", [(), (-1,), (12, -1), (0, 20, 21)])
 def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: tuple[int, ...]) -> None:
     """The last three stripes, those missed and taken again, one lost for good: the grid is that of all at once."""
-    frames = list(recording(name)[1])
+    frames = list(recorded_scan(name)[1])
     lost = frames.pop(9)[0]
     again = [frames[index] for index in late]
     in_time = [each for index, each in enumerate(frames) if index not in {late_one % len(frames) for late_one in late}]
@@ -109,9 +109,10 @@ def test_work_ahead_changes_no_bit_whichever_stripes_are_late(name: str, late: t
 @pytest.mark.slow
 def test_work_ahead_on_a_grid_of_coarser_cells() -> None:
     """Cells of 10 mm, each the worst of four fine ones."""
-    frames = recording("paper")[1]
+    frames = recorded_scan("paper")[1]
     direct, ahead = (
-        gp.ScanProcessor(truth(), guara(), recording("paper")[0].stance, "coarse", resolution=0.01) for _ in range(2)
+        gp.ScanProcessor(truth(), guara(), recorded_scan("paper")[0].stance, "coarse", resolution=0.01)
+        for _ in range(2)
     )
     direct.add_all(pairs(frames))
     ahead.add_all(pairs(frames[:-2]))
@@ -124,7 +125,7 @@ def test_work_ahead_on_a_grid_of_coarser_cells() -> None:
 @pytest.mark.parametrize("method", ["precise", "paper", "paper-literal-ortho"])
 def test_every_method_takes_groups(method: str) -> None:
     """The paper's chain, too, and frames without a laser-off picture, which each serve later ones of their group."""
-    frames = [(index, on, None) for index, on, _ in recording("paper")[1]]
+    frames = [(index, on, None) for index, on, _ in recorded_scan("paper")[1]]
     single, several = processor("paper", method=method), processor("paper", method=method)
     for index, on, off in frames:
         single.add(index, on, off)
@@ -136,7 +137,7 @@ def test_every_method_takes_groups(method: str) -> None:
 @pytest.mark.slow
 def test_groups_of_a_coarse_scan_that_is_extended() -> None:
     """Coarse stripes in groups and the first missing ones alone after it: the standard scan of the same stripes."""
-    scan, frames = recording("paper")
+    scan, frames = recorded_scan("paper")
     coarse, direct = processor("paper", "coarse"), processor("paper", "standard")
     for group in grouped(frames, [8]):
         coarse.add_all(group)
@@ -148,7 +149,7 @@ def test_groups_of_a_coarse_scan_that_is_extended() -> None:
 
 def test_group_with_a_wrong_index_is_refused_whole() -> None:
     """Not of the pattern, given before, given twice: the message of `add`, and no stripe of the group was taken."""
-    frames = recording("paper")[1]
+    frames = recorded_scan("paper")[1]
     scan = processor("paper")
     scan.add(*frames[2])
     for wrong, message in (
@@ -164,7 +165,7 @@ def test_group_with_a_wrong_index_is_refused_whole() -> None:
 
 def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
     """A stripe without a plane cannot be located: nothing of its group is taken."""
-    scan, frames = recording("paper")
+    scan, frames = recorded_scan("paper")
     full = truth()
     partial = gp.Calibration(
         robot=full.robot,
@@ -183,7 +184,7 @@ def test_group_with_an_uncalibrated_index_is_refused_whole() -> None:
 
 def test_group_that_fails_half_way_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """No memory for its points: none of its stripes counts as seen, and it may be given again."""
-    frames = recording("paper")[1][:4]
+    frames = recorded_scan("paper")[1][:4]
     undisturbed, scan = processor("paper"), processor("paper")
     for each in (undisturbed, scan):
         each.add_all(pairs(frames[:2]))

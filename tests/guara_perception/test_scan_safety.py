@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.ranging.groups import in_groups
 from tests.grid_truth import figures, load_truth
-from tests.guara_perception.recordings import DATA, guara, recording, truth
+from tests.guara_perception.recordings import DATA, guara, recorded_scan, truth
 from tests.thorough import IS_THOROUGH, examples, further
 
 pytestmark = pytest.mark.slow
@@ -22,8 +22,8 @@ SCANS = ("paper", "dark", "tilt")
 
 
 def process(name: str, lost: frozenset[int] = frozenset(), unusable: frozenset[int] = frozenset()) -> gp.TerrainGrid:
-    """The terrain of a recording without the lost stripes and with blank frames for the unusable ones."""
-    scan, frames = recording(name)
+    """The terrain of a recorded scan without the lost stripes and with blank frames for the unusable ones."""
+    scan, frames = recorded_scan(name)
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     kept = [
         gp.FramePair(index, np.zeros_like(on) if index in unusable else on, off)
@@ -45,7 +45,7 @@ def whole(name: str) -> gp.TerrainGrid:
 @settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_never_makes_another_cell_safe(name: str, data: st.DataObject) -> None:
     """Whichever stripes were not fired, whichever frames are blank: safe cells are among those of the whole scan."""
-    indices = [index for index, _, _ in recording(name)[1]]
+    indices = [index for index, _, _ in recorded_scan(name)[1]]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=12))
     unusable = data.draw(st.frozensets(st.sampled_from(indices), max_size=6)) - lost
     terrain = process(name, lost, unusable)
@@ -55,7 +55,7 @@ def test_losing_stripes_or_frames_never_makes_another_cell_safe(name: str, data:
 @pytest.mark.parametrize("name", SCANS)
 def test_losing_any_single_stripe_never_makes_another_cell_safe_or_known(name: str) -> None:
     """Each sixth stripe in turn, others in each scan; each one where all is tried: no cell becomes safe or known."""
-    frames = recording(name)[1]
+    frames = recorded_scan(name)[1]
     for index, _, _ in frames if IS_THOROUGH else frames[2 * SCANS.index(name) :: 6]:
         terrain = process(name, frozenset({index}))
         assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any(), index
@@ -84,7 +84,7 @@ def test_interior_cells_are_known_and_right(name: str) -> None:
 
 def test_the_order_of_the_stripes_does_not_matter() -> None:
     """Frames in any order, and `finish` called in between, give the same grid bit by bit."""
-    scan, frames = recording("paper")
+    scan, frames = recorded_scan("paper")
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     shuffled = np.random.default_rng(3).permutation(len(frames))
     for done, entry in enumerate(shuffled):
@@ -98,8 +98,8 @@ def test_the_order_of_the_stripes_does_not_matter() -> None:
 
 
 def with_off_pictures(name: str, off_of: Callable[[int], np.ndarray | None]) -> gp.TerrainGrid:
-    """The terrain of a recording with other laser-off pictures, each by the number of its stripe in the sweep."""
-    scan, frames = recording(name)
+    """The terrain of a recorded scan with other laser-off pictures, each by the number of its stripe in the sweep."""
+    scan, frames = recorded_scan(name)
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     for number, (index, on, _) in enumerate(frames):
         processor.add(index, on, off_of(number))
@@ -110,7 +110,7 @@ def with_off_pictures(name: str, off_of: Callable[[int], np.ndarray | None]) -> 
 @pytest.mark.parametrize("lost", [{9}, {0, 1, 8, 15, 16, 30}, set(range(99))], ids=["one", "some", "all"])
 def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost: set[int]) -> None:
     """Stripes without one are served by other frames or by their own: safe cells are among those of the whole scan."""
-    frames = recording(name)[1]
+    frames = recorded_scan(name)[1]
     terrain = with_off_pictures(name, lambda number: None if number in lost else frames[number][2])
     assert not ((terrain.traversability > 0) & ~(whole(name).traversability > 0)).any()
 
@@ -119,7 +119,7 @@ def test_losing_laser_off_pictures_never_makes_another_cell_safe(name: str, lost
 @pytest.mark.parametrize("gain", [0.7, 1.3, None])
 def test_foreign_laser_off_pictures_make_nothing_safe_that_is_not(name: str, gain: float | None) -> None:
     """Exposed differently, or those of another scan (None): no unseen and no dark cell becomes traversable."""
-    frames, other = recording(name)[1], recording("tilt")[1][0][2]
+    frames, other = recorded_scan(name)[1], recorded_scan("tilt")[1][0][2]
 
     def off_of(number: int) -> np.ndarray | None:
         own = frames[number][2]

@@ -16,7 +16,7 @@ from guara_perception.app.node.sweep import Swept
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from tests.calibrated_session import calibrated_session
-from tests.guara_perception.recordings import guara, recording, truth
+from tests.guara_perception.recordings import guara, recorded_scan, truth
 from tests.thorough import examples, further
 
 ROWS = slice(16, 124)  # of the wide grid, those of the footprint; it has 80 mm more on each side
@@ -24,7 +24,7 @@ ROWS = slice(16, 124)  # of the wide grid, those of the footprint; it has 80 mm 
 
 def processor(name: str, lost: frozenset[int] = frozenset(), blank: frozenset[int] = frozenset()) -> gp.ScanProcessor:
     """Everything of a recorded scan but the lost stripes, with blank frames in place of some."""
-    scan, frames = recording(name)
+    scan, frames = recorded_scan(name)
     made = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     for index, on, off in frames:
         if index not in lost:
@@ -69,7 +69,7 @@ def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGr
 @settings(max_examples=examples(6), deadline=None, derandomize=True)
 def test_losing_stripes_or_frames_makes_no_cell_of_it_safe(name: str, data: st.DataObject) -> None:
     """What holds for the footprint holds for the wide grid."""
-    indices = [index for index, _, _ in recording(name)[1]]
+    indices = [index for index, _, _ in recorded_scan(name)[1]]
     lost = data.draw(st.frozensets(st.sampled_from(indices), max_size=8))
     blank = data.draw(st.frozensets(st.sampled_from(indices), max_size=4)) - lost
     less, whole = processor(name, lost, blank).finish("wide"), processor(name).finish("wide")
@@ -82,7 +82,7 @@ def test_heights_beside_the_footprint_are_as_good_as_inside(tmp_path_factory: py
     """With a calibration from crosses and a plate, against the true one: 99 % within 0.3 mm there too."""
     of_truth = processor("tilt").finish("wide")
     calibration = calibrated_session(tmp_path_factory).calibration
-    again = gp.process_scan(recording("tilt")[0], calibration, guara(), area="wide", pictures=False)
+    again = gp.process_scan(recorded_scan("tilt")[0], calibration, guara(), area="wide", pictures=False)
     difference = np.abs(np.asarray(again.elevation - of_truth.elevation, np.float64))
     for rows in (np.delete(difference, ROWS, axis=0), difference[ROWS]):
         known = rows[np.isfinite(rows)]
@@ -100,7 +100,7 @@ def test_the_map_knows_more_ground_with_it(both: tuple[gp.TerrainGrid, gp.Terrai
 
 def test_a_node_gives_the_map_the_wide_grid_with_the_report_of_the_published_one() -> None:
     """Of a coarse scan extended by some stripes between, both grids count; lost cells are those of the wide one."""
-    scan, frames = recording("paper")
+    scan, frames = recorded_scan("paper")
     coarse = gp.ScanProcessor(truth(), guara(), scan.stance, "coarse")
     for index, on, off in frames[::2]:
         coarse.add(index, on, off)

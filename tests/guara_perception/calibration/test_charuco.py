@@ -1,4 +1,4 @@
-"""A ChArUco board is found whole and in part, distinguished from another, and counts as a checkerboard does."""
+"""A ChArUco board is found whole or cut, distinguished from another, and counts as a checkerboard does."""
 
 from __future__ import annotations
 

@@ -45,8 +45,8 @@ def about_the_stripe(light: Light, channel: int = 2, rows: int = 60) -> Float:
 def test_the_stripe_is_as_wide_as_in_photographs() -> None:
     """Half the peak is reached over 12 px and not, as in plain light, over two."""
     for strength, least, most in ((0.0, 1, 3), (1.0, 10, 14)):
-        profile = about_the_stripe(real_light({"width": strength}))
-        assert least <= (profile > 0.5 * profile.max()).sum() <= most
+        light = about_the_stripe(real_light({"width": strength}))
+        assert least <= (light > 0.5 * light.max()).sum() <= most
 
 
 @pytest.mark.heavy

@@ -12,8 +12,8 @@ from tests.thorough import examples
 
 
 def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> np.ndarray:
-    profile = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
-    return np.tile(profile[:, None], (1, columns)).astype(np.float32)
+    line = 100 * np.exp(-0.5 * ((np.arange(rows) - centre) / sigma) ** 2)
+    return np.tile(line[:, None], (1, columns)).astype(np.float32)
 
 
 def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:

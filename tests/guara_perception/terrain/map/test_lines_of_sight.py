@@ -269,12 +269,12 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
     nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
     fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([1e-12] * 5 + [0.01**2]))
-    level = np.abs(sight.ceiling(fused).height) < 1e-6
+    is_bounded = np.abs(sight.ceiling(fused).height) < 1e-6
     x = fused.geometry.centres()[0]
     lost = []
     for at in (0.55, 0.85):
         column = np.abs(x - at).argmin()
-        lost.append((28 - level[:, column].sum()) / 2)
+        lost.append((28 - is_bounded[:, column].sum()) / 2)
         # By 2 sigma of the turn, and one cell.
         assert lost[-1] >= np.ceil(2 * 0.01 * x[column] / 0.005) + 1
     assert lost[0] < lost[1] < 14
