@@ -242,7 +242,7 @@ def __dir__() -> list[str]:
 
 @functools.cache
 def _refuse_hidden_packages() -> None:
-    """Say so where a file of the user's own hides a package that this one needs, instead of failing in its midst."""
+    """Raise an error that names the file where a user's file hides a package that this one needs."""
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     for package in ("kinematics", "transport"):
         loaded = sys.modules.get(package)

@@ -16,14 +16,14 @@ from guara_perception.exceptions import FileFormatError
 
 # [byte] The largest JSON file here, a calibration of 70 stripes with all covariances, has under 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
-# [byte] Of a picture file, and its pixels: the largest cameras of this kind have 12 Mpx.
+# [byte] Of a picture's file, and its number of pixels: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
 # No other orientation than that of the pixels in the file.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
-# [byte] Of all arrays of a grid file: all layers of the largest grid, 4,000,000 cells, take 160 MB.
+# [byte] All arrays of a grid file together: all layers of the largest grid, 4,000,000 cells, take 160 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
-# [byte] Of the header of one array.
+# [byte] The header of one array.
 LARGEST_HEADER = 10_000
 
 
@@ -89,7 +89,7 @@ def _picture_size(content: bytes) -> tuple[int, int] | None:
         marker = content[offset + 1]
         if marker == 0xFF:
             offset += 1
-        # Start of frame, in any coding: all of C0 to CF but the tables C4 and CC and the reserved C8.
+        # JPEG's marker SOF, which the size follows: all of C0 to CF but the tables C4 and CC and the reserved C8.
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack(">HH", content[offset + 5 : offset + 9])
             return width, height
@@ -122,7 +122,7 @@ def read_arrays(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
                     found[name] = _read_array(file, info.file_size, f"{path}: not a terrain file ({name}")
     except FileFormatError:
         raise
-    except Exception as error:  # damage shows in the archive, the decompressor or the header, each with its own
+    except Exception as error:  # the archive, the decompressor and the header each raise errors of their own
         raise FileFormatError(f"{path}: not a terrain file ({error})") from None
     return found
 

@@ -12,44 +12,44 @@ from guara_perception.frame_pair import FramePair
 from guara_perception.stripes.laser_light import is_clipped
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
-# Frames of a scan that are looked at, spread over its sweep, and pixels and columns from one looked at to the next.
-LOOKED_AT = 12
+# Frames of a scan that are sampled, all over its sweep, and distance of the sampled pixels and columns in them [px].
+SAMPLED_FRAMES = 12
 PIXELS_APART, COLUMNS_APART = 16, 48
-# Share of the picture without laser that is clipped, from which on light is what is wrong.
+# Largest share of the laser-off picture that may be clipped; beyond it there is too much light.
 MOST_CLIPPED = 0.15
 # Share by which the brightness changes between laser off and on, or from frame to frame.
 MOST_CHANGE = 0.06
-# A share of a picture darker than this [grey levels of 255] is less than would harm a stripe: it counts as of this.
+# Changes of a picture darker than this [grey levels of 255] do no harm to a stripe: they are related to this level.
 DARKEST_LEVEL = 32.0
-# Share of the pixels, the brightest, that do not count for it: the stripe is among them.
+# Share of the pixels, the brightest ones, that the mean level leaves out: the stripe is among them.
 STRIPE_SHARE = 0.05
-# Rows of a clipped core, of the picture's height, from which on there are no shoulders to measure: 8 px of 512.
+# Widest clipped core, as a share of the picture's height: a wider one has no shoulders to measure. 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
-# Of the rows, this part of the picture's height apart, that are looked at for it: 2 px of 512.
+# Distance of the rows in which the core is sought, as a share of the picture's height: 2 px of 512.
 CORE_ROWS_OF_HEIGHT = 1 / 256
 # A stripe that stands less than this above its surroundings [grey levels of 255] drowns in texture and noise.
 WEAKEST_LINE = 50.0
 # A scene without laser-off picture whose own light differs by this many times what the stripe adds hides it.
 MOST_TEXTURE = 3.0
-# From the darkest to the brightest tenth of a scene.
+# [%] Percentiles that bound the darkest and the brightest tenth of a scene.
 TENTHS = (10, 90)
 # Share of the columns in which something of the laser must have been seen to call it weak.
 LEAST_SEEN = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class LightSample:
     """What a frame shows of the light.
 
     Attributes:
         clipped: share of the pixels that are clipped without the laser.
         level: mean level of the picture without its brightest pixels [grey levels of 255].
-        change: by which share it is brighter or darker than the one without laser, 0 where there is none.
-        core: rows of the stripe that are clipped in the middle column of those that have any; 0 where none has.
+        change: share by which it is brighter or darker than the laser-off picture, 0 without that.
+        core: number of clipped rows of the stripe, median over the columns that have any; 0 where none has.
         seen: share of the columns in which there was something of the laser.
-        peak: height of the stripe in those, in the middle [grey levels of 255].
-        contrast: from the darkest to the brightest tenth of the picture, 0 where there is a laser-off picture, which
-            takes the scene away [grey levels of 255].
+        peak: height of the stripe, median over these columns [grey levels of 255].
+        contrast: difference between the brightest and the darkest tenth of the picture, 0 where there is a laser-off
+            picture, which takes the scene away [grey levels of 255].
     """
 
     clipped: float
@@ -61,8 +61,8 @@ class Look:
     contrast: float
 
 
-class LightLooks:
-    """Looks at some frames of a scan as they come."""
+class LightSamples:
+    """Samples the light of some frames of a scan while these are processed."""
 
     def __init__(self, order: Sequence[int], height: int) -> None:
         """Choose frames, by an odd stride.
@@ -71,21 +71,21 @@ class LightLooks:
             order: indices of the scan's stripes.
             height: number of rows of the frames [px].
         """
-        self._chosen = frozenset(order[:: len(order) // LOOKED_AT | 1])
+        self._chosen = frozenset(order[:: len(order) // SAMPLED_FRAMES | 1])
         self._height = height
-        self._looks: dict[int, Look] = {}
+        self._samples: dict[int, LightSample] = {}
         self._unused: dict[int, str] = {}
 
-    def look(self, pair: FramePair, profile: StripeProfile) -> None:
-        """Look at a frame, where it is one of those chosen, and note why its laser-off picture was not used."""
+    def add(self, pair: FramePair, profile: StripeProfile) -> None:
+        """Sample a frame, where it is one of those chosen, and note why its laser-off picture was not used."""
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
-            self._looks[pair.index] = _look(pair, profile)
+            self._samples[pair.index] = _sample(pair, profile)
 
-    def take_over(self, other: LightLooks) -> None:
-        """Count what was seen in a part of this scan too."""
-        self._looks.update(other._looks)
+    def take_over(self, other: LightSamples) -> None:
+        """Add the samples of a part of this scan that was processed elsewhere."""
+        self._samples.update(other._samples)
         self._unused.update(other._unused)
 
     @property
@@ -94,14 +94,14 @@ class LightLooks:
         return dict(sorted(self._unused.items()))
 
     def excess(self) -> str:
-        """What light there was too much of, or too unsteady, and what to change; empty for neither."""
-        if not self._looks:
+        """Whether there was too much light, or light that was not steady, and what to change; empty for neither."""
+        if not self._samples:
             return ""
-        looks = list(self._looks.values())
+        samples = list(self._samples.values())
         clipped, core, change = (
-            float(np.median([getattr(look, name) for look in looks])) for name in ("clipped", "core", "change")
+            float(np.median([getattr(sample, name) for sample in samples])) for name in ("clipped", "core", "change")
         )
-        levels = np.array([look.level for look in looks])
+        levels = np.array([sample.level for sample in samples])
         usual = float(np.median(levels))
         change = max(change, float(np.median([_share(level, usual) for level in levels])))
         if clipped > MOST_CLIPPED:
@@ -120,10 +120,10 @@ class LightLooks:
 
     def lack(self) -> str:
         """Whether the stripe itself is weak, and what to change; empty where it is not, or was not seen at all."""
-        looks = [look for look in self._looks.values() if look.seen > 0]
-        if not looks or sum(look.seen for look in looks) < LEAST_SEEN * len(self._looks):
+        samples = [sample for sample in self._samples.values() if sample.seen > 0]
+        if not samples or sum(sample.seen for sample in samples) < LEAST_SEEN * len(self._samples):
             return ""
-        peak = float(np.median([look.peak for look in looks]))
+        peak = float(np.median([sample.peak for sample in samples]))
         if peak >= WEAKEST_LINE:
             return ""
         return (
@@ -133,10 +133,12 @@ class LightLooks:
 
     def texture(self) -> str:
         """Whether the scene's own light hides the stripe for lack of laser-off pictures; empty where it does not."""
-        looks = [look for look in self._looks.values() if look.seen > 0]
-        if not looks:
+        samples = [sample for sample in self._samples.values() if sample.seen > 0]
+        if not samples:
             return ""
-        contrast, peak = (float(np.median([getattr(look, name) for look in looks])) for name in ("contrast", "peak"))
+        contrast, peak = (
+            float(np.median([getattr(sample, name) for sample in samples])) for name in ("contrast", "peak")
+        )
         if contrast <= MOST_TEXTURE * peak:
             return ""
         return (
@@ -148,15 +150,15 @@ class LightLooks:
 STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
 
 
-def _look(pair: FramePair, profile: StripeProfile) -> Look:
+def _sample(pair: FramePair, profile: StripeProfile) -> LightSample:
     on, off = pair.on, pair.off
     scale = 255.0 / float(np.iinfo(on.dtype).max)
-    # Copied, since reading pixels so far apart is most of what a look costs.
+    # Copied, since reading pixels so far apart is most of what a sample costs.
     thin = on[::PIXELS_APART, ::PIXELS_APART].copy()
     dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART].copy()
     level, without = (scale * _level(picture) for picture in (thin, dark))
     found = profile.status != StripeStatus.DROPOUT
-    return Look(
+    return LightSample(
         clipped=float(_any_channel(is_clipped(dark)).mean()),
         level=level,
         change=_share(level, without),
@@ -174,18 +176,18 @@ def _level(picture: Image) -> float:
 
 
 def _contrast(picture: Image) -> float:
-    """From the darkest to the brightest tenth of the pixels (rows, columns[, channels]), their channels averaged."""
+    """Difference between brightest and darkest tenth of the pixels (rows, columns[, channels]), channels averaged."""
     low, high = np.percentile(picture.reshape(*picture.shape[:2], -1).mean(axis=2), TENTHS)
     return float(high - low)
 
 
 def _share(level: float, usual: float) -> float:
-    """By which share one level is above or below another."""
+    """Share by which one level is above or below another."""
     return abs(level - usual) / max(usual, DARKEST_LEVEL)
 
 
 def _core(on: Image, off: Image | None) -> float:
-    """Rows that only the laser clips in the middle one of those columns that have any."""
+    """Number of rows that only the laser clips, median over the columns that have any."""
     apart = max(round(CORE_ROWS_OF_HEIGHT * on.shape[0]), 1)
     clipped = _any_channel(is_clipped(on[::apart, ::COLUMNS_APART]))
     if off is not None:

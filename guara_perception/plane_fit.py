@@ -14,14 +14,14 @@ def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None
     """Plane (a, b, c) through points (n,); None for fewer than three, or all of them (almost) on a line."""
     if z.size < 3:
         return None
-    middle_x, middle_y = float(x.sum()) / z.size, float(y.sum()) / z.size
+    mean_x, mean_y = float(x.sum()) / z.size, float(y.sum()) / z.size
     terms = np.ones((3, z.size))
-    terms[0], terms[1] = x - middle_x, y - middle_y
+    terms[0], terms[1] = x - mean_x, y - mean_y
     solved = solve_plane(terms, z)
     if solved is None:
         return None
     a, b, c = (float(value) for value in solved)
-    return a, b, c - a * middle_x - b * middle_y
+    return a, b, c - a * mean_x - b * mean_y
 
 
 def solve_plane(terms: Float, z: Float) -> Float | None:

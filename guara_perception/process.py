@@ -1,4 +1,4 @@
-"""`process_scan`: a whole recorded scan into terrain."""
+"""`process_scan`: turns a whole recorded scan into terrain."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def process_scan(
     """Process a recorded scan.
 
     Args:
-        scan: from `open_scan`, or the path of a folder or .mcap file with one scan.
+        scan: the scan, as `open_scan` returns it, or the path of a folder or .mcap file with one scan.
         calibration: calibration of the rangefinder that recorded it, or the path of its file; None = the one that the
             folder or recording carries, where `scan` is a path.
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
@@ -62,8 +62,8 @@ def process_scan(
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
         InvalidInput: no calibration; unknown method or area, bad resolution, a stance or a stripe index that does not
             fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: a file of the three is not there or not valid; a frame cannot be read, with
-            `strict`; otherwise only when none can.
+        MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; with `strict` a frame
+            cannot be read, else all frames.
         kinematics.KinematicsError: no such robot.
     """
     check_area(area)

@@ -41,7 +41,7 @@ class Scan:
     Attributes:
         robot: name of the robot.
         mode: "coarse" or "standard".
-        stamp: begin of the scan [ns since the epoch].
+        stamp: beginning of the scan [ns since the epoch].
         step: number of the stance pause.
         stripes: the stripes, in recorded order.
         stance: stance at the beginning.

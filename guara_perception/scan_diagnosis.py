@@ -27,8 +27,8 @@ FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
 # From this share on, frames that fit turned or flipped while the others fit upright are reported.
 MIXED_SHARE = 0.15
-# Least share of the light near other stripes that must lie close to them, for the frames to be said to show these; in
-# such frames 0.98 of it does, by chance less than 0.65.
+# Frames show other stripes than they should when this share of the light near those stripes lies close to them. In such
+# frames 0.98 of it does, by chance less than 0.65.
 FINE_SHARE = 0.8
 # Stripes look nearly the same from left to right: fits that differ by less than this factor leave open whether frames
 # are turned or flipped. They differ by 1.08 for a camera that is mounted and centred to a quarter of a pixel, by 2 for
@@ -55,7 +55,7 @@ class Glances:
         self._columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
         self._rows: dict[int, Float] = {}
 
-    def look(self, pair: FramePair) -> None:
+    def add(self, pair: FramePair) -> None:
         """Glance at a frame, where it is one of those chosen."""
         if pair.index in self._chosen:
             self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
@@ -111,8 +111,8 @@ class _Fit:
         name: name of the way in which the frames are seen.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) whether the frame fits that stripe.
-        fine: share of the light near those stripes that lies within a third of what counts as near: a third would by
-            chance.
+        fine: share of the light near those stripes that lies within a third of the distance that counts as near; by
+            chance it would be a third.
         distance: mean distance of the light from the best stripes [px], at most the distance that counts as near.
     """
 

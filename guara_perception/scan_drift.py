@@ -18,9 +18,9 @@ MIRRORED = (
 
 
 def scan_drift(processor: ScanProcessor) -> Drift:
-    """Whether what a scan shows of the floor fits its calibration and the soles that it stands on.
+    """Whether what a scan shows of the floor fits its calibration and the soles that the robot stands on.
 
-    Frames that are mirrored look like a drift, and are kept apart from one: seen in a mirror they fit.
+    Mirrored frames look like drift; they are distinguished from it, since they fit when mirrored again.
     """
     drift = _check(processor, processor.points)
     if drift.verdict == DRIFTING and _check(processor, processor.mirrored_points()).verdict == HOLDS:

@@ -14,7 +14,7 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.frame_pair import FramePair
-from guara_perception.light_diagnosis import LightLooks
+from guara_perception.light_diagnosis import LightSamples
 from guara_perception.methods import METHODS, check_method
 from guara_perception.own_body import OwnBody
 from guara_perception.ranging.locate import locator
@@ -108,7 +108,7 @@ class ScanProcessor:
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._glances = Glances(self._order, calibration.camera.size[0])
-        self._light = LightLooks(self._order, calibration.camera.size[1])
+        self._light = LightSamples(self._order, calibration.camera.size[1])
         self._surface = ScanSurface(cell, self._geometry, calibration, self._settings, self._pattern, self._body)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -142,7 +142,7 @@ class ScanProcessor:
 
     @property
     def transform_camera_to_footprint(self) -> Float:
-        """Placement (4, 4) of the camera at this stance."""
+        """Pose (4, 4) of the camera at this stance."""
         return self._geometry.transform_camera_to_footprint
 
     @property
@@ -193,8 +193,8 @@ class ScanProcessor:
         profiles = dict(zip(indices, found, strict=True))
         for pair in pairs:
             if not profiles[pair.index].is_frame_bad:
-                self._glances.look(pair)
-                self._light.look(pair, profiles[pair.index])
+                self._glances.add(pair)
+                self._light.add(pair, profiles[pair.index])
         extracted = time.perf_counter()
         points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
         triangulated = time.perf_counter()
@@ -206,7 +206,7 @@ class ScanProcessor:
         return list(profiles.values())
 
     def mark_bad(self, index: int, reason: str) -> None:
-        """Say that a stripe was fired but has no usable frame: lost on the way, or out of step with the mirror.
+        """Mark a stripe that was fired but has no usable frame: lost on the way, or not taken at its mirror angle.
 
         Args:
             index: index of the stripe in the standard pattern.
@@ -273,7 +273,8 @@ class ScanProcessor:
         Args:
             area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
                 away it is. `TerrainMap.update` knows more ground with it.
-            report: metadata of another grid of this scan, for this one too, but for the lost cells; None makes its own.
+            report: metadata of another grid of this scan, which this grid gets too, except its lost cells; None = a
+                report of its own is made.
 
         Raises:
             InvalidInput: another area.
@@ -293,7 +294,7 @@ class ScanProcessor:
         )
 
     def _report(self, layers: Mapping[str, Array], finishing: float) -> dict[str, Any]:
-        """What the scan says of itself; `finishing` is how long its layers took at the end [s]."""
+        """The scan's report; `finishing` is how long its layers took at the end [s]."""
         return scan_report(
             calibration=self._calibration,
             robot=self._robot,

@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.light_diagnosis import STEADY, LightLooks
+from guara_perception.light_diagnosis import STEADY, LightSamples
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scan_diagnosis import WHERE_NONE_CAN_BE
 from guara_perception.settings import Settings, limits_to_dict
@@ -99,7 +99,7 @@ def scan_report(
     laser_origin: Float,
     seconds: Mapping[str, float],
     wrong_frames: Callable[[], str] = lambda: "",
-    light: LightLooks,
+    light: LightSamples,
 ) -> dict[str, Any]:
     """Metadata of a grid; see docs/files.md for the fields."""
     from kinematics import describe_robot

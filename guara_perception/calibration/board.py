@@ -46,7 +46,7 @@ class BoardView:
     Attributes:
         name: name of the picture.
         corners_px: (n, 2) float64; empty where the view cannot be used.
-        corners: (n,) which of `BoardSpec.points` they are, ascending.
+        corners: (n,) indices of these corners in `BoardSpec.points`, ascending.
         edge_width_px: width of the black-white edges, NaN where no board was found.
         reason: why the view cannot be used, empty when it can.
     """

@@ -1,4 +1,4 @@
-"""What of a board is printed in black."""
+"""Which cells of a board are printed in black."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from guara_perception.calibration.charuco import ink_of_charuco
 def board_ink(board: BoardSpec) -> Mask:
     """Cells (rows, columns) of the whole board, True where there is ink.
 
-    Row 0 and column 0 are at the corner of the board from which its corners are counted; a square has one cell each
-    way, or as many as tell the bits of its marker.
+    Row 0 and column 0 are at the corner of the board from which its corners are counted. A square of a checkerboard is
+    one cell; a square of a ChArUco board has several each way, since it holds the bits of a marker.
 
     Raises:
         InvalidInput: a ChArUco board with more squares than there are markers for.

@@ -16,7 +16,7 @@ from guara_perception.readonly import readonly
 
 # Scale of the robust loss, in standard deviations: a corner further off counts less and less.
 ROBUST_SIGMAS = 3.0
-# Place of each lens parameter in the columns that cv2.projectPoints differentiates by, after pose.
+# Column of each lens parameter in the Jacobian of cv2.projectPoints; those of the pose come first.
 LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
 
 
@@ -145,7 +145,7 @@ class _Problem:
         return lens
 
     def ground_points(self, x: Float) -> tuple[Float, Float]:
-        """Corners seen of the ground board in the footprint and their derivative by the heading."""
+        """The seen corners of the ground board, in the footprint, and their derivatives with respect to its heading."""
         assert self.ground is not None
         on_board = self.objects[self.ground]
         px, py, heading = x[self.ground_columns]
@@ -253,7 +253,7 @@ def _camera_of(size: tuple[int, int], lens: Float) -> CameraModel:
 
 
 def _inverse_of(pose: Float) -> Float:
-    """(4, 4) camera to footprint from a (6,) footprint to camera."""
+    """The transform (4, 4) from camera to footprint, of a pose (6,) from footprint to camera."""
     transform = np.eye(4)
     rotation = cv2.Rodrigues(np.asarray(pose[:3], dtype=np.float64))[0]
     transform[:3, :3] = rotation.T

@@ -49,11 +49,11 @@ def calibrate_session(
 ) -> CalibrationResult:
     """Compute everything that follows from a session, and judge it.
 
-    A verdict `refused` is returned like any other; what cannot be computed at all is raised.
+    A verdict `refused` is returned like any other; an error is raised only where nothing can be computed.
 
     Args:
         session: pictures and what is known of them.
-        robot: its model: nominal mounts and the stance.
+        robot: model of the robot, with nominal mounts and the stance.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
         progress: called with (pictures done, pictures in all).
 
@@ -157,7 +157,7 @@ def calibrate_session(
 
 
 def _pictures(session: CalibrationSession) -> int:
-    """Pictures that are looked at: boards, fiducials, laser frames."""
+    """Number of pictures that are processed: boards, fiducials, laser frames."""
     return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
 
 

@@ -18,7 +18,7 @@ UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
 
 # What is nearer lies in the lens or behind it.
 NEAREST_DEPTH_M = 1e-6
-# Points that are projected at once: what is needed in between stays in the processor's cache.
+# Points that are projected at once: few enough that intermediate results stay in the processor's cache.
 BLOCK = 2048
 
 
@@ -54,7 +54,7 @@ class CameraModel:
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], (0, 0, 1)):
             raise InvalidInput("camera matrix must have positive focal lengths and a last row of 0 0 1")
         if matrix[0, 1] != 0 or matrix[1, 0] != 0:
-            raise InvalidInput("camera matrix has a skew, the camera model knows none: elements 01 and 10 must be 0")
+            raise InvalidInput("camera matrix has a skew, the camera model does not: elements 01 and 10 must be 0")
         if distortion.shape != (5,) or not np.isfinite(distortion).all():
             raise InvalidInput(
                 f"camera distortion has {distortion.size} values, it must be 5 finite ones (k1, k2, p1, p2, k3)"

@@ -36,9 +36,9 @@ def picture_grid(size: tuple[int, int]) -> Float:
 
 
 def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
-    """How far the picture of a floor point may be off, all over the picture.
+    """How far the floor point that a pixel sees may be off, at pixels all over the picture.
 
-    The joint covariance of lens and mount is carried to the floor: in millimetres there it is what a robot feels.
+    The joint covariance of lens and mount is propagated to the floor: there it is the error that a robot meets.
 
     Returns:
         pixels (63, 2) and the standard deviation (63,) of the floor point they see [m], NaN above the horizon.
@@ -61,15 +61,15 @@ def cross_validation(
 ) -> tuple[Float, Float] | None:
     """Difference in projection between lenses calibrated from every other view.
 
-    The two lenses may differ by a turn and a shift, which the mount takes up: that part is removed by aligning points
-    at floor distance, as mrcal does.
+    The two lenses may differ by a rotation and a translation, which the mount makes up for: these are removed by
+    aligning points at floor distance, as mrcal does.
 
     Args:
         views: usable views.
         board: the board.
         size: picture width and height.
         distortion: as for `calibrate_intrinsics`.
-        distance: from camera to floor [m].
+        distance: height of the camera above the floor [m].
 
     Returns:
         pixels (n, 2) and differences (n, 2) in px; None with too few views for two halves.

@@ -19,28 +19,28 @@ from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
 # A marker of 4 x 4 bits with its border is 6 cells wide and takes three quarters of a square, so that a square is 8
-# cells: markers as large as can be, since a small picture must tell their bits apart.
+# cells: markers as large as can be, since a small picture must show their bits.
 CELLS_PER_SQUARE: Final = 8
 CELLS_PER_MARKER: Final = 6
-# Dictionaries by the number of their markers; each holds the smaller ones, which tell markers apart more safely.
+# Dictionaries by the number of their markers; each contains the smaller ones, whose markers differ more.
 DICTIONARIES: Final = {
     50: cv2.aruco.DICT_4X4_50,
     100: cv2.aruco.DICT_4X4_100,
     250: cv2.aruco.DICT_4X4_250,
     1000: cv2.aruco.DICT_4X4_1000,
 }
-# A part of the board fixes its pose with this number of corners, in this number of its rows and of its columns.
+# The least that must be seen of a board for its pose: corners, and the rows and the columns that these lie in.
 MIN_CORNERS: Final = 12
 MIN_LINES: Final = 3
-# Half the window of the sub-pixel step as a share of the smallest square. Markers begin an eighth of a square from the
-# corners and pull them: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards at 20 to 80 px a square).
+# Half the window of the sub-pixel refinement as a share of the smallest square. Markers begin an eighth of a square
+# from the corners and pull them: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards at 20 to 80 px a square).
 WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
 # A window that the picture's rim cuts sees half a corner.
 RIM_PX: Final = 3
 # Other markers may lie about; a view in which most lie elsewhere shows another board.
 BELONGING_SHARE: Final = 0.5
-# Profiles across the edge from one corner to the next: along its middle, out to where markers begin.
+# Grey levels are sampled across the edge from one corner to the next: along its centre, out to where markers begin.
 ALONG: Final = np.linspace(0.3, 0.7, 9)
 ACROSS: Final = np.linspace(-0.12, 0.12, 25)
 # Width from 10 to 90 % of an edge that a Gaussian blurs, as a multiple of its contrast over its steepest slope.
@@ -81,7 +81,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
             return BoardView.unusable(
                 name, f"no marker of a ChArUco board of {size} was found (hidden, blurred, another?)"
             )
-        return BoardView.unusable(name, f"{seen}, but they lie otherwise than on a board of {size}: another board?")
+        return BoardView.unusable(name, f"{seen}, but not where a board of {size} has them: another board?")
     found, numbers, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(
         grey, markerCorners=list(marks[belong]), markerIds=ids[belong]
     )
@@ -136,7 +136,7 @@ def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index
 
 
 def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:
-    """Which markers (n,) lie as on the board: what is found between others is no corner of it."""
+    """Which markers (n,) are arranged as on the board; between any others no corner of it can be."""
     if not len(ids):
         return np.zeros(0, np.bool_)
     by_id = dict(zip(np.ravel(layout.getIds()).tolist(), layout.getObjPoints(), strict=True))
@@ -181,7 +181,7 @@ def _neighbours(which: Index, board: BoardSpec) -> tuple[Index, Index]:
 def _edge_width(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> float:
     """Mean width of the black-white edges [px], from their steepest slope; NaN with no two neighbouring corners.
 
-    The detectors' own measure looks from centre to centre of the squares, where the markers are.
+    The detector's own measure samples from centre to centre of the squares, where the markers are.
     """
     first, second = _neighbours(which, board)
     if not len(first):
@@ -196,8 +196,8 @@ def _edge_width(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> f
     )
     pixels = points.reshape(-1, len(ACROSS), 2).astype(np.float32)
     levels = cv2.remap(grey.astype(np.float32), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR)
-    profiles = np.asarray(levels, np.float64).reshape(len(edge), len(ALONG), len(ACROSS)).mean(axis=1)
-    slope = np.abs(np.diff(profiles, axis=1)).max(axis=1) / (np.diff(ACROSS)[0] * length)
+    mean_levels = np.asarray(levels, np.float64).reshape(len(edge), len(ALONG), len(ACROSS)).mean(axis=1)
+    slope = np.abs(np.diff(mean_levels, axis=1)).max(axis=1) / (np.diff(ACROSS)[0] * length)
     low, high = corners.min(axis=0).astype(int), corners.max(axis=0).astype(int) + 1
     dark, bright = np.percentile(grey[low[1] : high[1], low[0] : high[0]], (5, 95))
     return float(np.mean(WIDTH_OF_SLOPE * (bright - dark) / np.maximum(slope, 1e-6)))

@@ -10,13 +10,13 @@ from guara_perception.calibration.board import BoardSpec, BoardView, to_grey
 
 # The sector-based detector loses boards that touch the picture's edge; a border brings them back.
 BORDER_PX = 40
-# A light blur before the sub-pixel step halves the error of sharp, aliased edges (measured, 0.07 to 0.04 px).
+# A light blur before the sub-pixel refinement halves the error of sharp, aliased edges (measured, 0.07 to 0.04 px).
 BLUR_SIGMA_PX = 0.8
-# Half the window of the sub-pixel step as a share of the smallest square: as much edge as can be had of one corner.
+# Half the window of the sub-pixel refinement as a share of the smallest square: wide, but without the next corner.
 WINDOW_OF_SQUARE = 0.35
-# A line beyond the rim of the board is no line of corners when it crosses black and white by less than this share.
+# Points beside the found corners are corners too when their contrast exceeds this share of that of the found ones.
 CROSSING_SHARE = 0.5
-# Lens distortion bends a board by a few per cent of a square; markers of another board lie elsewhere by a whole one.
+# Lens distortion bends a board by a few per cent of a square; markers of another board are off by a whole square.
 MAX_GRID_MISFIT = 0.2
 # Inner corners that OpenCV needs at least.
 SMALLEST_PATTERN = (3, 3)
@@ -66,8 +66,8 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
     """Whether the corners are only a part of the board's, or no even grid: both detectors return such things.
 
     Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
-    picture by a homography, and where more corners would be, between lines and one line outside, nothing may look like
-    one.
+    picture by a homography; between its lines, and one line outside, where more corners would be, nothing may look like
+    a corner.
     """
     grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
     homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)
@@ -126,8 +126,8 @@ def _detect(grey: Grey, size: tuple[int, int]) -> Float | None:
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
     if not found:
-        framed = np.pad(grey, BORDER_PX, mode="edge")
-        found, corners = cv2.findChessboardCornersSB(framed, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        padded = np.pad(grey, BORDER_PX, mode="edge")
+        found, corners = cv2.findChessboardCornersSB(padded, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         if found:
             corners = corners - BORDER_PX
     if not found or corners is None or len(corners) != size[0] * size[1]:

@@ -29,8 +29,8 @@ def camera_checks(
         intrinsics: lens and views.
         fit: joint fit.
         floor: pose by the fiducials alone.
-        square_ratio: size of the ground board's squares by the fiducials over the size given.
-        corners_by_cell: coverage.
+        square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size.
+        corners_by_cell: number of corners in each cell of the picture.
         halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
         floor_sigma: (n,) projection uncertainty on the floor [m].
     """
@@ -84,7 +84,7 @@ def camera_checks(
             "px",
             0.5,
             2.0,
-            "Two lenses, each from every other picture, compared at floor distance: a wrong model shows, noise hardly.",
+            "Two lenses, each from every other picture, compared at floor distance: shows a wrong model, hardly noise.",
             "take 10 or more pictures of the board; check that it is flat",
         ),
         Check(
@@ -118,9 +118,9 @@ def camera_checks(
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
-    """How far the fitted mount is from the one that the robot's URDF says.
+    """How far the fitted mount is from that of the robot's URDF.
 
-    Crosses that lie elsewhere than said, all alike, fit perfectly: only the robot's own geometry contradicts them.
+    Crosses that are all displaced alike fit perfectly: only the robot's own geometry contradicts them.
 
     Args:
         transform_camera_to_base: (4, 4) as fitted.
@@ -162,7 +162,7 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
     Args:
         laser: fit of the planes.
         near, far: sigma of a single height on the floor at both ends of the area [m].
-        filled: stripes without a plane of their own.
+        filled: number of stripes without a plane of their own.
         stripes: number of stripes of the whole pattern.
     """
     errors = laser.line_errors

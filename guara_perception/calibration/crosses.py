@@ -23,14 +23,14 @@ RASTER_M = 0.0005
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# Millimetres of misfit that one unit of missing correlation counts when candidates compete.
+# When candidates compete: [m] of misfit that weigh as much as a correlation that is lower by 1.
 SCORE_WEIGHT_M = 0.02
-# Pixels of one mark share blur and floor texture, so the fit knows less than it thinks.
+# Pixels of one mark share blur and floor texture, so the sigma that the fit itself gives is too small.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
-# A cross is fitted in 10 to 30 steps; what takes more is texture of the floor.
+# A cross is fitted in 10 to 30 iterations; what takes more is texture of the floor.
 MOST_FITS = 100
-# Of a bar, in arms: sharper ones are fitted as if they had this blur.
+# Blur of a bar, in lengths of an arm: sharper bars are fitted as if they had this blur.
 LEAST_BLUR = 1e-3
 
 
@@ -61,8 +61,8 @@ def find_crosses(
     Args:
         grey: (h, w) uint8 picture.
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4) where the camera is taken to be, within SEARCH_M on the floor.
-        points_in_footprint: (n, 2) where the crosses lie.
+        transform_camera_to_footprint: (4, 4) assumed pose of the camera; it may be wrong by SEARCH_M on the floor.
+        points_in_footprint: (n, 2) positions of the crosses on the floor [m].
 
     Returns:
         One mark per point, None where there is none.
@@ -122,7 +122,7 @@ def _template(angle: float) -> Float32:
 
 
 def _consistent(offsets: list[list[Float]], scores: list[list[float]], points: Float) -> tuple[int, ...]:
-    """Which candidate of each mark, so that all moved alike: the smallest misfit to one rigid motion on the floor."""
+    """Index of each mark's candidate: those that fit one rigid motion of all marks on the floor best."""
 
     def cost(choice: tuple[int, ...]) -> float:
         moved = points + np.array([offsets[i][c] for i, c in enumerate(choice)])
@@ -183,13 +183,16 @@ def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> 
 
 
 def _cross_model(p: Float, position: Float) -> Float:
-    """Grey level of a dark cross; lengths in arms: centre, two bar angles, half length, half width, blur, contrast."""
-    one, other = _profiles(p, position, p[2]), _profiles(p, position, p[3] + np.pi / 2)
+    """Grey levels of a dark cross.
+
+    Its first parameters, lengths in those of an arm: centre, two bar angles, half length, half width, blur, contrast.
+    """
+    one, other = _ink_of_bar(p, position, p[2]), _ink_of_bar(p, position, p[3] + np.pi / 2)
     ink = 1 - (1 - one[0] * one[1]) * (1 - other[0] * other[1])
     return np.asarray(p[8] + p[9] * position[:, 0] + p[10] * position[:, 1] - p[7] * ink)
 
 
-def _profiles(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
+def _ink_of_bar(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
     """Share of ink of a bar at this angle, by its length and by its width."""
     from scipy.special import ndtr
 
@@ -201,7 +204,7 @@ def _profiles(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
 def _cross_derivatives(p: Float, position: Float) -> Float:
     """Derivatives (n, 11) of `_cross_model` by its parameters."""
     derivatives = np.zeros((len(position), 11))
-    one, other = _profiles(p, position, p[2]), _profiles(p, position, p[3] + np.pi / 2)
+    one, other = _ink_of_bar(p, position, p[2]), _ink_of_bar(p, position, p[3] + np.pi / 2)
     bars = one[0] * one[1], other[0] * other[1]
     for column, angle, (length, width), beside in ((2, p[2], one, bars[1]), (3, p[3] + np.pi / 2, other, bars[0])):
         (along, across), (c, s) = _along_and_across(p, position, angle), (np.cos(angle), np.sin(angle))

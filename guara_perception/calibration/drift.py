@@ -23,8 +23,8 @@ MIN_DEPTH_M = 0.30
 MAX_ROUGHNESS_M = 0.00012
 # Straight stripes further off the plane of the others than this lie on something else: a box, a threshold.
 APART_M = 0.008
-# How far stripes may stray from one plane, rms over middle and ends: 0.01 to 0.06 mm when all is well, with the errors
-# that a calibration has; as much as the ground is rough along a stripe it may be across.
+# How far stripes may stray from one plane, rms over centres and ends: 0.01 to 0.06 mm when all is well, with the errors
+# that a calibration has. Where ground is rougher than this along its stripes, its roughness is the limit.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
 # The smooth part of it, a bend along x and a twist, shows what a moved mount does and averages single stripes out:
@@ -32,14 +32,14 @@ MAX_STRIPE_M = 0.0006
 MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 HALF_WIDTH_M = 0.2
-# Height and tilt of the floor against where the soles say it is, beyond what the stance itself does not know.
+# Height and tilt of the floor against the soles, beyond the uncertainty of the stance.
 MAX_FLOOR_HEIGHT_M = 0.003
 MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Height of one sole against the plane of the others, from its joints and the ground beneath it [m].
 SOLE_SIGMA_M = 0.0012
-# A jump from one stripe to the next explains the strays when this share of their squares goes with it. Beyond the
-# highest a mirror cannot have lost the steps unnoticed: it is a thing.
+# A jump from one stripe to the next explains the stray heights when it removes this share of their squares. No mirror
+# loses steps for a jump beyond the highest without notice: that is an object.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
@@ -56,7 +56,7 @@ class Drift:
         floor_height: height of the floor below the centre of what was seen of it [m].
         floor_tilt: angle of the floor against the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
-        worst_stripe: index of the stripe whose middle strays most, -1 when unknown.
+        worst_stripe: index of the stripe whose centre strays most, -1 when unknown.
         worst_distance: its distance from the plane [m].
     """
 
@@ -87,9 +87,9 @@ def check_drift(
 ) -> Drift:
     """Compare the floor that a scan shows with where it must be.
 
-    Each stripe is measured through its own plane of light. Over a flat floor each is a straight line, whatever moved;
+    Each stripe is measured through its own laser plane. Over a flat floor each is a straight line, whatever moved;
     ground on which too few are straight shows nothing. The lines must lie in one plane (a tilted body or floor does
-    not change that, only a moved mount or mirror does), and the plane where the soles are.
+    not change that, only a moved mount or mirror does), and this plane must be where the soles are.
 
     Args:
         points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none
@@ -97,8 +97,9 @@ def check_drift(
         pose_covariance: (6, 6) of the stance (x y z [m], rotations [rad]); widens the limits of the floor's height
             and tilt. None = the stance is exact.
         soles_in_footprint: (n, 3) soles that the pose rests on. With three or more of them the floor is compared with
-            their plane too, so that a floor that slopes under robot and stripes alike is none that drifts; soles that
-            stand on no one plane leave the floor's height and tilt out. None = z = 0 is all that is known.
+            their plane too, so that ground that slopes under robot and stripes alike is not taken for drift; the
+            floor's height and tilt are not judged when the soles do not lie in one plane. None = the floor is compared
+            with z = 0 only.
     """
     lines = find_floor_lines(points)
     if lines.seen < MIN_STRIPES:
@@ -135,7 +136,7 @@ def check_drift(
 
 
 def _plane(lines: FloorLines) -> tuple[Float, Mask]:
-    """(a, b, c) of the plane z = a x + b y + c in which most lines lie, and which do (s,)."""
+    """(a, b, c) of the plane z = a x + b y + c in which most lines lie, and a mask (s,) of the lines that do."""
     x, offset = lines.x, lines.offset
     first, second = np.triu_indices(len(x), 1)
     apart = np.abs(x[second] - x[first]) > 0.25 * np.ptp(x)
@@ -235,15 +236,15 @@ def _form(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[float, float
     """Rms of bend along x and twist of the floor's stripes, and its sigma from how single stripes stray [m]."""
     x, offset, ends = lines.x[on_floor], stray[on_floor], HALF_WIDTH_M * lines.slope[on_floor]
     x = (x - x.mean()) / np.ptp(x)
-    level, bowed = np.vander(x, 2), np.vander(x, 3)
-    bend = bowed @ _fit(bowed, offset)[0] - level @ _fit(level, offset)[0]
-    twist = level @ _fit(level, ends)[0]
+    linear, quadratic = np.vander(x, 2), np.vander(x, 3)
+    bend = quadratic @ _fit(quadratic, offset)[0] - linear @ _fit(linear, offset)[0]
+    twist = linear @ _fit(linear, ends)[0]
     rest = float(np.var(offset - offset.mean() - bend) + np.var(ends - twist))
     return float(np.hypot(np.std(bend), np.std(twist))), float(np.sqrt(rest / len(x)))
 
 
 def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] | None:
-    """Index of the first stripe of those that lie elsewhere than all before, and how far off [m]; None for no jump."""
+    """Index of the first stripe after a jump, and the height of the jump [m]; None for no jump."""
     count = len(stray)
     near = np.abs(stray) < HIGHEST_JUMP_M
     terms = np.column_stack((lines.x, np.ones(count)))[near]
@@ -253,9 +254,9 @@ def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] 
     for after in range(JUMP_STRIPES, len(z) - JUMP_STRIPES + 1):
         jump = (np.arange(len(z)) >= after).astype(float)
         solved, rest = _fit(np.column_stack((terms, jump)), z)
-        gone = 1.0 - rest / whole
-        if gone > best and abs(solved[2]) > MAX_STRIPE_M:
-            best, found = gone, (int(lines.index[entries[after]]), float(solved[2]))
+        explained = 1.0 - rest / whole
+        if explained > best and abs(solved[2]) > MAX_STRIPE_M:
+            best, found = explained, (int(lines.index[entries[after]]), float(solved[2]))
     return found
 
 

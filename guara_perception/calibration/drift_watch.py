@@ -6,8 +6,8 @@ from collections import Counter, deque
 
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
 
-# The newest scans that showed a floor, and how many of them must drift: what one floor has, a threshold or a bump
-# along one stripe, is elsewhere at the next pause.
+# The newest scans that showed a floor, and how many of them must show drift: a threshold of the floor, or a bump along
+# one stripe, is seen by other stripes at the next pause.
 REMEMBERED = 3
 NEEDED = 2
 

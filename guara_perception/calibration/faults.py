@@ -15,7 +15,7 @@ from guara_perception.calibration.session import Plate
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
 
-# Plates nearer than this to one height do not fix a plane.
+# Plates whose heights differ by less than this do not fix a plane.
 MIN_HEIGHT_DIFFERENCE_M = 0.010
 # A laser plane that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's
 # periodic error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
@@ -35,7 +35,7 @@ class Jump:
     Attributes:
         plate: number of the plate.
         after: stripe index before the jump.
-        angle: by which all later stripes are rotated [rad].
+        angle: rotation of all later stripes [rad].
     """
 
     plate: int
@@ -47,7 +47,7 @@ def check_heights(plates: Sequence[Plate]) -> None:
     """Refuse a session with plates at fewer than two heights.
 
     Raises:
-        CalibrationRefused: it has.
+        CalibrationRefused: the heights of all plates are nearly the same.
     """
     heights = sorted(plate.height for plate in plates)
     apart = [b - a for a, b in zip(heights, heights[1:], strict=False) if b - a >= MIN_HEIGHT_DIFFERENCE_M]
@@ -62,8 +62,8 @@ def check_heights(plates: Sequence[Plate]) -> None:
 def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float) -> list[Jump]:
     """Jumps of the laser plane against the commanded mirror angle.
 
-    The plane's angle about the mirror axis less twice the mirror's is a smooth function of the stripe, even when the
-    axis is known to centimetres only; a missed step is a jump in it.
+    The plane's angle about the mirror axis minus twice the mirror's angle is a smooth function of the stripe's index,
+    even when the axis is known to centimetres only; a missed step is a jump in it.
 
     Args:
         lines: lines of all plates.
@@ -161,14 +161,14 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Which plate the others contradict; or which may be, where that cannot be decided.
+    """Names the plate that the others contradict, or two plates where it cannot be decided which of them is wrong.
 
-    Leaving any plate out changes all heights, so the largest error names the wrong one as often as not. But only
-    without the wrong one do the others agree: with four or more plates their planes fit them, with three, where two
-    always fit, the mirror turns evenly.
+    Leaving any plate out changes all heights, so the largest error is often that of a right plate. But the others
+    agree only when the wrong plate is left out: four or more plates then fit their planes; with three, since the two
+    others always fit, the mirror then turns evenly.
 
     Args:
-        entries: three or more.
+        entries: the fits that left one plate out, three or more.
         plates: plates of the session.
     """
 

@@ -21,7 +21,7 @@ def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
     Args:
         picture: (h, w) or (h, w, 3), uint8 or uint16.
         board: its inner corners, squares and pattern.
-        name: for messages.
+        name: name of the picture, for messages.
     """
     grey = to_grey(picture)
     contrast = float(np.percentile(grey[::4, ::4], 99.5)) - float(np.percentile(grey[::4, ::4], 0.5))

@@ -1,4 +1,4 @@
-"""Between pixels and points on a level plane: the floor, or the top of a plate."""
+"""Converts pixels to points on a level plane, the floor or the top of a plate, and back."""
 
 from __future__ import annotations
 

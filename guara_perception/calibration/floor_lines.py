@@ -11,12 +11,12 @@ import numpy as np
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.readonly import readonly
 
-# A stripe is cut into this number of parts across; the median of a part is what the ground is there.
+# A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
 # Parts within this of one line lie on it: fifteen times the scatter of medians over a flat floor.
-LINE_BAND_M = 0.0005
+LINE_TOLERANCE_M = 0.0005
 # A stripe shows a floor when this many of its parts, and this share of those that returned, lie on one line.
 LEAST_PARTS = 6
 LEAST_SHARE = 0.7
@@ -26,8 +26,8 @@ LEAST_SHARE = 0.7
 class FloorLines:
     """Straight stripes of a scan, in order of their index; a line z = offset + slope y each.
 
-    A camera or laser that moved puts a straight stripe elsewhere and leaves it straight, ground that is not flat does
-    not: so straightness tells whether there is a floor, and where the lines lie whether the calibration is true.
+    A straight stripe stays straight when camera or laser moved; ground that is not flat bends it. So straightness shows
+    whether there is a floor, and the positions of the lines show whether the calibration holds.
 
     Attributes:
         seen: number of stripes that returned enough points.
@@ -105,14 +105,14 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """(s, PARTS) which parts of each stripe lie on the one line through two of them that most lie on."""
+    """Mask (s, PARTS) of the parts on the best line of each stripe: the line through two parts that most lie near."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T
     slope = (z[:, second] - z[:, first]) / (y[:, second] - y[:, first])
     distance = z[:, None, :] - z[:, first, None] - slope[:, :, None] * (y[:, None, :] - y[:, first, None])
     distance = np.nan_to_num(np.abs(distance), nan=np.inf)
-    # A part on the line counts 1, less by its distance, so that of equals the closest wins.
-    worth = np.maximum(1.0 - 0.5 * distance / LINE_BAND_M, 0.0) * (distance < LINE_BAND_M)
-    best = np.argmax(worth.sum(axis=2), axis=1)
-    return np.asarray(distance[np.arange(len(z)), best] < LINE_BAND_M)
+    # The weight falls with the distance, so that of lines near equally many parts the closest wins.
+    weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
+    best = np.argmax(weight.sum(axis=2), axis=1)
+    return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)

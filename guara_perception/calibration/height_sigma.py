@@ -1,4 +1,4 @@
-"""How far a calibration may put a height wrong: stored as JSON, evaluated for every point of a scan."""
+"""How wrong a height may be because of the calibration: stored as JSON, evaluated for every point of a scan."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
 from guara_perception.readonly import readonly
 
-# The height field is a quadratic about this point of base_link: middle of the area, 40 mm over the floor.
+# The height field is a quadratic in the distance from a point of base_link: centre of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 # A ray that meets the laser plane at a smaller sine has no usable height.
 MIN_SINE = 1e-3
@@ -23,12 +23,12 @@ MIN_SINE = 1e-3
 class HeightUncertainty:
     """Variance of heights that comes from the calibration, not from the stripe's position in the picture.
 
-    Two parts: the plane of each stripe (own covariance, with the mirror's repeatability), and a smooth field of
-    height over the area that lens and mount may have wrong together.
+    Two parts: that of each stripe's plane (own covariance, with the mirror's repeatability), and that of a smooth field
+    of height errors over the area, which lens and mount cause together.
 
     Attributes:
         planes: (4, 4) covariance of the plane (nx, ny, nz, d) in the camera frame, by stripe index.
-        field_origin: (3,) point of base_link the field is written about [m].
+        field_origin: (3,) origin of the field in base_link [m].
         field: (10, 10) covariance of the coefficients of FIELD_TERMS [m, 1, 1/m].
     """
 
@@ -146,7 +146,7 @@ def field_terms(offsets: Float) -> Float:
 
 
 def _terms(offsets: Float) -> Float:
-    """The same, term by term: (..., 10, n) of offsets (..., 3, n), each coordinate in one piece of memory."""
+    """As `field_terms`, term by term: (..., 10, n) of offsets (..., 3, n), each coordinate in one piece of memory."""
     x, y, z = (offsets[..., axis, :] for axis in range(3))
     return np.stack((np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z), axis=-2)
 
@@ -160,7 +160,7 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
     """Covariance of the height field from what one unit of each parameter does to the heights.
 
     Args:
-        offsets: (n, 3) points about the field's origin.
+        offsets: (n, 3) points relative to the field's origin [m].
         errors: per parameter (n,) change of height per unit.
         parameters: (p, p) covariance of the parameters.
     """

@@ -123,7 +123,7 @@ def calibrate_views(
     distortion: str = "k1k2",
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
-    """The lens that fits all these views, none left out; `outliers` are only carried along."""
+    """The lens that fits all these views, none left out; `outliers` are only passed on to the result."""
     points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)

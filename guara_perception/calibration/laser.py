@@ -19,7 +19,7 @@ from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from guara_perception.readonly import readonly
 
-# Places at which the height field is sampled.
+# Where the height field is sampled: y, heights, and the number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
 FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
 FIELD_STRIPES = 18
@@ -34,7 +34,7 @@ class LeaveOneOut:
         mean: measured minus given height, mean of its lines [m].
         scatter: standard deviation of the same over its lines [m].
         near, far: mean of the nearest and of the farthest third of the lines [m].
-        irregularity: how unevenly the mirror turns by the other plates alone [rad]: small when these agree.
+        irregularity: how unevenly the mirror turns according to the other plates alone [rad]: small when these agree.
         disagreement: rms height error of the other plates by their own planes [m]; zero for two, which always agree.
     """
 
@@ -91,7 +91,7 @@ def fit_laser(
         lines: lines of all stripes on all plates, already checked for missed steps and swapped heights.
         plates: plates of the session.
         fit: camera and mount.
-        nominal: mirror as drawn, in base_footprint.
+        nominal: nominal mirror in base_footprint.
         transform_footprint_to_base: (4, 4) of the session's stance.
     """
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
@@ -124,7 +124,7 @@ def height_sigmas(
     Args:
         fit: camera and mount.
         laser: planes.
-        lines: their typical stripe sigma is what a scan will have.
+        lines: lines on plates; a scan is assumed to have their median stripe sigma.
         transform_base_to_footprint: (4, 4).
         x: range of the area in base_footprint [m].
     """
@@ -222,10 +222,10 @@ def _uncertainty(
         plane = stripes.planes[k]
         for height in FIELD_HEIGHTS_M:
             x = -(plane[1] * FIELD_Y_M + plane[2] * height + plane[3]) / plane[0]
-            level = np.column_stack((x, FIELD_Y_M))
-            pixels.append(level_pixels(fit.camera, fit.transform_camera_to_footprint, level, height))
-            points.append(np.column_stack((level, np.full(len(level), height))))
-            rows.append(np.full(len(level), k))
+            xy = np.column_stack((x, FIELD_Y_M))
+            pixels.append(level_pixels(fit.camera, fit.transform_camera_to_footprint, xy, height))
+            points.append(np.column_stack((xy, np.full(len(xy), height))))
+            rows.append(np.full(len(xy), k))
     point, pixel, row = np.concatenate(points), np.concatenate(pixels), np.concatenate(rows)
     seen = np.isfinite(pixel).all(axis=1)
     point, pixel, row = point[seen], pixel[seen], row[seen]
@@ -240,8 +240,8 @@ def _uncertainty(
         refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal, sweep), nominal, noise_of=stripes)
         heights = np.empty(len(point))
         for k in samples:
-            mine = row == k
-            heights[mine] = heights_through(pixel[mine], camera, transform, refitted.planes[k])
+            of_stripe = row == k
+            heights[of_stripe] = heights_through(pixel[of_stripe], camera, transform, refitted.planes[k])
         errors.append((heights - point[:, 2]) / sigma)
     in_base = point @ to_base[:3, :3].T + to_base[:3, 3]
     origin = in_base.mean(axis=0)

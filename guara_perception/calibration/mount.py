@@ -20,15 +20,15 @@ from guara_perception.readonly import readonly
 # Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 MOUNTS = {"eq5": np.eye(4), "upright": HALF_TURN}
-# Crosses found by the program fit within 0.1 px; given by hand within one or two. Beyond, the marks are not where said.
+# Crosses found by the program fit within 0.1 px; given by hand within one or two. Above these, points are wrong.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
 # A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
-# Narrowest extent of the marks over their widest: below, they lie on one line.
+# Extent of the marks across, over that along their longest direction: below this they lie on one line.
 MIN_EXTENT_RATIO = 0.15
-# Squares of the ground board by the fiducials against those of the session.
+# Relative difference of the ground board's squares, as the fiducials measure them, from those of the session.
 MAX_SQUARE_ERROR = 0.01
 MAX_BOARD_LIFT_M = 0.004
 
@@ -68,7 +68,7 @@ def locate_camera(
     Args:
         grey: the picture of the fiducials.
         camera: intrinsic model.
-        fiducials: where they lie.
+        fiducials: the marks' positions on the floor, and their pixels where given.
         nominal_camera_to_footprint: (4, 4) from the robot model and the session's stance.
 
     Raises:
@@ -108,7 +108,7 @@ def check_extent(points: Float) -> None:
     """Refuse marks that lie on one line.
 
     Raises:
-        CalibrationRefused: they do.
+        CalibrationRefused: the marks lie on one line.
     """
     extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extent[1] < MIN_EXTENT_RATIO * extent[0]:
@@ -121,7 +121,7 @@ def check_extent(points: Float) -> None:
 def measured_square(
     camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
 ) -> float:
-    """Edge of a square of the ground board as the fiducials see it [m]: its corners' rays cut with the floor."""
+    """Edge of a square of the ground board as the fiducials see it [m]: where its corners' rays meet the floor."""
     return _similarity(camera, transform_camera_to_footprint, ground, board)[0]
 
 

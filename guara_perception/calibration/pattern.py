@@ -1,4 +1,4 @@
-"""Stripes that were not calibrated, from those that were: the standard pattern from a coarse calibration, and back."""
+"""Derives stripes that were not calibrated from those that were: the standard pattern from a coarse calibration."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     by the stepper's periodic error where the calibrated stripes show one, with a larger covariance.
 
     Args:
-        calibration: with a mirror model (made by `calibrate`).
-        indices: indices in the standard pattern; beyond the calibrated ones by at most their spacing.
+        calibration: a calibration that holds a mirror model (made by `calibrate`).
+        indices: indices in the standard pattern; outside the calibrated range by at most its spacing.
 
     Raises:
         CalibrationMismatch: an index too far outside, or a calibration without mirror model.
@@ -78,8 +78,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
     """Mirror model in the camera frame, indices and step errors [rad] that a calibration holds.
 
     Raises:
-        CalibrationMismatch: it holds none.
-        FileFormatError: it is not as documented.
+        CalibrationMismatch: it holds no mirror model.
+        FileFormatError: the mirror model is not as documented.
     """
     stored = calibration.mirror
     if not stored:
@@ -125,8 +125,11 @@ def _wave_terms(indices: Float, period: float) -> Float:
 
 
 def _extended(wanted: Float, indices: Index, angles: Float) -> Float:
-    """Commanded angles between the known ones, and just beyond them at the same pace."""
+    """Commanded angles between the known ones, and just beyond them with the same spacing."""
     inside = np.interp(wanted, indices, angles)
-    pace = (angles[1] - angles[0]) / (indices[1] - indices[0]), (angles[-1] - angles[-2]) / (indices[-1] - indices[-2])
-    below = np.minimum(wanted - indices[0], 0) * pace[0]
-    return np.asarray(inside + below + np.maximum(wanted - indices[-1], 0) * pace[1])
+    slopes = (
+        (angles[1] - angles[0]) / (indices[1] - indices[0]),
+        (angles[-1] - angles[-2]) / (indices[-1] - indices[-2]),
+    )
+    below = np.minimum(wanted - indices[0], 0) * slopes[0]
+    return np.asarray(inside + below + np.maximum(wanted - indices[-1], 0) * slopes[1])

@@ -39,7 +39,7 @@ class PlateLine:
         plate: number of the plate in the session.
         height: height of the plate [m].
         pixels: (n, 2) points on the line, each the mean of neighbouring columns.
-        weights: (n,) columns averaged in each.
+        weights: (n,) number of columns that each point averages.
         span: share of the columns in which the line could be seen.
         rms_px: scatter of single columns about the straight line, in rows.
         sigma_px: mean predicted sigma of the columns.
@@ -85,7 +85,7 @@ def plate_lines(
         number: number of the plate in the session.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
-        nominal: mirror as drawn, in base_footprint: says roughly where each stripe is.
+        nominal: nominal mirror in base_footprint; it shows roughly where each stripe is.
         on_stripe: called after each stripe, for a progress bar.
 
     Raises:

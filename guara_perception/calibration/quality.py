@@ -18,7 +18,7 @@ class Check:
     Attributes:
         name: short text, key of the figure in the file.
         value: what was found, in `unit`; NaN where it could not be found.
-        unit: for people.
+        unit: unit of `value`, as text for people.
         usable_from: limit between good and usable.
         refused_from: limit between usable and refused.
         meaning: one sentence for somebody who never calibrated a camera.
@@ -37,7 +37,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """Of this figure alone; a figure that could not be found makes the calibration usable, not good."""
+        """The verdict of this figure alone; a figure that could not be found makes the calibration usable, not good."""
         if np.isnan(self.value):
             return USABLE
         sign = -1.0 if self.higher_is_better else 1.0

@@ -36,7 +36,7 @@ def stripe_records(
 
 
 def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
-    """The `mirror` object: the model in the camera frame, and what the stripes do beside it."""
+    """The `mirror` object: the model in the camera frame, and how the stripes deviate from it."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",

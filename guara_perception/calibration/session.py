@@ -97,7 +97,7 @@ class CalibrationSession:
     read_picture: Callable[[str], Image]
 
     def __post_init__(self) -> None:
-        """Check what no field alone can show."""
+        """Check that the fields fit together."""
         if min(self.board.columns, self.board.rows) < 3 or not 0.001 <= self.board.square <= 1.0:
             raise InvalidInput(
                 f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "

@@ -43,7 +43,7 @@ def check_size(picture: Image, size: tuple[int, int], name: str, source: str) ->
     """Refuse a picture of another size than the first board picture.
 
     Raises:
-        CalibrationMismatch: it is.
+        CalibrationMismatch: the sizes differ.
     """
     if (picture.shape[1], picture.shape[0]) != size:
         raise CalibrationMismatch(

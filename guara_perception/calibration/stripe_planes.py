@@ -17,7 +17,7 @@ from guara_perception.readonly import readonly
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
-# Of a normal distribution: mean square over median square.
+# Mean square over median square of a normal distribution.
 MEDIAN_TO_MEAN_SQUARE = 2.198
 # Repeatability of the mirror from scan to scan is estimated from the lines; it is not believed below this [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
@@ -34,7 +34,7 @@ class StripeFit:
         mirror_angles: (s,) commanded [rad].
         planes: (s, 4).
         covariance: (s, 3, 3) of (turn about the mirror axis [rad], tilt along the stripe [rad], shift [m]) for
-            a new scan: the fit and the repeatability of the mirror together; for a camera that is exact.
+            a new scan: the fit and the repeatability of the mirror together, without the camera's errors.
         bases: (s, 3, 4) what one unit of each of the three changes in the plane.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         scatter: scatter of one averaged point of a line [m].
@@ -67,15 +67,15 @@ def fit_stripes(
 ) -> StripeFit:
     """Fit one plane per stripe.
 
-    Each plane has three freedoms about the model's plane: turn about the mirror axis (free: the stepper's own error),
-    tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may also be
-    rotated by the mirror's jitter, which all its columns share: without it the many columns would claim too much.
+    Each plane has three degrees of freedom about the model's plane: turn about the mirror axis (free: the stepper's own
+    error), tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may
+    also be rotated by the mirror's jitter, which all its columns share: without jitter the sigmas would be too small.
 
     Args:
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         sweep: the mirror model.
-        nominal: the mirror as drawn that `sweep` was fitted from.
+        nominal: the nominal mirror from which `sweep` was fitted.
         noise_of: an earlier fit whose jitter, scatter and wobble are taken; None = they are estimated.
     """
     model = sweep.planes
@@ -123,13 +123,13 @@ def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """What each line of each stripe says about (turn, tilt, shift), summed once; (stripes, most lines of a stripe).
+    """Least-squares sums for (turn, tilt, shift) of the m lines of s stripes.
 
-    Where a stripe has fewer lines than another, the sums of those that it lacks are zero.
+    A stripe that has fewer than m lines has zeros in the remaining entries.
 
     Attributes:
         normal: (s, m, 3, 3) normal matrices.
-        right: (s, m, 3) right sides.
+        right: (s, m, 3) right-hand sides.
         square: (s, m) sums of squared distances.
         count: (s, m) points.
     """
@@ -155,13 +155,13 @@ class _Lines:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Changes of all planes and their covariances; mean square turn of a stripe's lines and mean square left over.
+    """Changes of all planes and their covariances; mean squares of the lines' turns and of the remaining distances.
 
     Attributes:
         change: (s, 3) of (turn, tilt, shift).
         covariance: (s, 3, 3).
-        turn_square: (s,) as expected, of the lines' own turns [rad^2].
-        scatter_square: (s,) as expected, of the points [m^2].
+        turn_square: (s,) expected mean square of the lines' own turns [rad^2].
+        scatter_square: (s,) expected mean square distance of the points [m^2].
     """
 
     change: Float

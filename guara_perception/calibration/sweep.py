@@ -14,7 +14,7 @@ from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, p
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.readonly import readonly
 
-# Error of one mirror position that a stepper is granted before it counts as a fault [rad]; a prior, not a limit.
+# Usual error of one position of the mirror's stepper [rad]: sigma of a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
 # Weight of one point of a line: scatter of a few dozen columns on the plate [m].
 POINT_SIGMA_M = 5e-5
@@ -31,7 +31,7 @@ class Sweep:
     Attributes:
         mirror: fitted model.
         parameters: values of PARAMETERS.
-        covariance: (9, 9) of them.
+        covariance: (9, 9) covariance of `parameters`.
         indices: stripe indices, ascending.
         mirror_angles: (s,) commanded [rad].
         step_errors: (s,) true minus commanded mirror angle, in model units [rad].
@@ -60,7 +60,7 @@ class Sweep:
 
 
 def line_points(camera: CameraModel, transform_camera_to_footprint: Float, line: PlateLine) -> Float:
-    """Places (n, 3) of a line on its plate, in base_footprint."""
+    """Points (n, 3) of a line on its plate, in base_footprint."""
     floor = to_floor(camera, transform_camera_to_footprint, line.pixels, line.height)
     return np.column_stack((floor, np.full(len(floor), line.height)))
 
@@ -73,8 +73,8 @@ def fit_sweep(
     Args:
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
-        nominal: the mirror as drawn, in base_footprint.
-        start: a fit of the same stripes close by, to begin from.
+        nominal: the nominal mirror in base_footprint.
+        start: a similar fit of the same stripes, with which the iteration starts; None = the nominal mirror.
     """
     angle_of = {line.index: line.mirror_angle for line in lines}
     indices = tuple(sorted(angle_of))

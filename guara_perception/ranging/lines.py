@@ -35,7 +35,7 @@ class Lines:
     number: int
 
     def cut(self) -> Index:
-        """Which of the samples, all first ones before all second ones, are cut off at open ends."""
+        """Flat indices of the samples, (number, c), that are cut off at open ends."""
         share, _, _ = shares(self.number)
         at_ends = np.flatnonzero(self.opens | self.closes)
         run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
@@ -50,9 +50,9 @@ class Lines:
 
 @functools.cache
 def shares(n: int) -> tuple[Float, Float, Float]:
-    """Where on its line each of n samples lies (n, 1), and what it has of the variances of the line's two ends.
+    """Share of the line before each of n samples (n, 1), and the samples' weights for the variances of its two ends.
 
-    These positions never depend on other stripes: what is cut is left out, what is left does not move.
+    These positions never depend on other stripes: samples that are cut off are left out, the others do not move.
     """
     share = ((np.arange(n) + 0.5) / n)[:, None]
     return share, (1 - share) ** 2, share**2

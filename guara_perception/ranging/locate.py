@@ -130,7 +130,7 @@ def locator(
     transform_camera_to_footprint: Float,
     area: tuple[tuple[float, float], tuple[float, float]],
 ) -> Locator:
-    """The paper's equations with what they take as printed, or triangulation when there is nothing of the paper."""
+    """The paper's equations where `literal` is given, with what it takes as printed; None = triangulation."""
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)

@@ -61,14 +61,14 @@ def range_images(
     # Number of the nadir's row and column, as the pictures count them.
     nadir_px = (nadir - (x[0], y[0])) / size + 1 + ROUNDING
     ortho, perspective = _Picture(), _Picture()
-    keys, y_range = surface_keys(points, pattern), _of_use(points, (y[0] - size[1], y[1] + size[1]), nadir[1], above)
+    keys, y_range = surface_keys(points, pattern), _useful_y(points, (y[0] - size[1], y[1] + size[1]), nadir[1], above)
     for group in in_groups(keys):
         for lines in surface_lines(points, group, pattern, join_height, float(size.min()), y_range):
             if not lines.opens.size:
                 continue
             share, _, _ = shares(lines.number)
-            # From the nadir on, in pixels: the central projection onto the floor, which eqs. 20 and 21 undo, only
-            # stretches that.
+            # In pixels from the nadir: these are only stretched by the central projection onto the floor, which eqs. 20
+            # and 21 undo.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start
@@ -83,10 +83,10 @@ def range_images(
     return RangeImages(ortho.mean_mm(), perspective.mean_mm())
 
 
-def _of_use(
+def _useful_y(
     points: Mapping[int, StripePoints], y_range: tuple[float, float], nadir: float, above: float
 ) -> tuple[float, float]:
-    """Range of y outside which no point falls into the other range in either picture."""
+    """Range of y of all points that can fall into `y_range` in one of the two pictures."""
     heights = np.concatenate([np.zeros(1), *(stripe.points[:, 2] for stripe in points.values())])
     if np.nanmax(heights) >= above:
         return EVERYWHERE
@@ -108,9 +108,9 @@ class _Picture:
         """Take samples.
 
         Args:
-            row, column: (n, c) of each, counted from 1 where the picture begins.
-            height: (n, c) of each, kept as it is.
-            cut: indices of those that are not to be taken.
+            row, column: (n, c) row and column of each sample, counted from 1 where the picture begins.
+            height: (n, c) height of each sample; not copied.
+            cut: flat indices of the samples that are not to be taken.
         """
         pixel = row.astype(np.int32)
         np.clip(pixel, np.int32(0), np.int32(ROWS + 1), out=pixel)
@@ -121,9 +121,9 @@ class _Picture:
         columns = column.astype(np.int32)
         pixel += np.clip(columns, np.int32(0), np.int32(COLUMNS + 1), out=columns)
         pixel, height, first = pixel.reshape(-1), height.reshape(-1), first * (COLUMNS + 2)
-        # That is beside the picture.
+        # This pixel is beside the picture.
         pixel[cut] = 0
-        # As numpy counts indices: with any other type `at` is many times slower.
+        # The type of numpy's own indices: with any other `at` is many times slower.
         np.maximum.at(self._highest[first:], pixel.astype(np.intp), height)
         self._samples.append((first, pixel, height))
 

@@ -92,8 +92,8 @@ def stripe_points(
         planes_in_camera: (s, 4) calibrated laser planes.
         height_limits: lowest and highest height that counts as terrain [m].
         on_robot: says which points (n, 3) in base_footprint lie on the robot itself; None = none does.
-        added_variance: (s, w) of the heights of points (3, s, w), to be added to what the stripe position gives;
-            None = none.
+        added_variance: gives variances (s, w) of the heights of points (3, s, w), which are added to those that follow
+            from the stripe position; None = nothing is added.
     """
     position, sigma = _rows(profiles, "position_px"), _rows(profiles, "sigma_px")
     points, sigma = locator.measure(planes_in_camera, position, sigma)

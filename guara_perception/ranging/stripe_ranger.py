@@ -30,7 +30,7 @@ class StripeRanger:
         """Keep what does not depend on the frames.
 
         Args:
-            calibration: that locates the points.
+            calibration: calibration by which the points are located.
             geometry: geometry of the scan.
             locator: makes points of rows.
             height_limits: lowest and highest height that counts as terrain [m].
@@ -62,7 +62,7 @@ class StripeRanger:
         return found
 
     def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
-        """Variances (s, n) [m^2] of heights at points (3, s, n) by what the calibration does not know exactly.
+        """Variances (s, n) [m^2] of heights at points (3, s, n) that come from the uncertainty of the calibration.
 
         None for a calibration without covariance (one made from a drawing).
         """

@@ -36,7 +36,7 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
 
     Args:
         heights: two (..., w), of neighbouring stripes [m].
-        strengths: two (..., w), likewise of their returns.
+        strengths: two (..., w), strengths of their returns [grey levels].
         join_height: largest height difference of one surface [m].
 
     Returns:
@@ -108,7 +108,7 @@ def _lines(
     wanted: Mask,
     swaths: Sequence[int],
 ) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
-    """The lines of `joined_surface`, which of all points each begins at (c,), and swath and number of each run."""
+    """The lines of `joined_surface`, the flat index (c,) of the point at which each begins, and the runs of swaths."""
     before, between, after = links
     difference = points[:, 1:] - points[:, :-1]
     # How many samples there are does not depend on which are wanted.
@@ -172,11 +172,11 @@ def surface_lines(
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
 ) -> Iterator[Lines]:
-    """The same surface as that of `surface_of`, as the lines on which its samples lie; a point is a line of one."""
+    """The same surface as that of `surface_of`, as the lines on which its samples lie; a point is a line with one sample."""
     seen = _seen(stripes, keys, pattern, join_height, y_range)
     points = confirmed_points(seen.points, np.zeros_like(seen.points[0]), seen.confirmed, seen.own).points
-    goes_on = np.zeros(points.shape[1], dtype=bool)
-    yield Lines(points.astype(np.float64), np.zeros(points.shape), goes_on, goes_on, 1)
+    is_open = np.zeros(points.shape[1], dtype=bool)
+    yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1)
     if seen.has_pairs:
         for lines, _, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
             yield lines
@@ -188,7 +188,7 @@ class _Seen:
 
     Attributes:
         indices: indices of s stripes.
-        points: (3, s, w) float32 of theirs.
+        points: (3, s, w) float32 points of these stripes.
         confirmed: (s, w) points that the stripes on both sides confirm, and that are asked for.
         own: s numbers of swaths of the stripes, -1 for those that are not asked for.
         links: see `joined_surface`.
@@ -244,8 +244,8 @@ def _links(
 ) -> tuple[Mask, Mask]:
     """Columns (s, w) in which stripes are linked to the one before, and in which to the one after.
 
-    Nowhere when the other was lost, everywhere beyond the pattern's ends: there nothing was ever going to look, so
-    that nothing came back says nothing of the surface.
+    In no column when the other stripe was lost; in every column where the pattern ends, since the stripe that is
+    missing there was never to be fired and so does not contradict the surface.
     """
     stride = pattern.step
     around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})

@@ -42,7 +42,7 @@ class SurfaceRaster:
         # By swath, and the columns in which each has samples.
         self._swaths: dict[Key, CellSamples] = {}
         self._columns: dict[Key, slice] = {}
-        # Those that have to be made, as a stripe that they depend on came, and columns to be merged.
+        # Swaths to be made, since a stripe that they depend on was added, and columns to be merged.
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
@@ -129,7 +129,7 @@ class SurfaceRaster:
             return
         stride, cell = self._pattern.step, self._geometry.resolution
         firsts = {first for index in beyond for first in (index - stride, index)}
-        # Between two stripes that both saw something too low or too high the ground is no better.
+        # Between two stripes that both saw something too low or too high the ground is out of range too.
         ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
         lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
         points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])

@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from guara_perception.frame_pair import FramePair
-from guara_perception.light_diagnosis import LightLooks
+from guara_perception.light_diagnosis import LightSamples
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.extract import extract_stripe
 from tests.scenes import simulated as simulated_scene
@@ -79,10 +79,10 @@ def test_a_dark_room_does_not_flicker(laser: float) -> None:
     """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
     scan = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
     for with_off in (True, False):
-        looks = LightLooks([index for index, _, _ in scan.frames], 256)
+        samples = LightSamples([index for index, _, _ in scan.frames], 256)
         for index, on, off in scan.frames:
-            looks.look(FramePair(index, on, off if with_off else None), extract_stripe(on, off if with_off else None))
-        assert "flicker" not in looks.excess()
+            samples.add(FramePair(index, on, off if with_off else None), extract_stripe(on, off if with_off else None))
+        assert "flicker" not in samples.excess()
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from guara_perception.exceptions import InvalidInput
 
 # Fixed-point iterations of eq. 8: 8 leave < 0.001 px at the corner for k = -0.3; more cost little.
 UNDISTORT_ITERATIONS = 12
-# Above this condition number of the 8 x 8 system the marks as good as lie on one line.
+# Above this condition number of the 8 x 8 system three of the marks practically lie on one line.
 LARGEST_CONDITION = 1e8
 
 Number = float | Float

@@ -27,8 +27,8 @@ from guara_perception.ranging.paper.equations import (
 PLATE_HEIGHTS_M = (0.0, 0.08)
 # Pixels from which the one radial coefficient is fitted to the calibrated lens, across and along.
 LENS_GRID = (17, 13)
-# Difference of the finite difference that gives the sigma of a height [px].
-STEP_PX = 0.5
+# Rows to either side for the finite difference that gives the sigma of a height [px].
+DIFFERENCE_PX = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Literal:
 
     Attributes:
         lens: eq. 8 in one iteration.
-        ortho: eqs. 20 and 21 about the middle of the picture instead of the nadir.
+        ortho: eqs. 20 and 21 about the centre of the picture instead of the nadir.
     """
 
     lens: bool = False
@@ -125,9 +125,9 @@ class PaperRangefinder:
     ) -> tuple[Float, Float]:
         """The same points and the standard deviations (..., w) of their heights [m] for those of the rows."""
         rows = np.asarray(position_px, dtype=np.float64)
-        above = self.points(plane_in_camera, rows - STEP_PX)[2]
-        below = self.points(plane_in_camera, rows + STEP_PX)[2]
-        sigma = np.abs(below - above) / (2 * STEP_PX) * np.asarray(sigma_px, dtype=np.float64)
+        above = self.points(plane_in_camera, rows - DIFFERENCE_PX)[2]
+        below = self.points(plane_in_camera, rows + DIFFERENCE_PX)[2]
+        sigma = np.abs(below - above) / (2 * DIFFERENCE_PX) * np.asarray(sigma_px, dtype=np.float64)
         return self.points(plane_in_camera, rows), sigma
 
     def _seen_by_pinhole(self, marks: Float) -> Float:

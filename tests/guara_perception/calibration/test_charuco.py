@@ -129,7 +129,7 @@ def test_reasons(pictures):
         "2 of 63 corners are seen; 12 or more in 3 rows and 3 columns are needed: show more of the board"
     )
     for other in (BoardSpec(8, 7, 0.03, CHARUCO), BoardSpec(7, 9, 0.03, CHARUCO), BoardSpec(12, 7, 0.03, CHARUCO)):
-        assert "lie otherwise than on a board of" in find_board(whole, other).reason
+        assert "not where a board of" in find_board(whole, other).reason
     assert find_board(cv2.GaussianBlur(pictures[6], (0, 0), 3), BOARD).reason.startswith("blurred: black-white edges")
     assert not find_board(pictures[4], checkerboard).is_usable
 
