@@ -273,8 +273,7 @@ class ScanProcessor:
         Args:
             area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
                 away it is. `TerrainMap.update` knows more ground with it.
-            report: metadata of another grid of this scan, which this grid gets too, except its lost cells; None = a
-                report of its own is made.
+            report: metadata that another grid of this scan has, taken but for its lost cells; None makes a report.
 
         Raises:
             InvalidInput: another area.

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 # Under this share of expected returns a scan says why and what helps.
 LOW_COVERAGE = 0.5
-# Under this share of columns with any light the laser was as good as off.
+# Under this share of columns with any light the laser was practically off.
 NO_LIGHT = 0.01
-# From this number of stripes on a missing half of them is a pattern.
+# With fewer stripes nothing is concluded from every second one that is missing.
 FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 
@@ -38,7 +38,8 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
         wrong: what is wrong with the light, the frames or the pattern as a whole; empty for nothing.
-        weak: that the line is weak; empty where it is not. A stripe where none can be is a guess, and looks weak.
+        weak: text on a weak line; empty where the line is not weak. A stripe where none can be is a guess, and looks
+            weak.
     """
     found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
     if wrong:
@@ -61,12 +62,12 @@ def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> s
 
 
 def wrong_pattern(fired: Iterable[int], stride: int) -> str:
-    """What is said of a scan of which no two neighbours of its pattern were fired; empty when there are some."""
+    """Text for a scan of which no two neighbours of its pattern were fired; empty when there are some."""
     indices = sorted(fired)
     if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
         return ""
     return (
-        "no two neighbours of the pattern were fired, and nothing between two stripes counts as seen without: every "
+        "no two neighbours of the pattern were fired, and only ground between two such stripes counts as seen: every "
         'second stripe is missing, or a coarse scan was given mode "standard"'
     )
 

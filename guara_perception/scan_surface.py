@@ -19,7 +19,7 @@ from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.scan.scan_area import ScanArea, area_rows, check_area
 
-# Finer than this the raster need not be; coarser grids are pooled from it, so a lost stripe always leaves a gap.
+# The raster need not be finer than this; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
 
 
@@ -40,7 +40,7 @@ class ScanSurface:
         Args:
             cell: edge of the cells [m].
             geometry: geometry of the scan.
-            calibration: in use.
+            calibration: calibration of the rangefinder.
             settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
             body: body of the robot at the stance of the scan.

@@ -88,7 +88,7 @@ class Settings:
         minimum_height, maximum_height: heights that count as terrain [m].
         join_height: largest height difference between neighbouring stripes on one surface [m].
         stripes: number of stripes of the standard pattern.
-        coarse_every: a coarse scan fires one of this many.
+        coarse_every: stride of a coarse scan: it fires every stripe whose index this number divides.
         mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
         limits: traversability limits.
         validity_pauses, validity_seconds: how long a look may be used.

@@ -172,7 +172,7 @@ def surface_lines(
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
 ) -> Iterator[Lines]:
-    """The same surface as that of `surface_of`, as the lines on which its samples lie; a point is a line with one sample."""
+    """The same surface as that of `surface_of`, as lines on which its samples lie; a point is a line of one sample."""
     seen = _seen(stripes, keys, pattern, join_height, y_range)
     points = confirmed_points(seen.points, np.zeros_like(seen.points[0]), seen.confirmed, seen.own).points
     is_open = np.zeros(points.shape[1], dtype=bool)

@@ -24,10 +24,11 @@ def simulated_camera(
     """A free-running camera on the simulated rangefinder.
 
     Args:
-        rangefinder: its pose already set; it may be set again between scans, from the same thread that grabs.
+        rangefinder: simulated rangefinder whose pose is set; the pose may be set again between scans, from the thread
+            that grabs frames.
         board: the emulated board (of this process or another) whose laser and mirror light the scene.
         fps: frames per second.
-        latency: from the end of an exposure to its arrival [s].
+        latency: time from the end of an exposure to its arrival [s].
     """
     return EmulatedCamera(
         board,

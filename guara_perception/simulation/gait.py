@@ -22,7 +22,7 @@ class WaveGait:
 
     Attributes:
         lift_order: legs in the order in which they swing.
-        hips: (x, y) in base_link of the place above which each foot stands in the middle of its stride, by leg [m].
+        hips: (x, y) of each sole in base_link halfway between its landing and its lift, by leg [m].
         cycle_length: advance of the body in one cycle, all legs once [m].
         speed: mean speed without pauses [m/s].
         hip_height: height of the body's origin over the plane of the soles [m].
@@ -71,7 +71,7 @@ class WaveGait:
 
     @property
     def swing_time(self) -> float:
-        """From one pause to the next: body forward, then one swing [s]."""
+        """Time from one pause to the next: body forward, then one swing [s]."""
         return self.advance / self.speed
 
     def leg_of_swing(self, number: int) -> str:

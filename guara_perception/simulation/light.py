@@ -13,13 +13,13 @@ BEST_JPEG = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Light, laser and sensor; levels are those of the picture, 0 ... 255, at nominal exposure.
+    """Light, laser and sensor; levels are grey levels of the picture, 0 ... 255, at nominal exposure.
 
-    The fields from `skirt` on do nothing unless they are set: what cameras and places add outside a laboratory. How
-    strong each was on photographs says `real_light`.
+    The fields from `skirt` on do nothing unless they are set: these effects appear outside a laboratory. `real_light`
+    holds how strong each was on photographs.
 
     Attributes:
-        ambient: level of a white, level surface under the ambient light, blue, green, red.
+        ambient: level of a white, horizontal surface under the ambient light, blue, green, red.
         sun: share of the ambient light that comes from one direction (the rest from all over the sky).
         laser: level of the stripe's centre on a white surface that faces the laser 0.5 m away, in the red channel.
         leakage: share of the laser's light that the blue, green and red channel take up.
@@ -38,7 +38,7 @@ class Light:
         flicker: standard deviation of the ambient light from one picture to the next, as a share.
         drift: blue, green and red of the pictures with the laser relative to those without: automatic exposure and
             white balance.
-        chessboard: how far a chessboard of 20 mm covers every surface, 0 = not at all, 1 = wholly.
+        chessboard: share of each surface's albedo that comes from a chessboard of 20 mm, 0 = none, 1 = all of it.
         demosaiced: whether the pixels are those of a colour filter, interpolated.
         jpeg_quality: quality of a JPEG compression with halved colour (4:2:0), 1 ... 100; 0 = none.
     """

@@ -12,7 +12,7 @@ class Material:
     """One material.
 
     Attributes:
-        name: as in world files.
+        name: name in world files.
         albedo: share of light scattered back, red, green, blue, 0 ... 1.
         shine: share of the rest that is mirrored, 0 ... 1.
         texture: standard deviation of the albedo over the surface, as a share of it.
@@ -40,7 +40,7 @@ INDEX = {material.name: index for index, material in enumerate(MATERIALS)}
 
 
 def material_index(name: str) -> int:
-    """Place of a material in MATERIALS.
+    """Index of a material in MATERIALS.
 
     Raises:
         InvalidInput: no such material; the message lists them.

@@ -13,24 +13,24 @@ from kinematics.srdf import allowed_pairs
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# With the default pyramidal cone feet creep 2.6 mm per step, with steps of 4 ms they slide 150 mm.
+# With the default pyramidal cone feet creep 2.6 mm per swing; with a time step of 4 ms they slide 150 mm.
 STEP_S = 0.002
 FRICTION = (0.9, 0.01, 0.001)
 IMPEDANCE_RATIO = 10.0
 # A stiffer servo (1000) shakes, a softer one sags.
 SERVO_STIFFNESS = 300.0
 SERVO_DAMPING = 12.0
-# By which MuJoCo's own viewer shows visuals and hides what collides.
+# Groups of MuJoCo's own viewer, which shows visuals and hides collision shapes.
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 SOLID_COLOUR = (0.5, 0.5, 0.5, 1.0)
 
 
 def mujoco_robot(robot: RobotModel, *, with_visuals: bool = False) -> Any:
-    """A `mujoco.MjSpec` of the robot alone, its base on a free joint, one position servo to a joint and of its name.
+    """A `mujoco.MjSpec` of the robot alone, its base on a free joint, with a position servo per joint, named like it.
 
     Args:
-        robot: whose URDF is read.
-        with_visuals: keep what is only for looking.
+        robot: robot whose URDF is read.
+        with_visuals: whether visual shapes are kept too.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -88,7 +88,7 @@ def mjcf(robot: RobotModel) -> str:
 
 
 def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:
-    """A URDF with the word to MuJoCo to keep links without mass, and visuals if they are wanted."""
+    """A URDF with options by which MuJoCo keeps links without mass, and visuals if they are wanted."""
     root = ElementTree.fromstring(urdf)
     for found in root.findall("mujoco"):
         root.remove(found)

@@ -42,8 +42,8 @@ class PhysicsRobot:
         Args:
             world: level ground with boxes on it.
             robot: the robot.
-            transform_base_to_world: (4, 4) to begin with.
-            joint_positions: to begin with [rad].
+            transform_base_to_world: (4, 4) pose of the base at the start.
+            joint_positions: positions of the joints at the start, by name [rad].
 
         Raises:
             MissingExtra: MuJoCo is not installed.

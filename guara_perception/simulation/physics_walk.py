@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 TICK_S = 0.010
-# Away from the leg that lifts: without it the centre of mass is 6 mm inside the three other feet.
+# The body sways away from the leg that lifts: without it the centre of mass is only 6 mm inside the three other feet.
 SWAY_M = 0.040
 CLEARANCE_M = 0.060
 # Share of the time between two pauses for the body, with four feet down; the rest is the swing.
@@ -60,8 +60,8 @@ def physics_walk(
 ) -> Iterator[WalkPause]:
     """Walk as `simulate_walk` does, in MuJoCo: feet slip, the body sags and tips, contacts decide.
 
-    Only the reports are noisy (joints, gravity); `contact` and `slip` of the noise are physics' own here. A foot is
-    lowered to the true height of the ground, as one with a contact switch would be.
+    Of `noise` only that of the reports is added (joints, gravity): contacts and slip come from the physics here. A foot
+    is lowered to the true height of the ground, as one with a contact switch would be.
 
     Args:
         world: level ground with boxes.
@@ -177,7 +177,7 @@ def _body_motion(
 
 
 def _mean_lag(gait: WaveGait) -> float:
-    """How far the feet are behind their hips on the mean when one is about to lift [m]."""
+    """How far the feet are behind their hips on average when one is about to lift [m]."""
     legs = len(gait.lift_order)
     return gait.cycle_length / 2 - gait.advance * (legs - 1) / 2
 
@@ -223,7 +223,7 @@ def _soles_in_base(robot: RobotModel, joints: Mapping[str, float]) -> dict[str, 
     import warnings
 
     with warnings.catch_warnings():
-        # Contacts push joints a hair beyond their limits; here that is no news.
+        # Contacts push joints slightly beyond their limits, which is expected here.
         warnings.simplefilter("ignore")
         soles = robot.state(joints).soles_in_base()
     return {leg: np.array(sole) for leg, sole in zip(robot.legs, soles, strict=True)}

@@ -16,19 +16,19 @@ SKIRT_COLUMNS = 9
 # A halo fades with this deviation from the edge of the clipped core: within 20 px to a tenth.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
-# How far the ghost lies beside the stripe, how far it swings and over how much of the picture, and how far it is
-# out of focus [px].
-GHOST_OF_HEIGHT, GHOST_SWING_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
+# Distance of the ghost from the stripe, amplitude and length of its waves, as shares of the picture's height and width;
+# and its blur [px].
+GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
-# A mirror is not everywhere: the ghost is seen in this part of the columns.
+# A mirror is not everywhere: the ghost is seen between these shares of the picture's width.
 GHOST_COLUMNS = (0.3, 0.75)
 # Deviation of the patches of blotches [px].
 BLOTCH_SIGMA_PX = 3.0
 
 
 def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
-    """First and end row that scattered light reaches of light between two rows."""
-    ghost = int((GHOST_OF_HEIGHT + GHOST_SWING_OF_HEIGHT) * height) + 1
+    """First and end row that light between two rows reaches when it is scattered."""
+    ghost = int((GHOST_OF_HEIGHT + GHOST_AMPLITUDE_OF_HEIGHT) * height) + 1
     return max(rows[0] - SKIRT_TO_PX, 0), min(rows[1] + ghost + SKIRT_TO_PX, height)
 
 
@@ -36,8 +36,8 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
     """Laser light (rows, w) with what reflections, lens and overflow of clipped pixels add to it.
 
     Args:
-        level: (rows, w) of the laser's light at the sensor's gain, 0 ... any height.
-        light: the strength of each.
+        level: (rows, w) grey levels of the laser's light at the sensor's gain, not clipped.
+        light: strengths of the effects.
         height: number of rows of the whole picture [px].
     """
     if light.ghost:
@@ -54,8 +54,8 @@ def _ghost(level: Float32, height: int) -> Float32:
     """The light seen a second time, further down."""
     width = level.shape[1]
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
-    swing = GHOST_SWING_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
-    source = rows - np.float32(height) * (GHOST_OF_HEIGHT + swing).astype(np.float32)
+    wave = GHOST_AMPLITUDE_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
+    source = rows - np.float32(height) * (GHOST_OF_HEIGHT + wave).astype(np.float32)
     seen = cv2.remap(level, columns, source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     seen[:, : int(GHOST_COLUMNS[0] * width)] = 0
     seen[:, int(GHOST_COLUMNS[1] * width) :] = 0
@@ -73,13 +73,13 @@ def _skirt(level: Float32, share: float) -> Float32:
     return np.float32(share) * np.asarray(np.minimum(seen, FULL_SCALE), np.float32)
 
 
-def _halo(level: Float32, height: float) -> Float32:
-    """What flows over from clipped pixels: `height` at the edge of the core."""
+def _halo(level: Float32, strength: float) -> Float32:
+    """What flows over from clipped pixels: `strength` at the edge of the core."""
     core = (level > FULL_SCALE).astype(np.uint8)
     if not core.any():
         return np.zeros_like(level)
     distance = cv2.distanceTransform(1 - core, cv2.DIST_L2, 3)
-    return np.asarray(height * np.exp(-0.5 * (distance / HALO_SIGMA_PX) ** 2), np.float32)
+    return np.asarray(strength * np.exp(-0.5 * (distance / HALO_SIGMA_PX) ** 2), np.float32)
 
 
 class Blotches:
@@ -97,7 +97,7 @@ class Blotches:
         self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
 
     def draw(self, rng: np.random.Generator) -> Float32:
-        """Those of one picture, (h, w, channels)."""
+        """The blotches of one picture, (h, w, channels)."""
         height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
         row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
         return self._patches[row : row + height, column : column + width]

@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.swing import Swing
     from kinematics import RobotModel
 
-# How far from its wish a foot may land: first near, then as far as a wave gait's stride bears.
+# How far from its wish a foot may land: first near, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)
-# Beside the wish rather than farther along the path: the legs reach further sideways than the stride leaves ahead.
+# Beside the wish rather than farther along the path: the legs reach further sideways than the gait leaves ahead.
 SIDEWAYS_M = (0.05, -0.05)
 # Where no way leads to the best places, others in parts of the search: their centres and radius.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
-# What a swing keeps from the ground, beginning with a comfortable one.
+# Clearances of a swing over the ground, in the order in which they are tried.
 SWING_CLEARANCES_M = (0.030, 0.020)
 
 
@@ -36,7 +36,7 @@ class PlannedSwing:
     Attributes:
         foothold: where the foot is set down.
         swing: how it gets there, over ground that the terrain knows.
-        clearance: what the swing was checked with [m].
+        clearance: clearance with which the swing was checked [m].
     """
 
     foothold: Foothold
@@ -54,11 +54,11 @@ def plan_foothold(
     """Choose where to set a foot.
 
     Args:
-        terrain: the newest grid, extent "map" for the hind feet's sake.
+        terrain: the newest grid; of extent "map", since a single scan does not show the ground of the hind feet.
         leg: name of the leg, so that its reach counts; None = any place that is safe.
         wish: x and y where the gait would set the foot, in base_footprint of the grid [m].
-        previous: what was chosen before for this swing, kept unless something is clearly better.
-        robot: whose legs; None = the robot that the grid names.
+        previous: foothold chosen before for this swing, kept unless another is clearly better.
+        robot: model of the robot; None = the robot that the grid names.
 
     Returns:
         The foothold, or None when there is no safe one within reach.
@@ -130,7 +130,7 @@ def _best_first(
         found = terrain.best_foothold(x, y, radius, leg=leg, previous=previous, robot=robot)
         if found is not None:
             yield found
-    # Towards the middle of the body first: there the ground was seen, outside it may not have been.
+    # Towards the body's centre line first: there the ground was seen, outside it may not have been.
     for aside in sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside)):
         found = terrain.best_foothold(x, y + aside, SEARCH_RADII_M[-1], leg=leg, previous=previous, robot=robot)
         if found is not None:

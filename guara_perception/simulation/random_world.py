@@ -28,7 +28,7 @@ def random_world(
 
     Args:
         seed: the same seed gives the same world.
-        length: from the robot's first stance on [m].
+        length: length of the world ahead of the robot's first stance [m].
         boxes: number of boxes, some low enough to step on.
         rocks: number of rocks.
         pits: number of pits, too deep to step into.

@@ -17,7 +17,7 @@ from guara_perception.simulation.bounce import Bounce
 from guara_perception.simulation.laser_planes import LaserPlanes
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.relief import Relief
-from guara_perception.simulation.scene_view import SceneView, look
+from guara_perception.simulation.scene_view import SceneView, view_scene
 from guara_perception.simulation.sensor import Sensor
 from guara_perception.simulation.world import World
 
@@ -54,8 +54,8 @@ class SimulatedRangefinder:
 
         Args:
             world: the terrain.
-            calibration: what the rangefinder truly is, for instance from `specimen`.
-            robot: that carries it.
+            calibration: true calibration of the rangefinder, for instance from `specimen`.
+            robot: robot that carries it.
             seed: seed of all noise; the same calls give the same frames.
             light: light and sensor; None = those of the world.
 
@@ -114,7 +114,7 @@ class SimulatedRangefinder:
                 )
         body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)
         beam = (laser, transform[:3, 1])
-        self._view = look(self._relief, self._rays, camera, beam, body, self.light)
+        self._view = view_scene(self._relief, self._rays, camera, beam, body, self.light)
         self._sensor.set_scene(self._view.ambient)
         self._bounce = Bounce(self._view) if self.light.bounce > 0 else None
         inverse = np.eye(4)
@@ -142,9 +142,9 @@ class SimulatedRangefinder:
 
         Args:
             laser: share of the exposure during which the laser shines, 0 ... 1.
-            mirror_angle: in the middle of the exposure [rad].
-            mirror_travel: how far the mirror turns meanwhile [rad].
-            exposure: relative to the nominal one.
+            mirror_angle: mirror angle halfway through the exposure [rad].
+            mirror_travel: angle by which the mirror turns during the exposure [rad].
+            exposure: exposure time relative to the nominal one.
 
         Raises:
             InvalidInput: `set_pose` was never called.
@@ -166,7 +166,7 @@ class SimulatedRangefinder:
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # A laser plane that turns by twice the travel sweeps a band; its width adds to the Gaussian's.
+        # A laser plane that turns by twice the travel draws a wider stripe: the swept width adds to the Gaussian's.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))

@@ -1,4 +1,4 @@
-"""`real_light`: the light of real places, each effect as strong as it was measured on photographs."""
+"""`real_light`: light outside a laboratory, each effect as strong as it was measured on photographs."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 
 PLAIN = Light()
-# What each effect is at strength 1: the strongest on photographs of laser lines of 21 cameras and places, in pictures
+# What each effect is at strength 1: the strongest on photographs of laser lines from 21 cameras and scenes, in pictures
 # of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
-WIDEST_SIGMA_M = 0.0045  # 12 px from half to half
+WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
 LEAST_CLIPPED, MOST_CLIPPED = 3.0, 8.0  # on soil cores of 2 to 4 px at 255
 MOST_LEAKAGE = (0.25, 0.52, 1.0)
-# Of a white surface: soil is then at 250 to 300 of 255 in red, everything brighter is clipped.
+# Factor on the ambient light: soil is then at 250 to 300 of 255 in red, everything brighter is clipped.
 MOST_AMBIENT = 4.0
-# Of 85 on soil: a line of 33 grey levels.
+# Factor on the laser: a line of 85 grey levels on soil then has 33.
 WEAKEST_LASER = 0.4
 MOST_NOISE, MOST_BLOTCHES = 7.0, 5.0
 WORST_JPEG, BEST_JPEG = 75, 95
@@ -43,7 +43,7 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
     {
         "width": lambda s: {"stripe_sigma": _between(PLAIN.stripe_sigma, WIDEST_SIGMA_M, s)},
         "skirt": lambda s: {"skirt": s * STRONGEST_SKIRT},
-        # There is none without a clipped core.
+        # There is no halo without a clipped core.
         "halo": lambda s: {"halo": s * STRONGEST_HALO, "laser": PLAIN.laser * _between(1, LEAST_CLIPPED, s)},
         "clipping": lambda s: {"laser": PLAIN.laser * _between(1, MOST_CLIPPED, s)},
         "leakage": lambda s: {"leakage": _triple(PLAIN.leakage, MOST_LEAKAGE, s)},
@@ -65,7 +65,7 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
-    """The light of a place with one or several effects, each as strong as photographs of laser lines have it.
+    """Light with one or several effects, each as strong as photographs of laser lines show it.
 
     Where a clipped and a weak line are asked for together the stripe is as bright as the product of both.
 
@@ -73,7 +73,7 @@ def real_light(strengths: Mapping[str, float]) -> Light:
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))
 
     Args:
-        strengths: by name, of EFFECTS, 0 = none ... 1 = as in the worst of the photographs.
+        strengths: strength of each effect by its name in EFFECTS, 0 = none ... 1 = as in the worst of the photographs.
 
     Raises:
         InvalidInput: no such effect, or a strength that is not 0 ... 1.

@@ -21,7 +21,7 @@ TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """Raster a[iy, ix] of a world, a cell outside its border repeated for ever.
+    """Raster a[iy, ix] of a world; beyond its border the outermost cells are repeated.
 
     Attributes:
         origin: x and y of the corner of cell (0, 0) [m].

@@ -1,4 +1,4 @@
-"""One look of the simulated camera from one pose: what each pixel shows, prepared once for all stripes."""
+"""What the simulated camera sees from one pose, pixel by pixel, prepared once for all stripes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SceneView:
     is_body: Mask
 
 
-def look(
+def view_scene(
     relief: Relief,
     rays: Float32,
     transform_camera_to_world: Float,
@@ -115,10 +115,10 @@ def look(
 
 def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float32:
     """Points (h, w, 3) where lines of sight meet the ground."""
-    level = np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2) + np.float32(1e-9)
+    horizontal = np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2) + np.float32(1e-9)
     down = np.maximum(-directions[..., 2], np.float32(1e-3))
-    tangent = level / down
-    # Bearings from the middle of the picture, so that they never wrap around inside it.
+    tangent = horizontal / down
+    # Bearings relative to the centre of the picture, so that they never wrap around inside it.
     ahead = directions[directions.shape[0] // 2, directions.shape[1] // 2]
     heading = float(np.arctan2(ahead[1], ahead[0]))
     c, s = np.float32(np.cos(heading)), np.float32(np.sin(heading))
@@ -130,13 +130,13 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
     count = int(2 * directions.shape[1] * max((last - first) / 2.2, 0.5))
     view = PolarView.around(relief, camera, (first, last), count, RADIUS_M, RADIUS_SPACING_M)
     radius = view.meets(bearing, tangent, TANGENTS)
-    points = directions * (radius / level)[..., None]
+    points = directions * (radius / horizontal)[..., None]
     points += camera.astype(np.float32)
     return points
 
 
 def _surface(relief: Relief, points: Float32, directions: Float32, normals: Float32) -> tuple[Float32, Float32]:
-    """Albedo (h, w, 3) red, green, blue and shine (h, w). A wall is of what is above it: look just behind it."""
+    """Albedo (h, w, 3) red, green, blue and shine (h, w); a wall's are sampled just behind it."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
     y = points[..., 1] - behind * normals[..., 1]
@@ -189,7 +189,7 @@ def _add_body(
     share = ((points - camera.astype(np.float32)) * directions).sum(axis=2) / (directions**2).sum(axis=2)
     lowest, highest = directions.reshape(-1, 3).min(axis=0), directions.reshape(-1, 3).max(axis=0)
     for number, corners in enumerate(body.corners()):
-        # A cheap look first: the box lies beside the cone of all lines of sight, or above the camera.
+        # A cheap test first: the box lies beside the cone of all lines of sight, or above the camera.
         towards = corners - camera
         depth = -towards[:, 2]
         if depth.max() <= 0.01:

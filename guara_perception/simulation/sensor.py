@@ -21,7 +21,7 @@ class Sensor:
         """Draw the noise.
 
         Args:
-            light: its noise and leakage.
+            light: light and sensor.
             shape: height and width of the picture.
             seed: seed of the noise.
         """
@@ -53,7 +53,7 @@ class Sensor:
             light: (rows, w) levels of the red laser at nominal exposure.
             rows: first and end row that it covers.
             laser: share of the exposure during which the laser shone.
-            exposure: relative to the nominal one.
+            exposure: exposure time relative to the nominal one.
         """
         if not self._light.is_even:
             return self._uneven_picture(light, rows, laser, exposure)
@@ -110,7 +110,7 @@ class Sensor:
         return self._delivered(level, exposure)
 
     def _ambient_now(self) -> Float32:
-        """Ambient light (h, w, 3) of this moment."""
+        """Ambient light (h, w, 3) of the next picture, with its flicker."""
         if not self._light.flicker:
             return self._ambient.copy()
         return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))

@@ -36,7 +36,7 @@ def specimen(
     """The true calibration of a simulated rangefinder.
 
     Args:
-        robot: whose mounts and scan pattern are nominal.
+        robot: robot whose nominal mounts and scan pattern are taken.
         size: picture width and height [px].
         seed: seed of the errors of assembly; None = none, exactly nominal.
         mirror_step: mirror angles are multiples of this [rad]; 0 = any angle.

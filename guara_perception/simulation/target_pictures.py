@@ -18,7 +18,7 @@ from guara_perception.simulation.sensor import Sensor
 INK, PAPER, GROUND = 22.0, 190.0, 95.0
 # Standard deviation of the ground's texture, and the length over which it changes.
 TEXTURE, TEXTURE_M = 5.0, 0.02
-# White around the squares, as a share of one.
+# Width of the white border around the squares, as a share of a square.
 BORDER = 0.6
 
 
@@ -93,7 +93,7 @@ class TargetCamera:
 
 
 def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> Float:
-    """Share of ink in a window of `width` about each place, all in squares; by the integral of the cells."""
+    """Share of ink in a window of `width` about each position, all in squares; by the integral of the cells."""
     per_square = cells.shape[1] // columns
     whole = np.pad(cells.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 

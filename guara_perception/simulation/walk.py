@@ -23,7 +23,7 @@ KNOWN_GROUND_MARGIN_M = 0.17
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkNoise:
-    """What is not as it should be; standard deviations.
+    """Errors of footsteps and of reports.
 
     Attributes:
         joint: standard deviation of a reported joint position [rad].
@@ -51,9 +51,9 @@ class Footstep:
     """A foot that was set down.
 
     Attributes:
-        leg: which.
-        target_in_footprint: (2,) as chosen, in base_footprint of the pause before [m].
-        sole_in_world: (3,) where it came to rest [m].
+        leg: name of the leg.
+        target_in_footprint: (2,) the chosen foothold, in base_footprint of the pause before [m].
+        sole_in_world: (3,) position where the sole came to rest [m].
     """
 
     leg: str
@@ -67,16 +67,16 @@ class WalkPause:
 
     Attributes:
         step: number of the pause.
-        time: since the start, pauses not counted [s].
-        stance: reported: joint positions with noise, support feet, gravity with noise or None.
+        time: time since the start, without the pauses [s].
+        stance: reported stance: joint positions with noise, support feet, gravity with noise or None.
         known_ground: what the gait declares, in base_footprint; at the first pause only.
         next_leg: the leg that swings after this pause.
         nominal: where its foot should land, x and y in base_footprint of this pause [m].
         last_footstep: the foot set down before this pause, None at the first.
-        joint_positions: the truth, by joint [rad].
-        transform_base_to_world: the truth, (4, 4).
-        transform_footprint_to_world: the truth, (4, 4).
-        soles_in_world: the truth, (3,) by leg [m].
+        joint_positions: true joint positions, by joint [rad].
+        transform_base_to_world: true pose (4, 4).
+        transform_footprint_to_world: true pose (4, 4).
+        soles_in_world: true positions (3,) by leg [m].
     """
 
     step: int
@@ -121,10 +121,10 @@ def simulate_walk(
         robot: the robot.
         choose: gives x and y of the foothold in base_footprint of the pause, or None when there is no safe one;
             None = every foot goes where the gait would put it.
-        cycles: how far, in cycles of all legs.
+        cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
-        noise: None = ordinary.
-        gait: None = the robot's wave gait.
+        noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
+        gait: gait of the robot; None = its wave gait.
 
     Yields:
         The pauses, one before the first swing and one after each.
@@ -160,7 +160,7 @@ def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | No
     """The planner's answer for a pause, x and y in base_footprint.
 
     Raises:
-        WalkEnded: it found none.
+        WalkEnded: the planner found no foothold.
     """
     choice = pause.nominal if choose is None else choose(pause)
     if choice is None:

@@ -27,12 +27,12 @@ class World:
     Attributes:
         x: smallest and largest x of the area [m].
         y: smallest and largest y [m].
-        features: in the order in which they are put down; each stands on those before it.
+        features: what stands on the ground, in the order in which it is put down; each feature stands on those before.
         material: material of the bare ground.
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: seed of undulation and texture.
         flat_until: no undulation before this x [m]; it sets in smoothly over 0.2 m.
-        light: in which it is seen.
+        light: light in which the world is seen.
     """
 
     x: tuple[float, float] = (-1.0, 3.0)
@@ -117,7 +117,7 @@ class World:
         return float(self.height(x + c * u - s * v, y + s * u + c * v).max())
 
     def _undulated(self, cx: Float, cy: Float) -> Float:
-        """Heights (ny, nx) of the bare ground; by the sine of a sum, thousands of sines in place of millions."""
+        """Heights (ny, nx) of the bare ground; by the sine of a sum, thousands of sines instead of millions."""
         if self.undulation <= 0:
             return np.zeros((cy.size, cx.size))
         cx, cy = np.clip(cx, *self.x), np.clip(cy, *self.y)
