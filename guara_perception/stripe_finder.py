@@ -38,7 +38,7 @@ class StripeFinder:
         """The stripes of some frame pairs.
 
         Args:
-            pairs: one of each stripe.
+            pairs: one frame pair per stripe.
             rows: by index of the stripe, first and end row between which it can appear.
         """
         # For the time of this call only: later the same array may hold another picture.

@@ -60,7 +60,7 @@ class Band:
     Attributes:
         on: (rows, columns[, 3]) uint8 or uint16, laser on.
         off: the same rows with the laser off, or None.
-        first_row: row of the first line in the full picture.
+        first_row: row of the full picture in which the band begins.
     """
 
     on: Image

@@ -15,7 +15,7 @@ RIVAL_OF_PEAK = 0.35
 CONTEXT_COLUMNS = 6
 # A run of columns with two peaks that is no longer than this is where the stripe jumps.
 EDGE_COLUMNS = 4
-# A choice that costs less than this more to make otherwise is no choice.
+# A choice is ambiguous when the cheapest other one costs less than this more.
 LEAST_MARGIN = 1.5
 # Peaks of one column nearer than this, in sigmas of the stripe, are one peak.
 APART_SIGMAS = 3.0
@@ -79,7 +79,7 @@ def choose_peaks(smooth: Array, peaks: Peaks, threshold: float, sigma: float) ->
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and end of the runs of True, runs closer than the context taken together."""
+    """First and end of the runs of True; runs that are closer than their context are joined."""
     indices = np.flatnonzero(mask)
     breaks = np.flatnonzero(np.diff(indices) > 2 * CONTEXT_COLUMNS)
     first = indices[np.append(0, breaks + 1)]

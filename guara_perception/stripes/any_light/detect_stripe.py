@@ -22,7 +22,7 @@ from guara_perception.stripes.peaks import (
     smooth_wide,
 )
 
-# Columns from one at which the stripe's width is measured to the next.
+# Distance of the columns in which the stripe's width is measured.
 WIDTH_COLUMNS = 8
 # How far from the path a peak may be, in sigmas of its ridge, or of the whole stripe where that is wide, and [px].
 REACH_SIGMAS, LEAST_REACH_PX = 1.5, 2
@@ -82,7 +82,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
 
 
 def _lights(path: StripePath) -> list[tuple[Mask, Float32]]:
-    """Columns of the stripe, and the light (rows, columns) in which these are measured; later ones go before.
+    """Columns of the stripe, and the light (rows, columns) in which these are measured; later entries replace earlier.
 
     The laser's own colour shows the stripe with the least of the scene; where that is clipped, all channels together.
     """

@@ -1,4 +1,4 @@
-"""Takes the laser-off picture away, exposed as it may be, or says why it is of no use."""
+"""Subtracts the laser-off picture, also one of another exposure, or reports why it cannot be used."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from guara_perception.arrays import Float32
 from guara_perception.stripes.any_light.laser_colour import CLIPPED
 
-# Rounds of the fit of the gain between laser off and on, deviations from which on a pixel is left out, and the share
-# of the plain difference to which the fit must bring it down, or it is not used.
+# Iterations of the fit of the gain between laser off and on; number of median deviations beyond which a pixel is left
+# out; and largest share of the plain difference that a fit which is used may leave.
 GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
-# A gain shows where the scene is bright, which may be a small part of it: in this brightest share.
+# A gain shows in the bright pixels, which may be few: in this brightest share of all.
 BRIGHT_SHARE = 0.1
 # Beyond this ratio of exposures noise, clipping and the camera's own curve differ too: more of the scene is left than a
 # gain can take away.
@@ -19,7 +19,7 @@ MOST_GAIN = 1.6
 # A laser-off picture that leaves more than this share of the scene's own contrast, and more than these grey levels, is
 # of another scene.
 MOST_SCENE_LEFT, LEAST_SCENE_LEFT = 0.5, 6.0
-# Every fourth pixel each way tells the exposure, and the means of blocks the scene.
+# The exposure is fitted to every fourth pixel each way; scenes are compared by the means of blocks of pixels.
 SAMPLE, BLOCK = 4, 8
 
 
@@ -68,7 +68,7 @@ def _contrast(picture: Float32) -> float:
 
 
 def _fitted(dark: Float32, bright: Float32) -> tuple[float, float]:
-    """Gain and offset that make the dark values the bright ones."""
+    """Gain and offset by which the bright values follow from the dark ones."""
     use = np.ones(dark.size, dtype=bool)
     gain, offset = 1.0, 0.0
     for _ in range(GAIN_ROUNDS):

@@ -27,11 +27,11 @@ def follow_stripe(evidence: Float32) -> tuple[Index, Mask, Float]:
     two runs meet: the sum of the best paths up to a pixel from either side is the best path through it.
 
     Args:
-        evidence: (pictures, columns, rows) how much more each pixel looks like stripe than like none.
+        evidence: (pictures, columns, rows) evidence of the stripe at each pixel, negative where none is likely.
 
     Returns:
         Row per column (pictures, columns), that of the nearest column with a stripe where there is none; whether there
-        is one (pictures, columns); and the evidence of the whole path, its costs paid (pictures,).
+        is one (pictures, columns); and the evidence of the whole path minus its costs (pictures,).
     """
     pictures, columns, rows = evidence.shape
     centre = columns // 2
@@ -44,7 +44,7 @@ def follow_stripe(evidence: Float32) -> tuple[Index, Mask, Float]:
     by_half[:, pictures:] = evidence[:, ::-1][:, : centre + 1].transpose(1, 0, 2)
     best, ends = _best_paths(seen, rows)
     scores = _without_gaps(best, rows)
-    # The columns that the second half is through with when it meets the first one in the middle.
+    # Index of the centre column in the second half, which counts from the last column.
     met = columns - 1 - centre
     through = scores[centre, :pictures] + scores[met, pictures:] - by_half[centre, :pictures]
     without = (ends[centre, 1, :pictures] + ends[met, 1, pictures:])[:, 0]
@@ -110,7 +110,7 @@ def _best_paths(seen: Float32, rows: int) -> tuple[Float32, Float32]:
 
 
 def _begin(picture: int, rows: int) -> int:
-    """Where the rows of a picture begin; those of one more than there are, where all of them end, gaps included."""
+    """Index at which the rows of a picture begin; of the number of pictures, the length of them all with the gaps."""
     return REACH_ROWS + picture * (rows + REACH_ROWS)
 
 
@@ -126,7 +126,7 @@ def _traced(best: Float32, ends: Float32, picture: int, rows: int, last: int, ro
     elsewhere, none, top = ends[:, :, picture, 0].T.tolist()
     path = [row]
     for column in range(last - 1, -1, -1):
-        # What it costs more to come from a stripe elsewhere than from none.
+        # Coming from a stripe elsewhere costs this much more than coming from no stripe.
         extra = COST_OF_END
         if row != NONE:
             at = column * length + begin + row

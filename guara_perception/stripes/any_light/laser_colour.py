@@ -12,9 +12,9 @@ from guara_perception.stripes.median import upper_median, upper_medians
 CLIPPED = 245.0
 # A clipped core and the halo in which it lies are narrower than this.
 WIDEST_CORE_PX = 25
-# Rows and columns from one sample of a covariance to the next, and number of columns that tell a colour.
+# Distance of the samples of a covariance in rows and in columns, and number of columns from which a colour is measured.
 COVARIANCE_ROWS, COVARIANCE_COLUMNS, COLOUR_COLUMNS = 2, 5, 200
-# Background and rim of the stripe, in rows from its middle.
+# Background and rim of the stripe, in rows from its centre.
 BACKGROUND_PX, RIM_PX = 12, 6
 # No camera sees a line laser in another channel by more than this share of its own.
 MOST_LEAKAGE = 0.8
@@ -25,7 +25,7 @@ LEAST_DEVIATION, UNKNOWN_SHARE = 0.15, 1e-3
 
 
 def details(picture: Float32) -> Float32:
-    """What of each channel (rows, columns, channels) changes across the columns within a few pixels."""
+    """The part of each channel (rows, columns, channels) that changes from row to row within a few pixels."""
     smooth = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
     padded = cv2.copyMakeBorder(smooth, 5, 5, 0, 0, cv2.BORDER_REPLICATE)
     change = padded[:-10] + padded[10:]
@@ -55,11 +55,11 @@ def in_laser_colour(
     """The picture seen in the colour of the laser (Fisher's linear discriminant), and where it is clipped.
 
     A clipped pixel is at least as bright as the rim of its core, whatever the other channels say: there it is
-    filled from the rim, and slightly raised by the other channels, which still show the middle.
+    filled from the rim, and slightly raised by the other channels, which still show the centre.
 
     Args:
         picture: (rows, columns, channels) float32 light.
-        frame: the same, as delivered, 0 to 255: what is clipped shows here.
+        frame: (rows, columns, channels) the picture as delivered, 0 to 255, which shows what is clipped.
         scene: (channels, channels) covariance of the scene's details.
         colour: (channels,) of the laser, 1 in its own channel.
         channel: the laser's own.
@@ -90,9 +90,9 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
 
     Args:
         picture: (rows, columns, channels) float32 light.
-        frame: the same, as delivered, 0 to 255.
-        row, is_stripe: (columns,) where it runs.
-        channel: in which it is the brighter half of the columns.
+        frame: (rows, columns, channels) the picture as delivered, 0 to 255.
+        row, is_stripe: (columns,) row of the stripe, and whether there is one.
+        channel: channel by which the brighter half of the columns is chosen.
     """
     columns, last = _some(np.flatnonzero(is_stripe)), len(picture) - 1
     if not columns.size:
@@ -111,13 +111,13 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
 
 
 def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
-    """Median colour (channels,) of the middle of a stripe where no channel but the laser's own is clipped.
+    """Median colour (channels,) of the centre of a stripe where no channel but the laser's own is clipped.
 
     Args:
         detail: (rows, columns, channels) of the light, as `details` gives it.
-        frame: the same as delivered, 0 to 255.
-        row, is_stripe: (columns,) where it runs.
-        channel: the laser's own: clipped, it is still a lower bound.
+        frame: (rows, columns, channels) the picture as delivered, 0 to 255.
+        row, is_stripe: (columns,) row of the stripe, and whether there is one.
+        channel: the laser's own channel: even clipped it is a lower bound.
     """
     columns = _some(np.flatnonzero(is_stripe))
     rows = row[columns]

@@ -11,16 +11,17 @@ from guara_perception.stripes.median import robust_sigma
 
 # A piece of the path ends where it moves by more rows than this from one column to the next.
 PIECE_JUMP_PX = 4
-# Pieces that are shorter, also if their columns are counted by their strength, are no stripe.
+# Shorter pieces are no stripe: least number of columns, and least number times relative strength.
 LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
 STRONG_PERCENTILE = 75
-# A laser keeps the ratio of its channels on any surface; what is not of it deviates by more.
+# A laser keeps the ratio of its channels on any surface; other light deviates by more.
 MOST_COLOUR_DEVIATION = 0.9
-# Laser light is coherent and grains every rough surface, ambient light does not. The grain is measured in pieces of
-# this many columns, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe; this many times
-# that of the noise beside it shows, and a piece with less than this share of the brightest one's is lit otherwise.
+# Laser light is coherent, so it looks grainy on every rough surface; ambient light does not. The grain is measured in
+# pieces of at least GRAINED_COLUMNS, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe.
+# It shows where it is CLEAR_GRAIN times the noise beside it; a piece with less than LEAST_GRAIN of the brightest
+# piece's grain is not lit by the laser.
 GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
-# From this share of clipped columns on a piece is too bright to show it.
+# From this share of clipped columns on a piece is too bright to show its grain.
 MOST_CLIPPED = 0.25
 
 
@@ -63,10 +64,10 @@ def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mas
 
 
 def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask, sigma: Float32) -> Mask:
-    """Columns of the pieces that are as grainy as laser light, as far as that shows.
+    """Columns of the pieces that are as grainy as laser light, or whose grain cannot be judged.
 
     Speckle (Goodman: Some fundamental properties of speckle, JOSA 66, 1976) depends on camera and laser more than on
-    the surface: the pieces are compared with the brightest. Nothing is said where that shows no grain, and of pieces
+    the surface: the pieces are compared with the brightest. None is judged where that one shows no grain, nor a piece
     whose grain is lost in clipped light or in noise.
 
     Args:

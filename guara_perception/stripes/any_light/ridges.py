@@ -12,7 +12,7 @@ from guara_perception.stripes.median import robust_sigma
 
 # Widths of ridges [px]; neighbours overlap, together they cover stripes of 1 to 15 px.
 SIGMAS_PX = (1.2, 2.4, 4.8)
-# Distance from the middle of a ridge to each of its sides, in sigmas.
+# Distance from the centre of a ridge to each of its sides, in sigmas.
 SIDE_SIGMAS = 2.5
 COLUMNS_MEAN = 3
 # Noise of fewer grey levels than this cannot be separated from quantisation.
@@ -22,7 +22,7 @@ TEXTURE_QUANTILE, TEXTURE_SIGMAS = 0.99, 3.0
 # Evidence is zero at the first of these strengths of a ridge, grows in proportion up to the second, then with the
 # logarithm times the gain.
 ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN = 3.2, 8.0, 3.0
-# Parts of a scene by brightness, as large as each other, in which noise is measured.
+# Number of parts of equal size into which a scene is divided by brightness, to measure the noise of each.
 LEVEL_PARTS = 8
 
 
@@ -47,7 +47,7 @@ class Ridges:
         return heights[strongest, np.arange(strongest.size)], np.array(SIGMAS_PX, np.float32)[strongest]
 
     def evidence(self) -> Float32:
-        """How much more each pixel looks like stripe than like none, (rows, columns)."""
+        """Evidence (rows, columns) for the stripe at each pixel, negative where it is more likely absent."""
         evidence = np.minimum(self.strength, np.float32(LINEAR_SIGMAS))
         evidence -= np.float32(ZERO_SIGMAS)
         # Few pixels are that strong, and logarithms are dear.
@@ -60,7 +60,7 @@ class Ridges:
 def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None = None) -> Ridges:
     """The ridges along the columns of a picture.
 
-    A step of brightness, which a second derivative takes for a line, has a higher side and is no ridge here.
+    An edge between dark and bright, which a second derivative takes for a line, has a higher side: it is no ridge here.
 
     Args:
         light: (rows, columns) float32 grey levels.
@@ -78,15 +78,15 @@ def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None 
 
 
 def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
-    """Usual noise of a scene (rows, columns) over that at each of its levels, 1 at the most.
+    """Ratio (rows, columns) of the usual noise of a scene to that at the grey level of each pixel, at most 1.
 
-    The variance of a camera's noise grows in proportion to the light (photon transfer, EMVA standard 1288). What is
-    darker than usual gets no credit: there a halo alone would count as a stripe.
+    The variance of a camera's noise grows in proportion to the light (photon transfer, EMVA standard 1288). Where it is
+    darker than usual the ratio stays 1: else a halo alone would count as a stripe there.
 
     Args:
-        height: (rows, columns) of ridges of one width.
-        noise: what is usual of it.
-        scene: levels, 0 to 255.
+        height: (rows, columns) heights of ridges of one width.
+        noise: usual noise of these heights.
+        scene: (rows, columns) grey levels of the scene, 0 to 255.
     """
     some, level = height[::3, ::7].ravel(), scene[::3, ::7].ravel()
     parts = np.array_split(level.argsort(), LEVEL_PARTS)

@@ -23,10 +23,10 @@ from guara_perception.stripes.any_light.laser_colour import (
 from guara_perception.stripes.any_light.pieces import of_laser_colour, of_laser_speckle, pieces, strong_pieces
 from guara_perception.stripes.any_light.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
 
-# Columns from one to the next in the first look, which finds the laser's channel, and width of a picture from which
-# on any are left out.
-FIRST_LOOK_COLUMNS, FIRST_LOOK_FROM = 4, 160
-# Channels whose score reaches this share of the best are looked at in full.
+# Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture of which
+# columns are left out.
+FIRST_PASS_COLUMNS, FIRST_PASS_FROM = 4, 160
+# Channels whose score reaches this share of the best are searched in full.
 HOPEFUL = 0.4
 # The stripe and its halo lie within this many rows of its path; the scene is what is further away.
 NEAR_PEAK_PX, NEAR_PATH_PX = 10, 12
@@ -45,14 +45,14 @@ class StripePath:
     """Where a stripe runs.
 
     Attributes:
-        row: (columns,) of its path.
+        row: (columns,) row of its path.
         is_path: (columns,) whether there may be one.
         is_stripe: (columns,) whether there is one beyond doubt.
         is_core: (columns,) whether the laser's channel is clipped there.
         sigma: (columns,) width of the ridge found [px].
-        height: (columns,) of the ridge [grey levels].
-        channel: the laser's own.
-        weights: (channels,) that mix the channels to `laser`.
+        height: (columns,) height of the ridge [grey levels].
+        channel: the laser's own channel.
+        weights: (channels,) weights that mix the channels to `laser`.
         laser: (rows, columns) float32 light in the laser's colour.
         light: (rows, columns, channels) float32 light, background removed where there was a picture of it.
         remark: why the picture of the background was not used, empty where it was.
@@ -88,7 +88,7 @@ class Pictures:
     detail: Float32
 
     def thinned(self, columns: slice) -> Pictures:
-        """Some columns of them."""
+        """The pictures with some of their columns only."""
         frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
         dark = None if self.dark is None else np.ascontiguousarray(self.dark[:, columns])
         return Pictures(frame, dark, light, detail)
@@ -96,7 +96,7 @@ class Pictures:
     def level(self) -> Float32 | None:
         """Brightness (rows, columns) of the scene of a mono camera, its noise smoothed away, where it is known.
 
-        Of several channels the covariance says already what is noise.
+        With several channels the covariance already separates the noise.
         """
         if self.dark is None or self.dark.shape[2] != 1:
             return None
@@ -104,13 +104,13 @@ class Pictures:
 
 
 @dataclass(frozen=True, slots=True)
-class FirstLook:
+class FirstPass:
     """What some columns of a picture show of a stripe in one channel.
 
     Attributes:
-        channel: that may be the laser's.
-        row: (columns,) of the path, between the columns that were looked at on a straight line.
-        is_stripe: (columns,) whether there may be a stripe in one of them less than FIRST_LOOK_COLUMNS away.
+        channel: channel that may be the laser's.
+        row: (columns,) row of the path, interpolated between the columns that were searched.
+        is_stripe: (columns,) whether there may be a stripe in one of them less than FIRST_PASS_COLUMNS away.
     """
 
     channel: int
@@ -147,9 +147,9 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     frame, dark = levels(on), None if off is None else levels(off)
     light, remark = (frame, "") if dark is None else subtract(frame, dark)
     pictures = Pictures(frame, None if remark else dark, light, details(light))
-    firsts = _first_looks(pictures)
+    firsts = _first_passes(pictures)
     seen = [_laser_of(pictures, first) for first in firsts]
-    # All at once: most of the time of following one is the same for several.
+    # In one call: following several takes little longer than following one.
     evidence = np.stack([each.found.evidence() for each in seen])
     rows, is_stripe, _ = follow_stripe(evidence.transpose(0, 2, 1))
     tried = [_path_of(pictures, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)]
@@ -157,7 +157,7 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     return best if pictures.dark is None else _without_moved_edges(best, frame)
 
 
-def _laser_of(pictures: Pictures, first: FirstLook) -> LaserOfChannel:
+def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:
     """The picture as a laser of one channel lights it."""
     light, frame, channel = pictures.light, pictures.frame, first.channel
     elsewhere = _away(first.row, first.is_stripe, frame.shape, NEAR_PATH_PX)
@@ -169,9 +169,9 @@ def _laser_of(pictures: Pictures, first: FirstLook) -> LaserOfChannel:
 
 
 def _path_of(
-    pictures: Pictures, first: FirstLook, seen: LaserOfChannel, evidence: Float32, rows: Index, is_stripe: Mask
+    pictures: Pictures, first: FirstPass, seen: LaserOfChannel, evidence: Float32, rows: Index, is_stripe: Mask
 ) -> tuple[StripePath, float]:
-    """The stripe of a laser of one channel, and how much speaks for it."""
+    """The stripe of a laser of one channel, and its score."""
     channel, found = first.channel, seen.found
     columns = np.arange(rows.size)
     is_core = seen.core[rows, columns]
@@ -186,7 +186,7 @@ def _path_of(
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
-        # What only the first look sees, before texture counts as noise, is doubtful.
+        # What only the first pass sees, before texture counts as noise, is doubtful.
         row=np.where(is_stripe, rows, first.row),
         is_path=is_stripe | first.is_stripe,
         is_stripe=is_good & ~has_twin,
@@ -210,33 +210,33 @@ def levels(frame: Image) -> Float32:
     return picture.reshape(*frame.shape[:2], -1)
 
 
-def _first_looks(pictures: Pictures) -> list[FirstLook]:
+def _first_passes(pictures: Pictures) -> list[FirstPass]:
     """What some columns show of the paths in the channels that may be the laser's.
 
-    Two looks: the second, in which texture counts as noise and the colour is that of the first, decides for channels.
+    Two passes: the second, in which texture counts as noise and the colour is that of the first, selects the channels.
     """
     columns, channels = pictures.light.shape[1:]
-    interval = FIRST_LOOK_COLUMNS if columns >= FIRST_LOOK_FROM else 1
+    interval = FIRST_PASS_COLUMNS if columns >= FIRST_PASS_FROM else 1
     looked_at = np.arange(interval // 2, columns, interval)
     pictures = pictures.thinned(np.s_[interval // 2 :: interval])
     light, frame, detail = pictures.light, pictures.frame, pictures.detail
     every = np.ones(looked_at.size, dtype=bool)
     shape = light.shape[:2]
     away = [_away(detail[:, :, c].argmax(axis=0), every, shape, NEAR_PEAK_PX) for c in range(channels)]
-    rows, is_stripe, _ = _look(pictures, away, list(np.eye(channels)), is_texture_noise=False)
+    rows, is_stripe, _ = _follow(pictures, away, list(np.eye(channels)), is_texture_noise=False)
     nearest = np.minimum(np.arange(columns) // interval, looked_at.size - 1)
     between = (np.rint(np.interp(np.arange(columns), looked_at, row)).astype(np.intp) for row in rows)
-    first = [FirstLook(c, row, is_stripe[c, nearest]) for c, row in enumerate(between)]
+    first = [FirstPass(c, row, is_stripe[c, nearest]) for c, row in enumerate(between)]
     if channels == 1:
         return first
     away = [_away(rows[c], is_stripe[c], shape, NEAR_PATH_PX) for c in range(channels)]
     colours = [relative_colour(rim_colour(light, frame, rows[c], is_stripe[c], c), c) for c in range(channels)]
-    rows, is_stripe, scores = _look(pictures, away, colours, is_texture_noise=True)
+    rows, is_stripe, scores = _follow(pictures, away, colours, is_texture_noise=True)
     scores *= [_purity(pictures, rows[c], is_stripe[c], c) for c in range(channels)]
     return [first[c] for c in range(channels) if scores[c] >= HOPEFUL * scores.max()]
 
 
-def _look(
+def _follow(
     pictures: Pictures, away: list[Mask], colours: list[Float], *, is_texture_noise: bool
 ) -> tuple[Index, Mask, Float]:
     """Paths of a laser of each channel, of these colours, as `follow_stripe` gives them."""
@@ -267,7 +267,7 @@ def _away(rows: Index, is_stripe: Mask, shape: tuple[int, ...], reach: int) -> M
 def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
     """Columns (n,) in which a clipped ridge elsewhere is as strong or nearly so.
 
-    One of the two is a reflection, and where light is clipped no level says which.
+    One of the two is a reflection, and where light is clipped no grey level shows which.
     """
     if not core.any():
         return np.zeros(rows.size, dtype=bool)
