@@ -1,4 +1,4 @@
-"""A quick look at a whole frame: where its brightest light is, and whether its pixels are those of a colour filter."""
+"""A glance at a whole frame: where its brightest light is, and whether its pixels are those of a colour filter."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
 def is_raw_bayer(on: Image, off: Image | None) -> bool:
     """Whether a picture of one channel, or its rows from an even one on, shows the 2 x 2 pattern of a colour filter.
 
-    Grey pictures have no reason to differ between even and odd columns all over; behind a colour filter they do, and
-    the two kinds of row differ otherwise.
+    Grey pictures have no reason to differ between even and odd columns all over; behind a colour filter these differ,
+    in even rows otherwise than in odd ones.
     """
     if on.ndim == 3 and on.shape[2] != 1:
         return False
@@ -55,7 +55,7 @@ def is_raw_bayer(on: Image, off: Image | None) -> bool:
         return _agree(_of_sums(_sums(on)), LEAST_AMBIENT_CONTRAST)
     dark = _sums(off)
     light = _sums(on) - dark
-    # Rows of one kind hardly take in the laser: each kind is judged by itself, and what is only noise by neither.
+    # Rows of one kind hardly take in the laser: each kind is judged by itself, and only where there is more than noise.
     apart = np.abs(light[..., 0] - light[..., 1]) / (on.shape[0] / 2 * on.shape[1] / QUARTERS)
     laser = np.where(apart > LEAST_LASER_LEVEL, _of_sums(light), 0.0)
     return _agree(laser, LEAST_LASER_CONTRAST) or _agree(_of_sums(dark), LEAST_AMBIENT_CONTRAST)

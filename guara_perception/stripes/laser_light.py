@@ -14,7 +14,7 @@ from guara_perception.stripes.median import SIGMA_PER_DEVIATION, upper_median, u
 
 # Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
 JUDGED_ROWS, JUDGED_COLUMNS = 3, 16
-# Mean deviations by which the peak of a column must exceed it: noise alone reaches four of them.
+# Mean deviations of the noise above which the peak of a column stands out: noise alone reaches four of them.
 NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
 # From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
 CLIPPED = 0.98
@@ -22,13 +22,13 @@ CLIPPED = 0.98
 FUSE_FROM_CLIPPED = 0.2
 # Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
 BACKGROUND_HALF_HEIGHT_PX = 12
-# A frame whose brightness away from the stripe moved by more than this share of full scale is not a pair; from the
-# second on the laser-off picture was exposed otherwise, and taken away as it is it leaves the scene's texture.
+# Largest change of the brightness beside the stripe between laser off and on, as a share of full scale: beyond the
+# first the frames are no pair; beyond the second the exposure changed, so that the difference shows the texture too.
 MAX_AMBIENT_CHANGE, EVEN_AMBIENT_CHANGE = 0.15, 1 / 64
 # Columns from one sampled top of the stripe to the next, and sigmas of noise by which a top stands out.
 TOP_COLUMNS = 16
 TOP_SIGMAS = 5.0
-# Even a channel that is clipped throughout says where the shoulders of the stripe are.
+# Even a channel that is clipped throughout shows where the shoulders of the stripe are.
 LEAST_HEADROOM = 0.3
 # Rows whose channels are mixed in one go: all at once they would need four times the memory of the band.
 MIXED_ROWS = 32
@@ -40,14 +40,15 @@ MAX_CLIPPED_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What some columns of a band say.
+    """What some columns of a band show.
 
     Attributes:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
         is_swapped: whether the dark side looks like a stripe and the bright side does not.
         change: how much brighter the surroundings of the stripe are than the background [grey levels].
-        is_uneven: whether they are brighter or darker in any channel.
-        is_core_clipped: whether the stripe's core is clipped in that channel in a good part of the columns.
+        is_uneven: whether the surroundings are brighter or darker in any channel.
+        is_core_clipped: whether the stripe's core is clipped in that channel in more than FUSE_FROM_CLIPPED of the
+            columns.
     """
 
     channel: int
@@ -69,7 +70,7 @@ class LaserLight:
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         is_uneven: whether the laser-off picture was exposed a little otherwise.
-        unlike: why the laser-off picture is of no use, empty where it is: then there is no `light`.
+        unlike: why the laser-off picture cannot be used, in which case there is no `light`; empty where it can.
         reason: why the pair cannot be used, empty when it can.
     """
 
@@ -171,7 +172,7 @@ def fused_light(on: Image, off: Image | None, channel: int) -> Float32:
     Args:
         on: (rows, columns, 3) uint8 or uint16, laser on.
         off: the same with the laser off, or None.
-        channel: that the laser lights most: its tops are those of the stripe.
+        channel: channel that the laser lights most, in which the tops of the stripe are found.
 
     Returns:
         (rows, columns) float32, in grey levels of the strongest channel.
@@ -219,7 +220,7 @@ def clipped_columns(on: Image, top: Index, sigma: float, channel: int, *, is_fus
         on: (rows, columns[, channels]) laser on.
         top: (columns,) rows of the stripe.
         sigma: width of the stripe [px].
-        channel: that the laser lights most.
+        channel: channel that the laser lights most.
         is_fused: whether light of all channels was used: then the core is lost only where all are clipped.
     """
     reach = int(REACH_SIGMAS * sigma)

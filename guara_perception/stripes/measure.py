@@ -34,7 +34,7 @@ STEEPEST_PX_PER_COLUMN = 0.5
 
 @dataclass(frozen=True, slots=True)
 class DetectedStripe:
-    """What a band says of its stripe, column by column, before the centre is measured.
+    """What is detected of a stripe, column by column, before its centre is measured.
 
     Attributes:
         top: (columns,) row of the stripe's peak within the band.
@@ -44,12 +44,12 @@ class DetectedStripe:
         is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
         responses: (shifts, columns) of the derivative filters about the top.
         above, below: (columns,) the laser-off picture above and below the top; zero where there is no such picture.
-        beside_px: how far above and below.
+        beside_px: distance of these rows from the top [px].
         sigma: width of the stripe [px].
         noise: standard deviation of a row times the slope of its response.
         rows: number of rows of the band.
         first_row: first row of the band in the full picture.
-        remark: what was of no use, though the stripe could be looked for.
+        remark: why the laser-off picture was not used, although the stripe could be detected; empty where it was used.
     """
 
     top: Index
@@ -76,8 +76,8 @@ def distance_beside(sigma: float) -> int:
 def sigma_of_filter(sigma: float) -> float:
     """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
 
-    Speckle makes a thin stripe's own width too narrow a window; of a wide one, clipped or in a halo, the core is best.
-    The smoothing of the light already counts towards it.
+    Because of speckle the filter of a thin stripe must be wider than the stripe; that of a wide one, clipped or in a
+    halo, is narrower, since the core is best. The smoothing of the light is already a part of the filter.
     """
     return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)
 

@@ -27,7 +27,7 @@ LEAST_NOISE = 0.3
 # 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
 THRESHOLD_SIGMAS = 5.0
 THRESHOLD_OF_MEDIAN_PEAK = 0.05
-# Columns from one at which the stripe's width is measured to the next.
+# Distance of the columns in which the stripe's width is measured.
 WIDTH_COLUMNS = 32
 # Maxima of blocks of rows are quick to take; the argmax is then taken within one block only.
 BLOCK_ROWS = 8
@@ -127,7 +127,7 @@ def candidates(smooth: Array, columns: Index, threshold: float, distance: int) -
 
     Args:
         smooth: (rows, all columns) smoothed light.
-        columns: (n,) columns asked about.
+        columns: (n,) columns that are searched.
         threshold: least height of a candidate.
         distance: candidates of one column are further apart than this [px].
 

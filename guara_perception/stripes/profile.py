@@ -32,7 +32,7 @@ class StripeProfile:
         sigma_px: (n,) float32, standard deviation of the position, NaN where there is none.
         status: (n,) uint8, a StripeStatus per column.
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
-        doubtful_px: (n,) float32, where a return was seen that may not be used (ambiguous or mixed), NaN elsewhere.
+        doubtful_px: (n,) float32, row of a return that may not be used (ambiguous or mixed), NaN where there is none.
         reason: why the whole frame is bad, empty when it is not.
         remark: why the laser-off picture was not used, empty when it was or there was none.
     """
@@ -68,7 +68,7 @@ class StripeProfile:
 
 
 def bad_frame(n: int, reason: str) -> StripeProfile:
-    """The profile of a frame that cannot be used: nothing known, the reason said."""
+    """The profile of a frame that cannot be used: nothing is known but the reason."""
     status = np.full(n, StripeStatus.FRAME_BAD, dtype=np.uint8)
     return StripeProfile(nothing(n), nothing(n), status, nothing(n), nothing(n), reason)
 

@@ -1,4 +1,4 @@
-"""`compare`: what two grids of the same cells say differently."""
+"""`compare`: how two grids of the same cells differ."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     """Compare two grids cell by cell.
 
     Args:
-        a: the one that b is measured against, or the path of its file.
-        b: likewise; of the same cells: equal origin, resolution and shape.
+        a: grid with which b is compared, or the path of its file.
+        b: grid of the same cells (equal origin, resolution and shape), or the path of its file.
 
     Raises:
         InvalidInput: the grids have different cells.

@@ -56,7 +56,7 @@ class TerrainGrid(LayeredGrid):
     def height_scan(self, points: npt.ArrayLike, frame: str = "base_footprint") -> HeightScan:
         """Heights of the ground under points, as locomotion policies take them, with a mask of what is known.
 
-        Unknown heights are NaN and are never filled: what stands in their place is the policy's decision.
+        Unknown heights are NaN and are never filled: the policy decides what to use instead.
 
         Args:
             points: (n, 2) or (n, 3) in `frame` [m]; points without z lie in its plane z = 0.
@@ -144,8 +144,8 @@ class TerrainGrid(LayeredGrid):
 
         Every cell within `clearance` of the path, seen from above, must be known and not STALE. Points with z: the
         path must stay `clearance` away from the ground (highest samples plus confidence; where looks disagree, the
-        highest of all looks). Towards its ends, where a foot stands, less is wanted: at a distance d from the nearer
-        end no more than d - 5 mm - confidence, what a vertical lift has gained there. A path that begins at a sole
+        highest of all looks). Near its ends, where a foot stands, less is required: at a distance d from the nearer end
+        at most d - 5 mm - confidence, the clearance that a vertical lift has there. A path that begins at a sole
         that carried the body when the grid was made may begin on unknown ground: what lies wholly under that sole is
         no higher than it. Points without z: a track on the ground, where no cell may be hazardous.
 
@@ -218,7 +218,7 @@ class TerrainGrid(LayeredGrid):
         return steppable_region(self, x, y, radius, leg, previous, robot)
 
     def steppable_regions(self, leg: str | None = None, robot: RobotLike | None = None) -> list[SteppableRegion]:
-        """Convex areas of places for a sole over the whole grid, the roomiest first; they may overlap.
+        """Convex areas of places for a sole over the whole grid, the largest first; they may overlap.
 
         Each is as `steppable_region` gives it, of 4 cm^2 or more; smaller pieces of safe ground are left out.
 
@@ -261,10 +261,10 @@ class TerrainGrid(LayeredGrid):
     def stairs(self) -> Stairs | None:
         """Stairs of two risers or more, as treads (planes) and risers (edges); None where there are none.
 
-        Treads are level regions of known ground whose heights rise by like steps of 12 mm to 0.3 m; between each two
+        Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between each two
         there must be a straight edge, and all edges must be parallel. An edge is where the ground was seen to change,
         to half the gap between what was seen of both treads; where that is over 30 mm wide, it is the upper tread's.
-        Whether a foot may be set on a tread is for `check_foothold` to say.
+        `check_foothold` decides whether a foot may be set on a tread.
         """
         return stairs(self)
 
@@ -293,10 +293,10 @@ class TerrainGrid(LayeredGrid):
             hazards: veil the cells that are not traversable.
             footholds: places to mark, each a `Foothold` or a pair (x, y) [m].
             regions: areas to outline, each a `SteppableRegion`.
-            axes: matplotlib's, to draw on; None makes a figure that a notebook or `plt.show()` shows.
+            axes: matplotlib axes to draw on; None makes a figure that a notebook or `plt.show()` shows.
 
         Raises:
-            InvalidInput: no such layer, a foothold without a place, or a region without vertices.
+            InvalidInput: no such layer, a foothold without x and y, or a region without vertices.
         """
         return plot(self, layer, hazards=hazards, footholds=footholds, regions=regions, axes=axes)
 

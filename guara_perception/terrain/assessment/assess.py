@@ -24,9 +24,9 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 LEAST_SAFE_SCORE = 0.01
 # Large grids are judged in blocks of rows that fit the cache; as every test is local, the result is the same.
 BLOCK_CELLS = 60_000
-# Least height of a block in margins: the rows that it shares with its neighbours are judged twice.
+# Least height of a block in margins: the rows of the margins, which it shares with its neighbours, are judged twice.
 LEAST_MARGINS = 6
-# What the layers say of unknown cells, where it is not NaN.
+# Values of unknown cells in the layers in which they are not NaN.
 UNKNOWN = {"traversability": 0.0}
 
 
@@ -49,17 +49,17 @@ def assess_layers(
         hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: what the feet can bear.
-        drift: (ny, nx, 2) how far the ground may lie aside of each cell along y and x, in cells (the fused map); None
+        drift: (ny, nx, 2) how far the ground of each cell may be shifted along y and x, in cells (the fused map); None
             for a single scan.
-        beyond: rows and columns on each side that lie beyond the border: the tests read them, the layers that are
-            returned do not have them.
+        beyond: number of rows and columns on each side that lie beyond the border: the tests read them, the returned
+            layers do not have them.
 
     Returns:
         Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
         slope, step_height, roughness, clearance, traversability, hazard.
     """
     flags = flags_of(raster, hazard)
-    # Beyond the outermost known cells all is unknown, which counts as off the grid does: nothing to judge there.
+    # Beyond the outermost known cells all is unknown and judged like the outside of the grid: it can be left out.
     known = np.isfinite(raster.elevation)
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
@@ -79,7 +79,7 @@ def assess_layers(
 
 
 def flags_of(raster: Raster, hazard: Flags) -> Flags:
-    """Flags known beforehand: of known cells those that are no causes; an unknown one without a cause is UNSCANNED."""
+    """The flags known beforehand, without causes in known cells; an unknown cell without a cause is UNSCANNED."""
     known = np.isfinite(raster.elevation)
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
@@ -104,7 +104,7 @@ def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: Traversabi
 
 
 def _extent(known: Mask, axis: int) -> slice:
-    """From the first to the last row (axis 0) or column (axis 1) with a known cell; one, unknown, where none is."""
+    """From the first to the last row (axis 0) or column (axis 1) with a known cell; without any, the first alone."""
     occupied = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
@@ -162,7 +162,7 @@ def judge_discs(
     step_layer = layer("step_height", np.maximum(rise, fall))
     sigma = np.sqrt(raster.variance.take(index))
     step_sigma = k * np.sqrt(2.0) * sigma
-    # From here on with what they may be wrong by.
+    # From here on rise and fall include their uncertainty.
     rise += step_sigma
     fall += step_sigma
 
@@ -206,7 +206,7 @@ def judge_soles(
     limits: TraversabilityLimits,
     drift: Index | None = None,
 ) -> dict[str, Array]:
-    """The layers that `judge_discs` gives, with EDGE where a sole would cover what it must not; others as given."""
+    """The layers that `judge_discs` gives, with EDGE where a sole must not be centred; others as given."""
     flags = layers["hazard"]
     edge = edge_cells(flags, kernel, resolution, limits, drift) & ((flags & UNKNOWN_MASK) == 0)
     hazard = flags | edge * np.uint16(Hazard.EDGE)

@@ -1,4 +1,4 @@
-"""Why a cell is unknown: not looked at, hidden, out of range, doubtful, or simply no return."""
+"""Why a cell is unknown: not scanned, hidden, out of range, doubtful, or simply without a return."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HIDING_MARGIN_M = 0.001
 CELLS_TOGETHER = 256
 # Lines from ground to sensor that are followed together.
 LINES_TOGETHER = 256
-# In place of what a plan has not found yet.
+# Stands for a value that a plan has not found yet.
 NOT_ASKED = -2
 
 
@@ -51,7 +51,7 @@ class LookPlan:
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
 
     def pairs(self, cells: Index) -> Index:
-        """Position in the pattern of the first stripe of each cell's pair (n,), -1 where no pair passes over it."""
+        """Index within the pattern of the first stripe of each cell's pair (n,), -1 where no pair passes over it."""
         new = cells[self._pairs[cells] == NOT_ASKED]
         # All cells of a grid and all laser planes at once would take megabytes.
         for begin in range(0, new.size, CELLS_TOGETHER):
@@ -107,7 +107,7 @@ class UnknownCauses:
         """
         self._plan, self._sensor_origins, self._geometry = plan, sensor_origins, geometry
         self._in_own_shadow = in_own_shadow
-        # Of the last time: the surface, the ground of the cells that were looked at, NaN for others, and why.
+        # From the last call: the surface; the ground of the cells that were looked at, NaN for others; their causes.
         self._elevation = np.full(geometry.shape, np.nan)
         self._ground = np.full(geometry.size, np.nan)
         self._why = np.zeros(geometry.size, dtype=np.uint16)
@@ -126,7 +126,7 @@ class UnknownCauses:
         unknown = np.isnan(elevation)
         flags = np.where(unknown, marks, 0).astype(np.uint16)
         cells = np.flatnonzero(unknown & (flags == 0))
-        # No pair is the last one, which is not usable.
+        # The index -1 of no pair selects the appended entry, which is not usable.
         looked_at = np.append(pair_usable, False)[self._plan.pairs(cells)] & self._plan.in_view(cells)
         flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
         cells = cells[looked_at]
@@ -142,7 +142,7 @@ class UnknownCauses:
         return flags
 
     def _is_new(self, elevation: Float, cells: Index, targets: Float) -> Mask:
-        """Whether the ground of cells (n,) or what stands before it is another than the last time."""
+        """Whether the ground of cells (n,) or what stands before it has changed since the last call."""
         new = np.asarray(targets[:, 2] != self._ground[cells])
         changed = changed_columns(elevation, self._elevation)
         count = np.cumsum(np.append(0, changed))
@@ -174,7 +174,7 @@ def _top(elevation: Float) -> float:
 
 
 def _start(targets: Float, sensor_origin: Float, top: float) -> Float:
-    """From which share (n,) of the lines from a sensor to targets (n, 3) on they run below the height `top`."""
+    """Share (n,) of each line from a sensor to a target (n, 3) from which on it runs below the height `top`."""
     climb = np.maximum(sensor_origin[2] - targets[:, 2], 1e-6)
     return np.clip(1 - (top - targets[:, 2]) / climb, 0.0, 1.0)
 
@@ -184,7 +184,7 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
     top = _top(elevation)
     if np.isnan(top):
         return np.zeros(len(targets), dtype=bool)
-    # Above the highest surface nothing can hide: only the last stretch of each line needs a look.
+    # Above the highest surface nothing can hide: only the last stretch of each line needs to be tested.
     start = _start(targets, sensor_origin, top)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
     # Half cells from the target on; those beyond the stretch of a shorter line are all at its end.
@@ -205,7 +205,7 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
 def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: Float, geometry: GridGeometry) -> Mask:
     """Whether the surface rises above the line from a target (n, 3) to a sensor at any of some shares (m, n) of it.
 
-    `around` is the surface with a border of one cell. Single precision: a hundredth of a thousandth of a cell.
+    `around` is the surface with a border of one cell. Single precision is exact to 1e-5 of a cell.
     """
 
     def along(begin: float, ends: Float) -> Float32:

@@ -75,7 +75,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
 
     The definition of slope and roughness is that of the well-known grid-map filters (least squares instead of
     principal components, the same on planes). All sums are float64: in float32 the roughness cancels. The result of a
-    cell depends on its disc only, to the last bit: no level is taken off that other cells would have a say in.
+    cell depends on its disc only, to the last bit: no mean height is subtracted, since it would depend on other cells.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -96,8 +96,8 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    # Sums of products become those about the means in their own memory, and what has served is given back: they are
-    # most of what a judgement needs.
+    # Sums of products become those about the means in their own memory, and arrays that are not needed any more are
+    # freed: they take most of the memory of a judgement.
     n, sx, sy = sums(mask, disc), sums(mask, x), sums(mask, y)
     cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
     del mask

@@ -14,7 +14,7 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 EXTRA_RING_CELLS = 1
 # The sole in the fused map is wider by at least this [cells].
 LEAST_MARGIN_CELLS = 1
-# How far the ground of the fused map may lie aside of where the map has it [cells]; more than that makes no difference.
+# Largest drift of the fused map that is considered [cells]; more makes no difference.
 LARGEST_DRIFT_CELLS = 6
 
 
@@ -26,19 +26,19 @@ def edge_cells(
     Every cell under the sole must be free of hazards, and all that its tests read (its disc) be known: then no test
     under the sole depends on anything that is not known. The window is exactly that, corners rounded as the disc is.
 
-    So whatever is unknown, rises or falls lies a disc's radius beside the sole at least, and may lie as much aside of
-    where the map says without coming under it. In the map the sole is widened by one cell besides, so that nothing
-    that the truth would refuse comes under its rim while the ground lies aside by no more than that; and where a cell
-    may have drifted by more than the disc's radius, by the rest if that is more. Unknown cells and hazards are kept
-    away alike: what is unknown might turn out to be a hazard.
+    So whatever is unknown, rises or falls is at least a disc's radius away from the sole, and the map may have drifted
+    by that much before it comes under the sole. In the map the sole is also widened by one cell, so that nothing unsafe
+    comes under its rim while the drift is no larger; where a cell may have drifted by more than the disc's radius, the
+    sole is widened by the rest if that is more than one cell. Unknown cells and hazards are kept away alike: what is
+    unknown might turn out to be a hazard.
 
     Args:
         flags: (ny, nx).
         kernel: the disc of the tests.
         resolution: cell edge [m].
-        limits: with the sole's size.
-        drift: (ny, nx, 2) cells along y and x by which the ground may lie aside of where each cell is, a property of
-            that cell alone (the fused map). None: a single scan, where nothing has drifted, but heights may change
+        limits: limits of the robot, with the sole's size.
+        drift: (ny, nx, 2) number of cells along y and x by which each cell may have drifted, a property of that cell
+            alone (the fused map). None: a single scan, where nothing has drifted, but heights may change
             with the stripe beside them and an edge that runs through a cell may show in the next one: all cells that
             the discs touch must be known, and one ring more around them.
     """
@@ -68,7 +68,7 @@ def edge_cells(
 
 
 def beyond_border(kernel: Kernel) -> int:
-    """How many rows and columns beyond the border of the fused map can have a say in whether a sole on it is safe."""
+    """Number of rows and columns beyond the border of the fused map that influence whether a sole on it is safe."""
     return kernel.shape[0] // 2 + _most_beside(kernel)
 
 
@@ -78,7 +78,7 @@ def _most_beside(kernel: Kernel) -> int:
 
 
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
-    """From the centre of a cell to the farthest corner of what `edge_cells` reads around it [m]."""
+    """Distance from the centre of a cell to the farthest corner of what `edge_cells` reads around it [m]."""
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
     iy, ix = np.nonzero(kernel if is_map else touched_kernel(limits.disc_radius / resolution))
     radius = kernel.shape[0] // 2
@@ -110,10 +110,10 @@ def half_cells(length: float, resolution: float) -> int:
 
 
 def _distance_cells(mask: Mask) -> Float:
-    """From each cell to the nearest one on the other side of the mask, centre to centre."""
+    """Distance from each cell to the nearest one on the other side of the mask, centre to centre [cells]."""
     within = mask.astype(np.uint8)
     inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
-    # One of the two is 0. OpenCV's last bit depends on where the memory lies; the squares are whole numbers, so it can
-    # be mended.
+    # One of the two is 0. OpenCV's last bit depends on where the memory lies; since the squares are whole numbers,
+    # rounding corrects it.
     distance = inside + outside
     return np.sqrt(np.rint(distance * distance), dtype=np.float64)

@@ -24,7 +24,8 @@ class CellSamples:
     """Samples of one swath, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
-        cell: int32 ix * (ny + 2) + iy, column and row counted from 1: what lies beyond the grid is in those around it.
+        cell: int32 ix * (ny + 2) + iy, column and row counted from 1: a ring of cells around the grid takes what lies
+            beyond it.
         total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
         variance_total: float32 sum of their variances.
         low, high: float32 lowest and highest height of any sample.
@@ -45,7 +46,7 @@ class CellSamples:
         return slice(max(first, 0), max(last + 1, 0))
 
     def between(self, first: int, end: int) -> CellSamples:
-        """What it has in the cells `first` to `end`."""
+        """The samples in the cells `first` to `end`."""
         if not self.cell.size or (self.cell[0] >= first and self.cell[-1] < end):
             return self
         some = slice(*self.cell.searchsorted(np.array([first, end], np.int32)).tolist())
@@ -122,28 +123,28 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
     ny = geometry.shape[0]
-    # Each swath has a slot for every cell in the columns that they touch together, one swath behind the other.
+    # Each swath has an entry for every cell in the columns that they touch together, one swath behind the other.
     lowest = int(ix.min())
     span = (int(ix.max()) + 1 - lowest) * (ny + 2)
     ix -= lowest
     ix *= ny + 2
     ix += iy
-    slot = np.repeat([swath * span for swath, _ in samples.runs], [length for _, length in samples.runs])
-    slot += ix
+    entry = np.repeat([swath * span for swath, _ in samples.runs], [length for _, length in samples.runs])
+    entry += ix
     size = count * span
     high, low = np.full(size, -np.inf), np.full(size, np.inf)
     with np.errstate(invalid="ignore"):
-        np.maximum.at(high, slot, height)
-        np.minimum.at(low, slot, height)
+        np.maximum.at(high, entry, height)
+        np.minimum.at(low, entry, height)
     used = np.flatnonzero(high >= low)
     cell = (used % span + lowest * (ny + 2)).astype(np.int32)
     lows, highs = low.take(used), high.take(used)
     if not (lows > highs - TOP_LAYER_M).all():
-        is_top = np.flatnonzero(height > high.take(slot) - TOP_LAYER_M)
-        slot, height, variance = slot.take(is_top), height.take(is_top), variance.take(is_top)
-    total = _sum(slot, height, size).take(used)
-    numbers = np.bincount(slot, minlength=size).take(used)
-    singles = [layer.astype(np.float32) for layer in (numbers, _sum(slot, variance, size).take(used), lows, highs)]
+        is_top = np.flatnonzero(height > high.take(entry) - TOP_LAYER_M)
+        entry, height, variance = entry.take(is_top), height.take(is_top), variance.take(is_top)
+    total = _sum(entry, height, size).take(used)
+    numbers = np.bincount(entry, minlength=size).take(used)
+    singles = [layer.astype(np.float32) for layer in (numbers, _sum(entry, variance, size).take(used), lows, highs)]
     bounds = used.searchsorted(span * np.arange(1, count + 1)).tolist()
     return [
         CellSamples(cell[first:last], total[first:last], *(layer[first:last] for layer in singles))
@@ -206,8 +207,8 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     if not swaths:
         nothing = np.broadcast_to(np.nan, (geometry.shape[0], number))
         return Raster(nothing, nothing, nothing, nothing)
-    # One kind of value after the other: all of them in one piece each would be most of what a merge needs.
-    # As numpy counts indices: with any other type `at` is many times slower.
+    # One kind of value after the other: all of them joined at once would take most of the memory of a merge.
+    # The type of numpy's own indices: with any other `at` is many times slower.
     cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
     size = (number + 2) * rows

@@ -38,7 +38,7 @@ class Reassessment:
         return completed(judge_soles(tested, self._kernel, self._resolution, self._limits), self._resolution)
 
     def _tested(self, raster: Raster, flags: Flags) -> dict[str, Array]:
-        """What the discs say."""
+        """The layers that follow from the discs."""
         fixed = self._kernel, self._resolution, self._limits
         if self._before is None:
             return judge_discs(raster, flags, *fixed)
@@ -48,7 +48,7 @@ class Reassessment:
             changed |= changed_columns(now, then)
         reach = self._kernel.shape[0] // 2
         parts = []
-        # A column is another one only where its discs meet a change, and is judged by all of its discs.
+        # Only a column whose discs meet a change can change; it is judged with all the columns that its discs touch.
         for columns in runs(widened(changed, reach)):
             first = max(columns.start - reach, 0)
             around = slice(first, columns.stop + reach)

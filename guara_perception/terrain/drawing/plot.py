@@ -59,18 +59,18 @@ def plot(
     """Draw one layer as people see it: x up, y to the left, metres; unknown cells in pale grey.
 
     Args:
-        terrain: to draw.
+        terrain: grid to draw.
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
         hazards: veil the cells that are not traversable, so that free ground stands out.
         footholds: places to mark, each with x and y [m] (`Foothold`) or a pair (x, y).
         regions: areas to outline, each with `vertices` (n, 2) or (n, 3) [m] (`SteppableRegion`).
-        axes: to draw on; None makes a figure with pyplot, so that a notebook or `plt.show()` shows it.
+        axes: axes to draw on; None makes a figure with pyplot, so that a notebook or `plt.show()` shows it.
 
     Returns:
         The axes, to draw more on.
 
     Raises:
-        InvalidInput: no such layer, a foothold without a place, or a region without vertices.
+        InvalidInput: no such layer, a foothold without x and y, or a region without vertices.
     """
     if not isinstance(layer, str) or layer not in LAYER_NAMES:
         given = repr(layer) if isinstance(layer, str) else f"a {type(layer).__name__}"
@@ -98,7 +98,7 @@ def plot(
         axes.set_title(title)
         if layer != "hazard":
             key = "pale grey: unknown" + (", veiled: not traversable" if hazards else "")
-            # Below the axes, where a title of one's own leaves it.
+            # Below the axes, where a title that a user sets does not replace it.
             axes.text(0.5, KEY_Y, key, transform=axes.transAxes, ha="center", va="top", fontsize="small")
     return axes
 

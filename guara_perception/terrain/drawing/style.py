@@ -121,7 +121,7 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any
     """Draw a layer a[iy, ix] of a grid as people see it: x up, y to the left, axes in metres; NaN in pale grey.
 
     Args:
-        axes: to draw on.
+        axes: axes to draw on.
         geometry: geometry of the grid.
         values: (ny, nx) numbers, or (ny, nx, 3) colours 0 ... 1.
         options: passed to `imshow` (`cmap`, `vmin`, `vmax`, ...); the colours are those of heights by default.

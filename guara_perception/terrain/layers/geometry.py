@@ -68,7 +68,7 @@ class GridGeometry:
         """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
-        # A point given as 0.50 + 3 * 0.005 must not fall into the cell below for a rounding error.
+        # A point given as 0.50 + 3 * 0.005 must not fall into the cell below because of rounding.
         ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
         iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31

@@ -90,8 +90,8 @@ def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outsi
     """Values of a layer in the cells of points, in the points' shape.
 
     Args:
-        grid: that holds the layer.
-        layer: its name.
+        grid: grid that holds the layer.
+        layer: name of the layer.
         x, y: points in base_footprint [m].
         outside: value for points off the grid, of the layer's type.
 

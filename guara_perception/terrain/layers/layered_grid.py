@@ -23,7 +23,7 @@ EXTENTS = ("footprint", "map")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredGrid(Gridded):
-    """What is known of the terrain, by layer and cell; the questions that take more than a cell are written on it.
+    """What is known of the terrain, by layer and cell; questions about more than one cell are built on it.
 
     Made only from layers that satisfy the safety invariant. All arrays are (ny, nx), a[iy, ix], read-only.
 

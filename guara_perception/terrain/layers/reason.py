@@ -11,7 +11,7 @@ class Reason:
     """A failed test.
 
     Attributes:
-        test: its name, for instance "slope".
+        test: name of the test, for instance "slope".
         value: what was found, in `unit`.
         limit: what is allowed, in `unit`.
         unit: "m", "rad", "cells", "share" ...
@@ -25,7 +25,7 @@ class Reason:
     detail: str = ""
 
     def __str__(self) -> str:
-        """For a person, in millimetres and degrees."""
+        """Text for people, in millimetres and degrees."""
         scale, unit = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg")}.get(self.unit, (1.0, self.unit))
         if math.isnan(self.value):
             return f"{self.test} impossible" + (f" ({self.detail})" if self.detail else "")

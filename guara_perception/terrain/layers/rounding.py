@@ -15,8 +15,8 @@ class Rounding:
     """How far the layers that are not rounded to one safe side may be from what was computed.
 
     Attributes:
-        elevation: an elevation is off by at most this [m].
-        variance: the computed variance is at least that of the grid over 1 + this.
+        elevation: largest error of an elevation [m].
+        variance: the computed variance is at least that of the grid divided by 1 + this.
     """
 
     elevation: float = 0.0
@@ -30,7 +30,7 @@ def rounding_of(terrain: LayeredGrid) -> Rounding:
     """The rounding of a grid; zeros where it is as computed.
 
     Raises:
-        InvalidInput: the metadata says something else than lengths.
+        InvalidInput: the metadata holds a rounding that is not valid.
     """
     said = terrain.metadata.get("rounding")
     if said is None:

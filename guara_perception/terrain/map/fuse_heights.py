@@ -63,7 +63,7 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
 
 
 def sideways_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Variance of where cells lie sideways that odometry has added since they were last seen [m^2].
+    """Variance of the sideways positions of cells that odometry has added since they were last seen [m^2].
 
     Args:
         cells: the memory.
@@ -129,7 +129,7 @@ def fuse_heights(
     memory["variance"][slot] = np.where(
         joined, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
     )
-    # While looks disagree the lowest and the highest sample of both stand.
+    # While looks disagree the lowest and the highest sample of both are kept.
     below_both = np.maximum(below, height - (new.height - new.below))
     above_both = np.maximum(above, new.height + new.above - height)
     memory["below"][slot] = np.where(confirmed, np.maximum(below, new.below), np.where(rejected, below_both, new.below))
@@ -159,7 +159,7 @@ def mark_seen(cells: OdomCells, slot: Index, drift: OdometryDrift, pause: int, s
 
 
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
-    """Looked at without a return: what was known of these cells is forgotten."""
+    """Forget what was known of cells that were looked at without a return."""
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan

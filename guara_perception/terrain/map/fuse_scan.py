@@ -58,7 +58,7 @@ def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause) -> int:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill the cells of a declared patch; return what the metadata of the map say of it."""
+    """Fill the cells of a declared patch; return its entry in the metadata of the map."""
     heights, distance = declared_heights(cells, ground, now.transform_footprint_to_odom)
     fuse_heights(cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
     return {

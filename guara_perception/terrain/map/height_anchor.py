@@ -1,8 +1,8 @@
 """Holds the height of the walk to the map: supporting soles show how far leg odometry has risen or sunk since.
 
 Leg odometry's z is a random walk. A sole that stands on ground which the map knows measures its error against that
-ground; a scalar Kalman filter takes off what the soles agree on. Nothing is shifted silently: the correction of each
-pause and the sum of all are in the map's metadata, and soles beyond the gate are not used but named.
+ground; a scalar Kalman filter subtracts the error that the soles agree on. Nothing is shifted silently: the correction
+of each pause and the sum of all are in the map's metadata, and soles beyond the gate are not used but named.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class HeightAnchor:
     """State of the filter.
 
     Attributes:
-        offset: to be added to the z of leg odometry [m].
+        offset: correction to be added to the z of leg odometry [m].
         variance: variance of the walk's height against the map [m^2].
         rise: variance that cells gain while they are not seen, summed since the start [m^2].
         odometry: variance of z that leg odometry gave last [m^2].
@@ -58,7 +58,7 @@ class HeightAnchor:
             gain = variance / innovation_variance if innovation_variance > 0 else 0.0
             correction -= gain * (sole.residual + correction)
             variance *= 1 - gain
-        # Of the growth, the share that the soles did not take off again stays with the cells.
+        # Cells keep the share of the growth that the soles did not remove again.
         kept = variance / prior if prior > 0 else 1.0
         return HeightAnchor(
             offset=self.offset + correction,

@@ -22,7 +22,7 @@ class KnownGround:
 
     Attributes:
         outline: (n, 2) corners in base_footprint of the pause at which it is declared [m], at least 3, not closed.
-        height: in the same frame [m].
+        height: height of the patch in the same frame [m].
         sigma: standard deviation of the height [m].
 
     Raises:
@@ -48,7 +48,7 @@ class KnownGround:
 def declared_heights(
     cells: OdomCells, ground: KnownGround, transform_footprint_to_odom: Float
 ) -> tuple[Heights, Float]:
-    """Heights for the cells that lie wholly inside a declared patch, where no scan saw ground or found none.
+    """Heights for the cells wholly inside a declared patch that no scan has seen, nor looked at without a return.
 
     Args:
         cells: the memory of the map.

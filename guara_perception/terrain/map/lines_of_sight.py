@@ -21,12 +21,12 @@ BESIDE_CELLS = 20
 # In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
 AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
-# Of heights of a scan and the pose of the body, as assumed; `benchmarks.lines_of_sight` holds it to the truth. A height
-# that is less certain proves no way.
+# Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.lines_of_sight` compares it
+# with the truth. A height with a larger sigma gives no bound.
 BOUND_SIGMA_M = 0.003
-# The light may start to spread on the mirror, at a line lens before it, or farther away: by this much of what it would
-# spread from the mirror on. Bounds hold for all of these; between two of them the light that passes over one place
-# comes from points of the ground 15 mm apart, of which the neighbours count too.
+# The light may start to spread on the mirror, at a line lens before it, or farther away: shares of the sideways spread
+# that it has when it starts on the mirror. Bounds hold for all of these; for two neighbouring ones, the light that
+# passes over one cell comes from points of the ground 15 mm apart, of which the neighbours count too.
 SPREADS = tuple(number / 7 for number in range(8))
 NONE = np.float32(9.0)
 
@@ -136,7 +136,7 @@ class LinesOfSight:
             if not inside.size:
                 continue
             at = iy[inside], ix[inside]
-            # What stands over the place in that footprint counts from the one of now.
+            # Heights in the footprint of the look become heights in the present one.
             seen = np.full(x.size, np.nan, np.float32)
             seen[inside] = look.seen[at] - there[inside, 2]
             with np.errstate(invalid="ignore"):
@@ -153,7 +153,7 @@ class LinesOfSight:
 
 
 def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
-    """Where camera and laser were in base_footprint."""
+    """Positions of camera and laser in base_footprint."""
     try:
         camera = np.array(terrain.metadata["transform_camera_to_base"], dtype=np.float64)[:3, 3]
         to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
@@ -167,7 +167,7 @@ def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
-    """The least bound (ny, nx) by one of the two, where it holds over all neighbours too; NONE elsewhere."""
+    """The least bound (ny, nx) by camera or laser that holds over all neighbours too; NONE where there is none."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance) <= BOUND_SIGMA_M**2))
@@ -193,7 +193,7 @@ def _laid_out(values: Float32, beside: float | np.float32) -> Float32:
 
 
 def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
-    """The lowest of ways (n, 3) from points (n, 3) over each cell (ny, nx), at the far edge of the cell [m]."""
+    """Height (ny, nx) of the lowest of ways (n, 3) from points (n, 3), at the far edge of each cell [m]."""
     least = np.full(geometry.size, NONE, np.float32)
     length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-6)
     rise, along = way[:, 2] / length, way[:, :2] / length[:, None]
@@ -203,10 +203,10 @@ def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
         on = np.flatnonzero(distance <= end)
         iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
         inside = geometry.contains(iy, ix)
-        on, slot = on[inside], (iy * geometry.shape[1] + ix)[inside]
-        # It may begin anywhere in its cell, and leave the cell that it passes anywhere.
+        on, cell = on[inside], (iy * geometry.shape[1] + ix)[inside]
+        # A way may begin anywhere in its cell, and leave the cell that it passes anywhere.
         height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
-        np.minimum.at(least, slot, height.astype(np.float32))
+        np.minimum.at(least, cell, height.astype(np.float32))
     return least.reshape(geometry.shape)
 
 

@@ -17,7 +17,7 @@ from guara_perception.terrain.map.touched import Squares
 
 # The cell was looked at, and what came back (if anything) was no height that may be used.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
-# What every height of a scan has in common with itself but not with another scan: calibration and mount, assumed.
+# Assumed error that all heights of one scan have in common, and those of another scan do not: calibration and mount.
 LOOK_SIGMA_M = 0.0005
 SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
 

@@ -30,7 +30,7 @@ class SavedMap:
     """What a file of a map holds.
 
     Attributes:
-        robot: its name.
+        robot: name of the robot.
         resolution: cell edge [m].
         side: cells along each side of the window.
         first: lowest cell (cy, cx) of the window, or None.

@@ -48,7 +48,7 @@ def map_report(
 
     Args:
         terrain: the scan that was fused last.
-        robot: its name.
+        robot: name of the robot.
         settings: settings of the robot.
         layers: layers of the map.
         transform_footprint_to_odom, covariance: pose of this pause and its covariance.
@@ -58,7 +58,7 @@ def map_report(
         residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
         known_ground: patches that were declared, with the number of cells that each filled: all of this pause, and the
             earlier ones that filled any and are not older than the validity.
-        reasons: why the map is not what it might be, besides those of the scan.
+        reasons: faults of the map, besides those of the scan.
     """
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0

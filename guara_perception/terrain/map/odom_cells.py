@@ -34,8 +34,8 @@ MEMORY: dict[str, tuple[Any, Any]] = {
 class OdomCells:
     """Cells of one size, aligned with the axes of `odom`; nothing is ever moved or resampled.
 
-    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It lives at row cy mod n, column cx mod n, so
-    when the window moves on only the rows and columns that come in are cleared: what lies far behind is forgotten.
+    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It is stored in row cy mod n, column cx mod n, so
+    that only the rows and columns that enter are cleared when the window moves: what lies far behind is forgotten.
 
     Attributes:
         resolution: cell edge [m].
@@ -48,7 +48,7 @@ class OdomCells:
 
         Args:
             resolution: cell edge [m].
-            reach: distance from its middle that the window must always cover [m].
+            reach: distance from its centre that the window must always cover [m].
         """
         self.resolution = resolution
         self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
@@ -75,7 +75,7 @@ class OdomCells:
         return cy.ravel(), cx.ravel()
 
     def slots(self, cy: Index, cx: Index) -> Index:
-        """Where cells live in the arrays of memory, -1 for cells outside the window."""
+        """Slots of cells in the arrays of memory, -1 for cells outside the window."""
         if self._first is None:
             return np.full(np.broadcast_shapes(np.shape(cy), np.shape(cx)), -1, dtype=np.int64)
         first_y, first_x = self._first
@@ -102,7 +102,7 @@ class OdomCells:
         return values
 
     def _pieces(self, first: int, count: int, window: int) -> list[tuple[slice, slice]]:
-        """Where rows (or columns) of a rectangle that lie in the window go, and where they live: in one run or two."""
+        """For rows (or columns) in the window: indices in the rectangle and in memory, in one run or two."""
         low, high = max(first, window), min(first + count, window + self.side)
         turn = low + -low % self.side
         runs = ((low, min(turn, high)), (max(low, turn), high))
@@ -130,7 +130,7 @@ class OdomCells:
         self._first = other._first
 
     def centre_on(self, x: float, y: float) -> None:
-        """Move the window so that a point of `odom` is in its middle; forget what falls out."""
+        """Move the window so that a point of `odom` is in its centre; forget the cells that leave it."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))
         if self._first is None:
             self._first = (cy, cx)

@@ -1,23 +1,23 @@
-"""Lays a scan onto the map: how far, and how surely, odometry is off by what both saw.
+"""Lays a scan onto the map: estimates from what both saw how far odometry is off, with a covariance.
 
 Gauss-Newton on heights. With the scan's points q in odom about the footprint, and the map's height H,
 
     r = H(R q + d) - (z + dz + rx y - ry x),    minimised: sum w r^2 / s^2 / n + m' P^-1 m
 
 over m = (dx, dy, dz, rx, ry, turn): s^2 is the variance of both heights and of a cell's height on a slope, w Huber's
-weight, P the prior covariance of m by odometry. Errors of neighbouring cells go together, so the information of the
+weight, P the prior covariance of m by odometry. Errors of neighbouring cells are correlated, so the information of the
 heights is divided by n.
 
 Heights are smoothed alike in both, and the slope is the mean of both slopes (Malis, Improving vision-based control
-using efficient second-order minimization techniques, ICRA 2004). A slope that noise could make says nothing of where
-one is: where the scan's is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell tells of
-height and tilt alone. The scan's, because the map has seams of a millimetre or two where scans end, that no scan shows.
-So on level ground x, y and heading are left to the prior. So they are on a slope that is hardly steeper: the map's
-heights are off by a millimetre over areas as large as a ramp, which on one of 0.05 looks like 20 mm aside.
+using efficient second-order minimization techniques, ICRA 2004). A slope that noise could cause does not show x and y:
+where the scan's slope is below SLOPE_SIGMAS of its own error the cell counts as level, and a level cell shows height
+and tilt only. The map's slope does not decide, because the map has seams of a millimetre or two where scans end. So on
+level ground x, y and heading keep their priors, and also on a slope that is hardly steeper: the map's heights are off
+by a millimetre over areas as large as a ramp, which on a ramp of slope 0.05 looks like a shift of 20 mm.
 
 Across its stripes a laser scan has an edge where the first stripe beyond it lies: off by up to their spacing, which
-grows with the distance, and always to the same side for the edges that face the robot. Laid one on the other, such
-scans would creep. So of a scan of stripes the slopes across them count as level too, and only those along them tell.
+grows with the distance, and always to the same side for the edges that face the robot. Scans laid one onto the other
+by such edges would creep. So for a scan of stripes only the slopes along the stripes are used.
 """
 
 from __future__ import annotations
@@ -32,31 +32,31 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
 
 ROUNDS = 8
-# [m] and [rad].
+# Change [m, rad] below which the iteration ends.
 SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
-# Of the height of single cells; so slopes tell from 0.06 on with cells of 5 mm and heights to 0.3 mm.
+# Least slope that is used, in sigmas that follow from those of single cells: 0.06 with cells of 5 mm and 0.3 mm sigma.
 SLOPE_SIGMAS = 6.0
-# Heights of neighbouring cells come from the same stripes and poses: as many of them count as one.
+# Heights of neighbouring cells come from the same stripes and poses: this many of them count as one.
 CELLS_THAT_COUNT_AS_ONE = 32.0
-# Of both heights together, what no sigma tells.
+# Sigma of the difference of two heights that their own sigmas do not contain.
 FLOOR_SIGMA_M = 0.0007
-# Of heights that neighbours do not share, at least.
+# Least sigma of the errors of heights that neighbours do not share.
 OWN_SIGMA_M = 0.0003
-# How far aside of its cell the ground may lie that a height tells of.
+# Sigma of the sideways position, relative to its cell, of the ground that a height belongs to.
 ASIDE_SIGMA_M = 0.004
-# What differs by more is another thing, or its edge.
+# Heights that differ by more are those of another object, or of its edge.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
 # An overlap contradicts when this share of it differs by more than Huber's limit, or when it goes this many sigmas
-# against the prior; it says something only where it shrinks the prior's variance by this share.
+# against the prior; only directions count in which it shrinks the prior's variance by this share.
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01
 # Smoothing and slope of a grid per cell: binomial, and central differences of it.
 BINOMIAL = np.array([0.25, 0.5, 0.25])
 SLOPE = np.array([-0.5, 0.0, 0.5])
-# Of noise that cells do not share, what is left of its sigma in a slope, per cell edge.
+# Sigma of a slope, times the cell edge, over that of independent noise in the heights.
 SLOPE_NOISE = float(np.linalg.norm(np.convolve(BINOMIAL, SLOPE)) * np.linalg.norm(BINOMIAL))
 
 
@@ -68,7 +68,7 @@ class Registration:
         motion: (6,) x, y, z [m] and rotations about x, y, z [rad] that take the scan onto the map, in odom about the
             footprint, REP-103 order.
         covariance: (6, 6) of it.
-        cells: that were compared.
+        cells: number of cells that were compared.
         refused: why the overlap was not used, None where it was; then the motion is zero, the covariance the prior's.
     """
 
@@ -113,10 +113,10 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
 
 
 def _surprise(motion: Float, prior: Float, covariance: Float) -> float:
-    """How far the heights pulled from where odometry was, in sigmas of that, in the worst direction.
+    """How far the heights moved the pose from that of odometry, in sigmas of this motion, in the worst direction.
 
-    What the heights move has the covariance by which they shrink the prior's; directions that they leave alone are
-    out of it.
+    The covariance of the motion is that by which the heights shrink the prior's; directions in which they do not
+    shrink it are left out.
     """
     root = np.linalg.cholesky(prior)
     half = np.linalg.solve(root, covariance)
@@ -145,13 +145,13 @@ def _smooth(heights: Float, resolution: float) -> tuple[Float, Float, Float]:
 class _Seen:
     """The scan's points (n, 3) about the footprint along the axes of odom, slopes (n, 2) there, and variances (n,).
 
-    `tells` (2, 2) takes of a slope what shows where one is.
+    `projection` (2, 2) takes the component of a slope that is used.
     """
 
     about: Float
     slopes: Float
     variance: Float
-    tells: Float
+    projection: Float
 
     @staticmethod
     def of(terrain: TerrainGrid, transform: Float) -> _Seen:
@@ -161,8 +161,8 @@ class _Seen:
         about = np.column_stack((x[known], y[known], height[known])) @ transform[:3, :3].T
         slopes = np.column_stack((by_x[known], by_y[known])) @ transform[:2, :2].T
         along = transform[:2, 1]
-        tells = np.outer(along, along) if "stripes_planned" in terrain.metadata else np.eye(2)
-        return _Seen(about, slopes, np.asarray(terrain.variance, np.float64)[known], tells)
+        projection = np.outer(along, along) if "stripes_planned" in terrain.metadata else np.eye(2)
+        return _Seen(about, slopes, np.asarray(terrain.variance, np.float64)[known], projection)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,8 +219,8 @@ def _step(ground: _Ground, seen: _Seen, base: Float, motion: Float, information:
     sigma = np.sqrt(variance + FLOOR_SIGMA_M**2 + (slope**2).sum(axis=1) * ASIDE_SIGMA_M**2)
     noise = SLOPE_NOISE**2 * np.maximum(seen.variance[used], OWN_SIGMA_M**2) / ground.resolution**2
     least = SLOPE_SIGMAS**2 * noise
-    level = ((in_scan @ seen.tells) ** 2).sum(axis=1) < least
-    slope = slope @ seen.tells
+    level = ((in_scan @ seen.projection) ** 2).sum(axis=1) < least
+    slope = slope @ seen.projection
     slope[level] = 0.0
     by_x, by_y = slope.T
     size = np.abs(difference) / sigma

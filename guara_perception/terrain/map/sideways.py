@@ -1,4 +1,4 @@
-"""How far the ground may lie aside of where the map has it, along and across the robot, since a cell was last seen."""
+"""How far cells of the map may have drifted sideways, along and across the robot, since they were last seen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields
 from guara_perception.readonly import readonly
 
-# Pauses that are kept; what was seen before the first of them has drifted as much as since that, and is long stale.
+# Pauses that are kept; what was seen before the first of them is treated as seen then, and has long been stale.
 MOST_PAUSES = 256
 
 
@@ -20,8 +20,8 @@ MOST_PAUSES = 256
 class SidewaysDrift:
     """Covariances of the motions of a walk, summed pause by pause.
 
-    Each is that of (x, y, heading) about the origin of `odom`, so that every motion turns a cell about the place where
-    the robot then stood: the difference of two sums is the covariance of all motions between.
+    Each is that of (x, y, heading) about the origin of `odom`, so that every motion turns a cell about the position of
+    the robot at that time: the difference of two sums is the covariance of all motions between.
 
     Attributes:
         pauses: (k,) ascending.
@@ -45,7 +45,7 @@ class SidewaysDrift:
         """One pause later.
 
         Args:
-            pause: its number.
+            pause: number of the pause.
             growth: (3, 3) covariance that the motion left, about the robot and along the axes of odom.
             position: (2,) of the robot in odom [m].
         """
@@ -56,11 +56,11 @@ class SidewaysDrift:
         return SidewaysDrift(pauses[-MOST_PAUSES:], total[-MOST_PAUSES:])
 
     def variances(self, seen: Index, x: Float, y: Float, transform_footprint_to_odom: Float) -> Float:
-        """Variances (2, n) along x and y of the footprint of where cells lie [m^2].
+        """Variances (2, n) of the positions of cells along x and y of the footprint [m^2].
 
         Args:
             seen: (n,) pauses at which they were last seen.
-            x, y: (n,) their places in odom [m].
+            x, y: (n,) positions of the cells in odom [m].
             transform_footprint_to_odom: (4, 4).
         """
         if not len(self.pauses):
@@ -100,10 +100,10 @@ class SidewaysDrift:
 
 
 def kept_growth(added: Float, prior: Float, left: Float) -> Float:
-    """What of a motion's covariance stays when an overlap has shrunk `prior` to `left`; (3, 3) each.
+    """A motion's covariance `added` after an overlap has shrunk `prior` to `left`; (3, 3) each.
 
-    Along each direction in which the overlap shrinks the prior, by the same share: for one unknown `added * left /
-    prior`, as of any error that a Kalman filter corrects.
+    It shrinks along each direction by the same share as the prior: for one unknown to `added * left / prior`, as with
+    any error that a Kalman filter corrects.
     """
     root = np.linalg.cholesky(prior)
     inverse = np.linalg.inv(root)

@@ -30,10 +30,10 @@ class MapPause:
     """The pause at which the map is asked for.
 
     Attributes:
-        pause: its number.
-        stamp: [ns] of the clock by which cells grow old.
+        pause: number of the pause.
+        stamp: time by the clock that gives the age of cells [ns].
         drift: drift of the odometry.
-        sideways: how far the ground may lie aside of where the map has it.
+        sideways: sideways drift of the cells.
         transform_footprint_to_odom: (4, 4).
     """
 

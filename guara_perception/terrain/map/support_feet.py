@@ -96,8 +96,8 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: OdometryDrift, pause: int, stamp: int) -> None:
     """Give cells under a sole the sole's height, where no scan saw ground and none looked without a return.
 
-    Ground that scans saw keeps its height: one sole says nothing about the relief under it, and the error that all
-    soles have in common is the height anchor's to correct.
+    Ground that scans saw keeps its height: one sole says nothing about the relief under it, and the height anchor
+    corrects the error that all soles have in common.
     """
     memory = cells.memory
     is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.slot] & LOOKED_AT) == 0)

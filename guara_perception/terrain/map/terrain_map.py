@@ -32,7 +32,7 @@ from kinematics import RobotModel
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
-# What a map is besides its cells.
+# Attributes of a map besides its cells.
 STATE = (
     "_centre",
     "_pause",
@@ -100,7 +100,7 @@ class TerrainMap:
 
     @property
     def robot(self) -> RobotModel:
-        """Its model."""
+        """Model of the robot."""
         return self._robot
 
     @property
@@ -110,7 +110,7 @@ class TerrainMap:
 
     @property
     def sideways_drift(self) -> SidewaysDrift:
-        """How far the ground may lie aside of where the map has it."""
+        """How far cells may have drifted sideways."""
         return self._sideways
 
     @property
@@ -140,10 +140,10 @@ class TerrainMap:
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
             covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
-                scan is laid onto the map first, which takes sideways drift off where the ground shows it. None = the
+                scan is laid onto the map first, which corrects sideways drift where the ground shows it. None = the
                 walk is taken as odometry gives it; at every pause or at none.
-            own_covariance: (6, 6) of what odometry is off by at this pause alone (`OdometryPose.own_covariance`), which
-                is not carried on to the next. None = none; counts only with the former.
+            own_covariance: (6, 6) of the error that odometry has at this pause alone (`OdometryPose.own_covariance`),
+                which is not carried on to the next. None = no such error; used with `covariance_since_last` only.
             time: time of the scan by a clock that never jumps [s], by which cells grow old; None takes the grid's
                 stamp. Time that runs backwards makes all that was seen before STALE.
 
@@ -188,7 +188,7 @@ class TerrainMap:
         rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
-        # Of patches declared earlier those are named that gave the map cells which may still stand.
+        # The metadata name earlier patches too, as long as cells that they filled may still be valid.
         oldest = terrain.step - self._settings.validity_pauses
         self._ground = [patch for patch in self._ground if patch["cells"] and patch["step"] >= oldest]
         self._ground += [fuse_known_ground(self._cells, ground, now, terrain.step) for ground in known_ground]
@@ -257,7 +257,7 @@ class TerrainMap:
         return terrain_map
 
     def keep(self) -> None:
-        """What is fused by now stands: `take_back` comes back to it."""
+        """Keep what is fused by now: `take_back` restores it."""
         cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
         cells.remember(self._cells)
         self._kept = cells, {name: copy.copy(getattr(self, name)) for name in STATE}
@@ -269,7 +269,7 @@ class TerrainMap:
             InvalidInput: `keep` was never called.
         """
         if self._kept is None:
-            raise InvalidInput("nothing was kept that the map could come back to; call keep() first")
+            raise InvalidInput("nothing was kept that could be restored; call keep() first")
         cells, state = self._kept
         self._cells.remember(cells)
         for name, value in state.items():

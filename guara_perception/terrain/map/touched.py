@@ -1,4 +1,4 @@
-"""The cells of a grid that rotated squares touch, and what these say together."""
+"""The cells of a grid that rotated squares touch, and the joined values of these cells."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Squares:
         first: (iy, ix) of the lowest cell of that block.
         shape: its rows and columns.
         most: rows and columns that one square touches at most.
-        entry: (n,) what each square touches, in tables of the joined values.
+        entry: (n,) flat index of each square in the table of joined values.
     """
 
     first: tuple[int, int]
@@ -58,10 +58,10 @@ class Squares:
         Args:
             layer: (rows, columns) of the block of the grid.
             join: function of two values that takes them in any order.
-            which: squares asked for; None for all.
+            which: indices of the squares; None = all.
         """
         rows, columns = self.most
-        # By rows and columns joined, from each cell on; over the array's edge no square reaches.
+        # table[i, j] joins i + 1 rows and j + 1 columns from each cell on; no square reaches over the array's edge.
         table = np.empty((rows, columns, *self.shape), layer.dtype)
         table[0, 0] = layer
         for down in range(1, rows):

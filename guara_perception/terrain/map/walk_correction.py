@@ -1,13 +1,13 @@
-"""Holds the walk to the map sideways: what registration of each scan takes off the drift of leg odometry.
+"""Holds the walk to the map sideways: registration of each scan corrects the drift of leg odometry.
 
-A Kalman filter over x, y and heading. Where odometry has a pause is off by its drift, which goes on to the next pauses,
-and by that pause's own noise, which does not. With P the covariance of the drift and W that of the noise, the overlap
-of scan and map, which sees both, leaves C of P + W and moves the pause by m; of that
+A Kalman filter over x, y and heading. The pose that odometry gives for a pause is off by its drift, which goes on to
+the next pauses, and by that pause's own noise, which does not. With P the covariance of the drift and W that of the
+noise, the overlap of scan and map, which sees both, reduces P + W to C and moves the pause by m; of that
 
     K m,  K = P (P + W)^-1        is drift, of which P - K (P + W - C) K' is left.
 
-Without W all would be carried on: the noise of a pause, larger than what a walk drifts until the next, would be put
-into the way of all that follow. Nothing is shifted silently: correction and sigmas are in the map's metadata.
+Without W all of m would be carried on: the noise of a pause, larger than the drift until the next, would move all that
+follow. Nothing is shifted silently: correction and sigmas are in the map's metadata.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from guara_perception.terrain.map.registration import register
 from guara_perception.terrain.map.sideways import kept_growth
 
 SIDEWAYS = [0, 1, 5]
-# Priors of what registration sees beside the sideways drift, and does not correct: the soles hold the height.
+# Priors of height and tilt, which registration estimates too but does not correct: the soles hold the height.
 HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # No motion is surer than this: it keeps the covariances positive.
@@ -41,11 +41,11 @@ class WalkCorrection:
     Attributes:
         transform: (4, 4) to be multiplied from the left to transforms of odometry; a turn about z and a shift in x, y.
         covariance: (3, 3) of the drift in x, y and heading that is left after it.
-        here: (4, 4) the same for the last pause, its own noise corrected too.
+        here: (4, 4) as `transform`, for the last pause alone: its own noise is corrected too.
         left: (3, 3) covariance of x, y and heading of the last pause against the map.
         own: (3, 3) covariance of the last pause's own noise.
         last: transform_footprint_to_odom of the last pause as odometry gave it, None before the first.
-        growth: (3, 3) what of the last motion's covariance the overlap has not taken off again.
+        growth: (3, 3) covariance of the last motion, as far as the overlap did not remove it.
         shift, turn: variances of all motions, summed since the start [m^2, rad^2].
         refused: why the last overlap was not used, None where it was.
     """
@@ -67,7 +67,7 @@ class WalkCorrection:
         return WalkCorrection(np.eye(4), np.zeros((3, 3)))
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
-        """Refuse a pause of another kind than the `scans` before: of the motion between nobody could tell the drift.
+        """Refuse a pause of another kind than the `scans` before: the drift of the motion between would not be known.
 
         Raises:
             InvalidInput: the covariance of the motion is given now and was not before, or the other way round.
@@ -84,7 +84,7 @@ class WalkCorrection:
         """How far the walk may have drifted by now, never less than before.
 
         Args:
-            last: by the pause before.
+            last: drift at the pause before.
             rise: variance of z [m^2].
             covariance: (6, 6) since the start, of a walk that is taken as odometry gives it; None = what is left here.
         """
@@ -94,7 +94,7 @@ class WalkCorrection:
         return OdometryDrift(rise, max(last.shift, shift), max(last.turn, turn))
 
     def report(self) -> dict[str, Any]:
-        """What the metadata of the map say of it; plain JSON values."""
+        """Its entries in the metadata of the map; plain JSON values."""
         return {
             "sideways_correction": [*self.here[:2, 3].tolist(), float(np.arctan2(*self.here[1::-1, 0]))],
             "sideways_correction_sigma": np.sqrt(np.diag(self.left)).tolist(),
@@ -135,12 +135,12 @@ class WalkCorrection:
             cells: the memory of the map.
             terrain: the scan of the pause.
             odometry: (4, 4) transform_footprint_to_odom as odometry gives it.
-            rise: what is added to its z [m].
+            rise: correction of its z [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             own: (6, 6) covariance of the pause's own noise, along the axes of odom.
         """
         if self.last is None:
-            # What led to the first pause moved nothing in the map, which lies where that pause was taken to be.
+            # The motion to the first pause moved nothing in the map, which begins at the pose of that pause.
             return replace(self, last=odometry.copy())
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
@@ -177,7 +177,7 @@ class WalkCorrection:
 
 
 def _without(growth: Float, noise: Float) -> Float:
-    """The drift (3, 3) in the covariance of a motion: the noise of both its ends taken off, the least sigmas left."""
+    """Covariance (3, 3) of a motion's drift: without the noise of both its ends, but with the least sigmas."""
     least = np.diag([LEAST_SIGMA_M, LEAST_SIGMA_M, LEAST_SIGMA_RAD])
     inverse = np.linalg.inv(least)
     variances, directions = np.linalg.eigh(inverse @ (growth - noise) @ inverse)
@@ -186,7 +186,7 @@ def _without(growth: Float, noise: Float) -> Float:
 
 
 def _moved(motion: Float, about: Float) -> Float:
-    """Transform (4, 4) of a shift in x and y and a turn (3,) about a vertical through the place of a transform."""
+    """Transform (4, 4) of a shift in x and y and a turn (3,) about the vertical through a transform's position."""
     cosine, sine = np.cos(motion[2]), np.sin(motion[2])
     transform = np.eye(4)
     transform[:2, :2] = [[cosine, -sine], [sine, cosine]]

@@ -54,7 +54,7 @@ class Foothold:
         object.__setattr__(self, "normal", readonly(self.normal))
 
     def __repr__(self) -> str:
-        """In figures that mean something."""
+        """Short text with rounded numbers."""
         return (
             f"Foothold(x={self.x:.4f}, y={self.y:.4f}, z={self.z:.4f}, score={self.score:.2f}, "
             f"value={self.value:.2f}, leg={self.leg!r})"
@@ -123,7 +123,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, limits_of(terrain))
     clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
-    # Between the least clearance that a sole needs and twice of what is always enough the value rises.
+    # The value rises with the clearance, up to twice the clearance that is always enough.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
     nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)
     return np.asarray(verdicts.score * nearness * (VALUE_AT_EDGE + (1 - VALUE_AT_EDGE) * openness))

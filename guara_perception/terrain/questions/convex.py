@@ -19,7 +19,7 @@ from guara_perception.arrays import Float
 MOST_ROUNDS = 4
 # A round that gains less is the last one.
 LEAST_GAIN = 0.01
-# So far half-planes stay off the squares: rounding, and cells that belong to their lower edges.
+# Distance that half-planes keep from the squares: for rounding, and since cells contain their lower edges.
 OFF_M = 2e-6
 # Shorter than any side that matters.
 LEAST_SIDE_M = 1e-9
@@ -102,7 +102,7 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
 
     Seen from that point, a line at distance c with normal n has the dual point n / c: those on the convex hull of all
     of them are the sides, in order. OpenCV's hull is of float32: a line that it takes for redundant may cut off less
-    than 1e-6 of its own distance, a part of what half-planes stay off the squares.
+    than 1e-6 of its own distance, which is less than OFF_M.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside
     dual = (normals / offsets[:, None]).astype(np.float32)
@@ -110,7 +110,7 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     after = np.append(on[1:], on[0])
     (a, b), c = normals[on].T, offsets[on]
     (next_a, next_b), next_c = normals[after].T, offsets[after]
-    # Turning against the clock from one side to the next; two that are parallel meet nowhere.
+    # Sine of the counter-clockwise turn from one side to the next; two that are parallel meet nowhere.
     turn = a * next_b - b * next_a
     vertices = np.column_stack((c * next_b - b * next_c, a * next_c - c * next_a)) / turn[:, None]
     # Corner i lies between sides i and i + 1; a side too short to matter goes, with the corner at its end.
@@ -126,7 +126,7 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
     mean = vertices.mean(axis=0)
-    # In millimetres about the middle, for OpenCV takes float32.
+    # In millimetres about the mean, since OpenCV takes float32.
     moments = cv2.moments((1e3 * (vertices - mean)).astype(np.float32)[:, None, :])
     area = moments["m00"]
     if not area > 0:

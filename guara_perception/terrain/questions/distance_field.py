@@ -40,7 +40,7 @@ class DistanceField:
     def at(self, points: npt.ArrayLike) -> Float:
         """Distances (n,) of points (n, 3), never too large [m]; minus infinity beside or below the field, NaN above it.
 
-        Between voxels: that of the nearest centre, less the way to it.
+        Between voxels: the distance of the nearest centre, minus the way to that centre.
 
         Raises:
             InvalidInput: points of another shape, or not finite.
