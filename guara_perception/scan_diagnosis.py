@@ -16,11 +16,11 @@ from guara_perception.stripes.glance import brightest_rows
 
 # [m] The lines of the stripes on z = 0 are drawn this far to both sides.
 HALF_LENGTH_M = 0.6
-# Number of columns that a glance reads of each frame, spread over the picture.
+# Number of columns that a glance reads of each frame, all over the picture.
 GLANCED = 12
 # A frame fits a stripe when half of its light lies within this of it: less than half a pitch of neighbouring stripes.
 FIT_PX_OF_HEIGHT = 0.008
-# Frames of a scan that are glanced at, spread over its sweep: a glance costs half of what finding a stripe does.
+# Frames of a scan that are glanced at, all over its sweep: a glance costs half of what finding a stripe does.
 GLANCED_FRAMES = 12
 # Frames that must fit for a cause to be named, as a share and in number.
 FITTING_SHARE = 0.6

@@ -1,4 +1,4 @@
-"""Where each stripe of a scan runs straight over the ground: the part of a drift check that no moved mount disturbs."""
+"""Where each stripe of a scan runs straight over the ground, which no moved mount changes."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ MIN_SINE = 1e-3
 class HeightUncertainty:
     """Variance of heights that comes from the calibration, not from the stripe's position in the picture.
 
-    Two parts: that of each stripe's plane (own covariance, with the mirror's repeatability), and that of a smooth field
-    of height errors over the area, which lens and mount cause together.
+    It is the sum of two variances: that of each stripe's plane (own covariance, with the mirror's repeatability), and
+    that of a smooth field of height errors over the area, which lens and mount cause together.
 
     Attributes:
         planes: (4, 4) covariance of the plane (nx, ny, nz, d) in the camera frame, by stripe index.

@@ -73,7 +73,7 @@ class MirrorModel:
 
 
 def nominal_mirror(point: Float) -> MirrorModel:
-    """The mirror as drawn, in base_link or another level frame with x forward.
+    """The nominal mirror, in base_link or another level frame with x forward.
 
     Axis through `point` parallel to y, laser plane straight down at angle zero, forward for positive angles; the
     light comes in level, on to a mirror that leans by 45 degrees. Only the laser plane is observed, so where the light

@@ -66,7 +66,7 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
     """Why a frame cannot be used, or an empty text.
 
     Args:
-        band: the part of the laser-on frame that will be searched.
+        band: the rows of the laser-on frame that will be searched.
         off: the whole laser-off frame, or None.
         shape: shape of the whole laser-on frame.
     """

@@ -10,11 +10,13 @@ from guara_perception.arrays import Float
 from guara_perception.plane_fit import solve_plane
 from guara_perception.terrain.assessment.quantile import quantile
 
-# With 45 % of the cells on the floor, three at random lie on it in one of 100 trials with 1 - (1 - 0.45^3)^100.
+# With 45 % of the cells on the floor, three random cells all lie on it in at least one of 100 trials with probability
+# 1 - (1 - 0.45^3)^100.
 TRIALS = 100
 # The floor is the plane to which this share of the heights lies nearest: boxes may cover more than half of the view.
 FLOOR_SHARE = 0.35
-# That quantile of |noise| in standard deviations, if all cells lie on the floor; with boxes it is larger, and refined.
+# One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the sigma that follows too large: it
+# is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
 # Cells, evenly distributed, that a floor is fitted to at most: their noise moves it by a thirtieth of itself.
 CELLS = 2000
@@ -56,8 +58,8 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
         x, y, z = x.take(some), y.take(some), z.take(some)
     if z.size < 3:
         return None
-    middle_x, middle_y = float(x.mean()), float(y.mean())
-    terms = np.stack((x - middle_x, y - middle_y, np.ones(z.size)))
+    mean_x, mean_y = float(x.mean()), float(y.mean())
+    terms = np.stack((x - mean_x, y - mean_y, np.ones(z.size)))
     if solve_plane(terms, z) is None:
         return None
     plane, sigma = _best_trial(terms, z)
@@ -75,11 +77,11 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
         if has_settled:
             break
     a, b = float(plane[0]), float(plane[1])
-    return FloorPlane(a, b, float(plane[2] - a * middle_x - b * middle_y), sigma)
+    return FloorPlane(a, b, float(plane[2] - a * mean_x - b * mean_y), sigma)
 
 
 def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
-    """Factors (3,) of `terms` (3, n) by which a share of the heights (n,) lies nearest, and about how near."""
+    """Factors (3,) of `terms` (3, n) to which FLOOR_SHARE of the heights (n,) lies nearest, and a first sigma."""
     triples = np.random.default_rng(SEED).integers(0, z.size, (TRIALS, 3))
     matrices = terms.T[triples]
     usable = np.abs(np.linalg.det(matrices)) > 1e-9

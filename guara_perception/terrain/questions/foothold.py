@@ -45,16 +45,16 @@ class FootholdVerdict:
         return self.ok
 
     def __str__(self) -> str:
-        """For a person, in millimetres and degrees."""
+        """Text for people, in millimetres and degrees."""
         return f"ok, score {self.score:.2f}" if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdVerdicts:
-    """The answers for many places; `verdicts[i]` is the FootholdVerdict of place i, with its reasons.
+    """The answers for several places; `verdicts[i]` is the FootholdVerdict of place i, with its reasons.
 
     Attributes:
-        terrain: the grid that was asked.
+        terrain: grid that gave the answers.
         x, y: (n,) places in base_footprint [m].
         ok: (n,) bool.
         score: (n,) float64, 0 where not ok.
@@ -137,7 +137,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         detail = ", ".join(causes + (["off the grid"] if off else []))
         yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {detail}")
     validity = float(terrain.metadata.get("validity_pauses", 255))
-    # Of the two limits of age the layer counts the one only.
+    # Age is limited in pauses and in seconds; the layer holds pauses only.
     seconds = terrain.metadata.get("validity_seconds")
     too_old = "" if seconds is None else f"or last seen more than {float(seconds):g} s ago"
     sigma = f"plus {limits.confidence:g} sigma"
@@ -182,6 +182,6 @@ def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
 
 
 def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
-    """Clearance from which on a cell is never EDGE [m]: the corner of the window that its tests read."""
+    """Clearance from which on a cell is never EDGE [m]: distance of the farthest corner that its tests read."""
     kernel = disc_kernel(limits.disc_radius / terrain.resolution)
     return widest_window(kernel, terrain.resolution, limits, is_map=terrain.extent == "map")

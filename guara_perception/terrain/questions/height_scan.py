@@ -21,10 +21,10 @@ class HeightScan:
     """Heights of the ground under points, and which of them are known.
 
     Attributes:
-        heights: (n,) of the ground in base_footprint [m]; NaN where unknown.
-        known: (n,) bool.
+        heights: (n,) heights of the ground in base_footprint [m]; NaN where unknown.
+        known: (n,) whether each height is known.
         sigma: (n,) standard deviation of the heights [m]; NaN where unknown.
-        points: (n, 3) the points that were asked, in base_footprint [m].
+        points: (n, 3) the given points, in base_footprint [m].
     """
 
     heights: Float

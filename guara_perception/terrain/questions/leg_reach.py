@@ -29,14 +29,14 @@ class StandingSole:
     covariance: Float
 
 
-# [rad] Between heights that are tried a joint goes no further than this beyond both.
+# [rad] At a height between two that are tried, a joint goes at most this much further than at both.
 BETWEEN_HEIGHTS = 1e-6
 
 
 def beyond_reach_of_ground(
     terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
 ) -> Float:
-    """As `beyond_reach` for places whose z was looked up in the grid: of rounded heights the worst one counts."""
+    """As `beyond_reach` for places whose z was looked up in the grid: the worst height within the rounding counts."""
     off = rounding_of(terrain).elevation
     if off == 0:
         return beyond_reach(terrain, leg, soles_in_footprint, robot)
@@ -58,8 +58,8 @@ def beyond_reach(
         terrain: grid with the stance in its metadata.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
-        robot: its model, name or folder; None = the one that the grid carries, or of its name.
-        margin: to keep from the limits [rad].
+        robot: model, name or folder of the robot; None = the description in the grid, or the robot of the grid's name.
+        margin: angle to keep from the limits [rad].
 
     Raises:
         InvalidInput: the grid does not say robot, stance and transform.
@@ -139,7 +139,7 @@ def _loaded(robot: str | Path) -> RobotModel:
 
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
-    """The robot that a grid carries; of a grid without one, that of its name."""
+    """The robot whose description a grid carries; without a description, the robot of that name."""
     if isinstance(description, str):
         return robot_from_description(description)
     try:

@@ -32,8 +32,8 @@ def _normals(terrain: LayeredGrid, x: Float, y: Float) -> Float:
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
     on = geometry.contains(jy, jx)
     height = np.where(on, terrain.elevation[np.where(on, jy, 0), np.where(on, jx, 0)].astype(np.float64), np.nan)
-    level = np.where(inside, terrain.elevation[np.where(inside, iy, 0), np.where(inside, ix, 0)], np.nan)
-    height -= level[:, None]
+    own_height = np.where(inside, terrain.elevation[np.where(inside, iy, 0), np.where(inside, ix, 0)], np.nan)
+    height -= own_height[:, None]
     known = np.isfinite(height)
     weight = known.astype(np.float64)
     n = weight.sum(axis=1)

@@ -24,7 +24,7 @@ LEAST_AREA_M2 = 1e-4
 # A thing may be as high as its highest cells; one cell in ten may be higher by noise.
 TOP_QUANTILE = 0.9
 # Cells this near to the top surface (and three sigmas) make up the top plane.
-TOP_BAND_M = 0.004
+TOP_DEPTH_M = 0.004
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class Obstacle:
         position: (3,) centre of its top (or bottom) [m].
         sigma: standard deviation of the height [m].
         hazard: union of the flags of its cells.
-        area: that it covers [m^2].
+        area: area that it covers [m^2].
     """
 
     outline: Float
@@ -85,7 +85,7 @@ class _Cells:
     hazard: Flags
 
     def some(self, which: Mask | Index) -> _Cells:
-        """Those of a mask, or of indices into the arrays."""
+        """The cells of a mask, or of indices into the arrays."""
         at = np.flatnonzero(which) if which.dtype == np.bool_ else which
         return _Cells(
             self.iy.take(at),
@@ -100,7 +100,7 @@ class _Cells:
 
 
 def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
-    """The known cells and the floor among them; None, with nothing over it, where there is none."""
+    """The known cells and the floor among them; where there is no floor None, and heights over z = 0."""
     known = np.flatnonzero(np.isfinite(terrain.elevation))
     iy, ix = np.divmod(known, terrain.shape[1])
     x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (ix, iy), strict=True))
@@ -111,7 +111,7 @@ def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
 
 
 def _connected(iy: Index, ix: Index) -> list[Index]:
-    """Places in the arrays of the cells of each connected thing, corner to corner, from cells (iy, ix) (n,)."""
+    """Indices of the cells of each connected thing in the arrays (iy, ix) (n,); cells may touch at a corner only."""
     if not iy.size:
         return []
     rows, columns = iy - iy.min(), ix - ix.min()
@@ -127,7 +127,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     sign = 1.0 if cells.rise[0] > 0 else -1.0
     height = sign * cells.rise
     lowest = (
-        float(quantile(height, TOP_QUANTILE)) - TOP_BAND_M - 3 * math.sqrt(float(cells.variance.sum()) / height.size)
+        float(quantile(height, TOP_QUANTILE)) - TOP_DEPTH_M - 3 * math.sqrt(float(cells.variance.sum()) / height.size)
     )
     top = np.flatnonzero(height >= lowest)
     top_x, top_y, top_z = (values.take(top) for values in (cells.x, cells.y, cells.elevation))
@@ -135,10 +135,10 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     x, y = float(top_x.sum()) / top.size, float(top_y.sum()) / top.size
     z = a * x + b * y + c
     residual = top_z - (a * top_x + b * top_y + c)
-    # The mean of the top: noise of neighbouring cells is shared, as if there were only one look per nine cells.
-    looks = max(top.size / 9, 1.0)
-    scatter = (float(cells.variance.take(top).sum()) + float(residual @ residual)) / top.size
-    variance = scatter / looks + floor.sigma**2 / 9
+    # Neighbouring cells share noise: the mean of the top is as uncertain as that of one cell in nine.
+    independent = max(top.size / 9, 1.0)
+    mean_square = (float(cells.variance.take(top).sum()) + float(residual @ residual)) / top.size
+    variance = mean_square / independent + floor.sigma**2 / 9
     return Obstacle(
         outline=_outline(cells, terrain),
         height=z - (floor.a * x + floor.b * y + floor.c),
@@ -151,7 +151,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
 
 
 def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
-    """Least squares, level where the points are too few or on a line."""
+    """Plane by least squares; a level one where the points are too few or on a line."""
     plane = fit_plane(x, y, z) if z.size >= 6 else None
     return plane or (0.0, 0.0, float(z.mean()))
 

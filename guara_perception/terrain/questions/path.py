@@ -48,7 +48,7 @@ class PathVerdict:
         return self.ok
 
     def __str__(self) -> str:
-        """For a person, in millimetres and degrees."""
+        """Text for people, in millimetres and degrees."""
         if not self.ok:
             return f"refused: {'; '.join(map(str, self.reasons))}"
         return "ok" if math.isnan(self.clearance) else f"ok, clearance {1e3 * self.clearance:.0f} mm"
@@ -67,7 +67,7 @@ def check_path(
 
 
 def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdict:
-    """A path (n, 3) over the ground that counts for it."""
+    """Check a path (n, 3) against the ground of a swing."""
     samples = sampled(path, ground.geometry.resolution / 2)
     cells = corridor_of(ground.geometry, samples, clearance)
     at = cells.unique()
@@ -77,8 +77,8 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
         confidence = confidences(ground, cells)
         distance = distances(ground, samples, cells, confidence)
         from_ends = np.minimum(*(np.linalg.norm(samples - end, axis=1) for end in (path[0], path[-1])))
-        # What a vertical lift-off from ground that is so uncertain has gained at least: less over less certain ground,
-        # so a variance that was rounded up counts as the least that it may have been.
+        # Near its ends a path needs the clearance that a vertical lift has: that is less over less certain ground, so a
+        # variance that was rounded up counts as the least that it may have been.
         least_confidence = confidence / np.sqrt(1 + ground.rounding)
         wanted = np.minimum(clearance, from_ends[:, None] - TOUCH_M - least_confidence)
         lack = np.where(cells.used, wanted - distance, -np.inf)
@@ -90,7 +90,7 @@ def check_over(ground: SwingGround, path: Float, clearance: float) -> PathVerdic
 
 
 def check_clearance(clearance: float) -> None:
-    """Refuse what no clearance can be.
+    """Refuse a clearance that is not possible.
 
     Raises:
         InvalidInput: not in 0 ... 1 m.

@@ -9,20 +9,20 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Positions looked at together: keeps the memory small for whole grids of positions.
+# Positions that are computed together: keeps the memory small for whole grids of positions.
 CHUNK = 4096
 # A sole that only shares an edge with a cell does not cover it.
 TOLERANCE_CELLS = 1e-6
 
 
 def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits: TraversabilityLimits) -> Flags:
-    """Union of the flags of all cells that the sole rectangle, aligned with x, covers in part or wholly.
+    """Union of the flags of all cells that the sole rectangle, aligned with x, covers wholly or partly.
 
     Args:
         hazard: (ny, nx).
         geometry: geometry of the grid.
         x, y: (n,) sole centres, finite.
-        limits: with the sole's size.
+        limits: limits of the robot, with the sole's size.
 
     Returns:
         (n,) uint16; a sole that reaches off the grid has UNSCANNED among its flags.

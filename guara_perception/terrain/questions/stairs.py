@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2 = 0.0015
 SAME_HEIGHT_M = 0.006
-# From one tread to the next.
+# Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # The rises of stairs, and the directions of their edges, are alike.
 RISES_ALIKE = 0.35
@@ -25,7 +25,7 @@ EDGES_ALIKE_RAD = 0.15
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# Where more lies between two treads nobody saw it: the edge is then that of the upper one.
+# A wider gap between what was seen of two treads: the edge is then that of the upper one.
 WIDEST_GAP_M = 0.030
 EDGE_STRAIGHT_M = 0.010
 LEAST_RISERS = 2
@@ -39,7 +39,7 @@ class Tread:
         plane: (3,) p of z = p[0] x + p[1] y + p[2] in base_footprint.
         centre: (3,) mean of its cells [m].
         sigma: standard deviation of its cells about the plane [m].
-        area: seen of it [m^2].
+        area: area that was seen of it [m^2].
     """
 
     plane: Float
@@ -58,7 +58,8 @@ class Riser:
     """The rise from one tread to the next.
 
     Attributes:
-        start, end: (3,) ends of its upper edge, as far as it was seen, the left one first for who climbs [m].
+        start, end: (3,) ends of its upper edge, as far as it was seen; `start` is the left one for a robot that climbs
+            [m].
         height: height of the rise [m].
     """
 
@@ -77,9 +78,9 @@ class Stairs:
     """Treads from the lowest to the highest, and the risers between them.
 
     Attributes:
-        treads: one more than `risers`, as the ground before and behind is among them.
-        risers: from each tread to the next.
-        direction: (2,) up the stairs, of length 1.
+        treads: the treads, one more than `risers`, as the ground before and behind is among them.
+        risers: the rises from each tread to the next.
+        direction: (2,) direction up the stairs, of length 1.
         rise: mean height of the risers [m].
         run: mean distance of neighbouring edges [m].
     """
@@ -100,15 +101,15 @@ def stairs(terrain: LayeredGrid) -> Stairs | None:
     height = np.asarray(terrain.elevation, np.float64)
     known = (np.asarray(terrain.hazard) & UNKNOWN_MASK) == 0
     x, y = np.meshgrid(*terrain.geometry.centres())
-    levels = _levels(terrain, height)
+    regions = _level_regions(terrain, height)
     best: list[tuple[Mask, float]] = []
-    for first in range(len(levels)):
-        flight = [levels[first]]
-        for level in levels[first + 1 :]:
-            rise = level[1] - flight[-1][1]
+    for first in range(len(regions)):
+        flight = [regions[first]]
+        for region in regions[first + 1 :]:
+            rise = region[1] - flight[-1][1]
             if rise > MOST_RISE_M or (len(flight) > 1 and not _alike(rise, flight[1][1] - flight[0][1])):
                 break
-            flight.append(level)
+            flight.append(region)
         if len(flight) > len(best):
             best = flight
     if len(best) <= LEAST_RISERS:
@@ -145,7 +146,7 @@ def _alike(one: float, other: float) -> bool:
     return abs(one - other) <= RISES_ALIKE * max(one, other)
 
 
-def _levels(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:
+def _level_regions(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:
     """Level ground by its height: cells and mean height [m] of each, the lowest first."""
     with np.errstate(invalid="ignore"):
         level = np.isfinite(height) & (terrain.slope < STEEPEST_TREAD_RAD) & (terrain.step_height < LEAST_RISE_M)
@@ -153,15 +154,15 @@ def _levels(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:
     least = LEAST_TREAD_M2 / terrain.resolution**2
     parts = [labels == label for label in range(1, len(sizes)) if sizes[label, cv2.CC_STAT_AREA] >= least]
     parts.sort(key=lambda part: float(height[part].mean()))
-    levels: list[tuple[Mask, float]] = []
+    regions: list[tuple[Mask, float]] = []
     for part in parts:
         mean = float(height[part].mean())
-        if levels and mean - levels[-1][1] < SAME_HEIGHT_M:
-            joined = levels[-1][0] | part
-            levels[-1] = joined, float(height[joined].mean())
+        if regions and mean - regions[-1][1] < SAME_HEIGHT_M:
+            joined = regions[-1][0] | part
+            regions[-1] = joined, float(height[joined].mean())
         else:
-            levels.append((part, mean))
-    return levels
+            regions.append((part, mean))
+    return regions
 
 
 def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> Tread:
@@ -197,7 +198,7 @@ def _edge(x: Float, y: Float, height: Float, known: Mask, lower: float, upper: f
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / STRIP_M).astype(int)
     near = OF_TREAD * (upper - lower)
-    of_lower, of_upper = (known & (np.abs(height - level) < near) for level in (lower, upper))
+    of_lower, of_upper = (known & (np.abs(height - tread) < near) for tread in (lower, upper))
     points = []
     for number in np.intersect1d(strip[of_lower], strip[of_upper]).tolist():
         ends, begins = along[of_lower & (strip == number)], along[of_upper & (strip == number)]

@@ -44,7 +44,7 @@ class SteppableRegion:
         plane: (3,) p of z = p[0] x + p[1] y + p[2].
         sigma: standard deviation of the ground about the plane, errors of measurement included [m].
         area: seen from above [m^2].
-        leg: that reaches all of it with the body where it stood, or None.
+        leg: leg that reaches all of it with the body where it stood, or None.
     """
 
     halfspaces: Float
@@ -113,7 +113,7 @@ def steppable_regions(
     found: list[SteppableRegion] = []
     while len(found) < MOST_REGIONS:
         padded = cv2.copyMakeBorder(left.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
-        # Summed up of whole steps: the exact distance has a last bit that depends on where the memory lies.
+        # The approximate transform: the last bit of the exact one depends on where the memory lies.
         depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
         seed = np.unravel_index(int(depth.argmax()), depth.shape)
         if (2 * depth[seed] * terrain.resolution) ** 2 < LEAST_AREA_M2:
@@ -134,8 +134,8 @@ def steppable_regions(
 class _Window:
     """Cells of a part of a grid: their centres, whether a sole may be set on every point of each, and their heights.
 
-    `bounds` are the half-planes of the part's rectangle, `tolerance` is how far the ground may lie off its plane,
-    `seed` is the cell in the middle where the part was made around one.
+    `bounds` are the half-planes of the part's rectangle, `tolerance` is the largest distance of the ground from its
+    plane, `seed` is the cell around which the part was cut out, if it was.
     """
 
     x: Float
@@ -211,7 +211,7 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
     """The region around a free cell of a window."""
     iy, ix = (int(i) for i in (seed if seed is not None else window.seed or (0, 0)))
     plane, ground = _plane_of(window, iy, ix)
-    # What borders on the ground bounds it, the rim of the window too; what lies behind is behind these.
+    # Only the cells next to the ground, and the rim of the window, bound it: all others lie behind these.
     padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
     border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
     by, bx = np.nonzero(border)
@@ -224,7 +224,7 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
 
 
 def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
-    """Plane of the ground around a free cell, and the free cells that belong to it and hang together with it."""
+    """Plane of the ground around a free cell, and the free cells on this plane that are connected to it."""
     n = int(max(SEED_RADIUS_M, 2 * window.resolution) / window.resolution) + 1
     rows, columns = slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
     aside = np.hypot(window.x[columns] - window.x[ix], window.y[rows, None] - window.y[iy])
@@ -246,14 +246,14 @@ def _fitted(window: _Window, cells: Mask) -> Float:
     """Least squares plane (3,) through the heights of cells; level where they are too few or in a line."""
     iy, ix = np.nonzero(cells)
     x, y, z = window.x[ix], window.y[iy], window.height[cells]
-    mean_x, mean_y, level = float(x.mean()), float(y.mean()), float(z.mean())
-    dx, dy, dz = x - mean_x, y - mean_y, z - level
+    mean_x, mean_y, mean_z = float(x.mean()), float(y.mean()), float(z.mean())
+    dx, dy, dz = x - mean_x, y - mean_y, z - mean_z
     xx, xy, yy, xz, yz = (float(u @ v) for u, v in ((dx, dx), (dx, dy), (dy, dy), (dx, dz), (dy, dz)))
     determinant = xx * yy - xy * xy
     if not determinant > 1e-9 * xx * yy:
-        return np.array([0.0, 0.0, level])
+        return np.array([0.0, 0.0, mean_z])
     a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-    return np.array([a, b, level - a * mean_x - b * mean_y])
+    return np.array([a, b, mean_z - a * mean_x - b * mean_y])
 
 
 def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:
@@ -262,7 +262,7 @@ def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask,
     inside = ground[rows, columns].copy()
     for a, b, c in polygon.halfspaces.tolist():
         inside &= a * x + b * y <= c
-    # A polygon that holds no cell's middle lies between those of the ground.
+    # A polygon without the centre of any cell lies between centres of the ground: all of the ground is taken then.
     part, cells = ((rows, columns), inside) if inside.any() else ((slice(None), slice(None)), ground)
     iy, ix = np.nonzero(cells)
     height, variance = window.height[part][cells], window.variance[part][cells]

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from guara_perception.robot_model import RobotLike
 
 
-# Where the straight path is barred: corners at these shares of it, and this far beside it [m].
+# Where the straight path is barred, corners are tried at these shares of its length and these distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
-# Over the least height: first what samples half a cell apart may miss, then more.
+# Rises over the least height: the first for what samples half a cell apart may miss, then more.
 RISES_M = (0.001, 0.005, 0.010, 0.020)
 # Samples for the reach of a leg.
 REACH_SPACING_M = 0.010
@@ -114,7 +114,7 @@ def _over(
 ) -> Swing:
     """The swing that stays over a path on the ground."""
     line = sampled(track, terrain.resolution / 2)
-    # Seen from above all heights are alike: what is unknown or too old there is so for each of them.
+    # Cells that are unknown or too old refuse a path at any height: one check far above the ground finds them.
     blocked = check_over(ground, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
     blocked = tuple(reason for reason in blocked if reason.test in ("unknown", "hazard"))
     if blocked:
@@ -122,8 +122,8 @@ def _over(
     heights = _least_heights(ground, line, clearance)
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
-        for profile in (_hull(line, heights), np.full(len(line), heights.max())):
-            path = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (profile + rise)[:, None]), ends[1:]))
+        for course in (_hull(line, heights), np.full(len(line), heights.max())):
+            path = np.concatenate((ends[:1], _bends(line + (0.0, 0.0, 1.0) * (course + rise)[:, None]), ends[1:]))
             verdict = check_over(ground, path, clearance)
             reasons = verdict.reasons or _out_of_reach(terrain, path, leg, robot)
             if not reasons:
@@ -133,7 +133,7 @@ def _over(
 
 
 def _least_heights(ground: SwingGround, line: Float, clearance: float) -> Float:
-    """How high (n,) the path must be over samples of the line from start to end, to keep its clearance [m]."""
+    """Least height (n,) of the path over samples of the line from start to end that keeps the clearance [m]."""
     cells = corridor_of(ground.geometry, line, clearance)
     at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
     top = ground.top[at].astype(np.float64) + confidences(ground, cells)

@@ -18,13 +18,13 @@ from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
-# A path that begins this near to the centre of a standing sole begins at that sole.
+# A path whose start is this near to the centre of a standing sole begins at that sole.
 SAME_PLACE_M = 0.010
 
 
 @dataclass(frozen=True, slots=True)
 class SwingGround:
-    """The part of a grid that a swing needs.
+    """The layers of a grid that a swing needs.
 
     Attributes:
         geometry: geometry of the grid.
@@ -32,7 +32,7 @@ class SwingGround:
         top: (ny, nx) highest sample of each cell [m].
         variance: (ny, nx) variance of the heights [m^2].
         confidence: number of sigmas that are added to `top`.
-        rounding: by how much rounding on the wire may have raised `variance`, as a fraction of it.
+        rounding: largest share of itself by which rounding on the wire may have raised `variance`.
     """
 
     geometry: GridGeometry
@@ -62,7 +62,7 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
             raise InvalidInput(f"a ceiling of shape {ceiling.height.shape} for a grid of {terrain.shape}")
         bounded = unknown & np.isfinite(ceiling.height)
         hazard, top, variance = hazard.copy(), top.copy(), variance.copy()
-        # What users of `variance` take off for rounding is added here: a ceiling's variance was not rounded.
+        # A ceiling's variance was not rounded: it is raised by the share that users of `variance` subtract again.
         hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
     ground = SwingGround(terrain.geometry, hazard, top, variance, limits.confidence, rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9

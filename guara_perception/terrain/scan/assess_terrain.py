@@ -57,7 +57,7 @@ def assess_terrain(
 
 @cache
 def default_limits() -> TraversabilityLimits:
-    """The limits of the Guara; read once, for they take longer to read than a grid to judge."""
+    """The limits of the Guara; read once, since reading them takes longer than judging a grid."""
     from guara_perception.settings import Settings
 
     return Settings.of(load_robot("guara")).limits
@@ -79,7 +79,7 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
     if known.any() and np.abs(heights[known]).max() > HIGHEST_M:
         raise InvalidInput(
             f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
-            "heights are in metres, take off a common height first"
+            "heights are in metres, subtract a common height first"
         )
     variances = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
     if variances.shape != heights.shape:

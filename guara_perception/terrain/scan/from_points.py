@@ -37,18 +37,18 @@ def terrain_from_points(
     """A grid of extent "footprint" from measured points, judged by the same rules as a scan; `TerrainMap` takes it.
 
     A cell is known where a point fell into it, and nowhere else: nothing is interpolated between points, so cells must
-    not be smaller than the points lie apart. What hides behind something higher, seen from the sensor, is OCCLUDED;
-    where only points outside the robot's height limits fell, OUT_OF_RANGE; where the sensor looked and nothing
-    came back, DROPOUT; all else UNSCANNED.
+    not be smaller than the distance between points. A cell that something higher hides from the sensor is OCCLUDED;
+    one with points outside the robot's height limits only, OUT_OF_RANGE; one at which the sensor looked without a
+    return, DROPOUT; all others UNSCANNED.
 
     Args:
-        points: (n, 3) in base_footprint [m]; rows with NaN are left out. Take points of the robot's own body out first.
+        points: (n, 3) in base_footprint [m]; rows with NaN are left out. Remove points of the robot's own body first.
         sigma: standard deviation of the heights, one number or (n,) [m].
-        sensor_origin: (3,) where the sensor looks from, in base_footprint [m].
+        sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; gives the area, the height limits and those of traversability; None = the Guará.
         no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
-            the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = it
-            is not known in which directions it got no return; then what the map knew there stays and ages.
+            the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = these
+            directions are not known; what the map knew there then stays and ages.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
@@ -75,7 +75,7 @@ def terrain_from_points(
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
     raster = merge([rasterise(cloud[within], sigmas[within] ** 2, geometry)], geometry)
     beyond = _cells_of(cloud[~within], geometry)
-    # A cell from which something rises above the height limits is not to be stepped on for the sake of its foot.
+    # A cell in which something rises above the height limits is unknown, even where lower points fell into it too.
     raster = without_cells(raster, beyond)
     looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
     hazard = _causes(raster, geometry, origin, beyond, looked)
@@ -108,13 +108,13 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
     known = ~unknown
     flags[unknown] = np.uint16(Hazard.UNSCANNED)
     if known.any():
-        # Ground that is not known is taken to be as low as the lowest that is, which light has least chance to reach.
-        level = float(np.min(raster.low[known]))
-        flags[unknown & _hidden(raster.high, geometry, origin, level)] = np.uint16(Hazard.OCCLUDED)
+        # Unknown ground is taken to be as low as the lowest known ground, since the lowest is hidden most easily.
+        lowest = float(np.min(raster.low[known]))
+        flags[unknown & _hidden(raster.high, geometry, origin, lowest)] = np.uint16(Hazard.OCCLUDED)
         empty = looked[np.isfinite(looked).all(axis=1)]
         empty = empty[empty[:, 2] < 0]
-        # Where a line of sight comes down to the ground, wherever between its lowest and highest that is.
-        for height in np.unique((level, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
+        # Where lines of sight meet the ground, which may be anywhere between its lowest and its highest point.
+        for height in np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
             way = (height - origin[2]) / empty[:, 2]
             hit = np.column_stack((origin[:2] + way[:, None] * empty[:, :2], np.full(len(empty), height)))
             mask = _cells_of(hit[way > 0], geometry) & unknown
@@ -123,8 +123,8 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
     return flags
 
 
-def _hidden(high: Float, geometry: GridGeometry, origin: Float, level: float) -> Mask:
-    """Cells at a level that something known hides from the sensor."""
+def _hidden(high: Float, geometry: GridGeometry, origin: Float, height: float) -> Mask:
+    """Cells that something known hides from the sensor, if their ground is at this height."""
     x, y = geometry.centres()
     px, py = (axis.ravel() for axis in np.meshgrid(x, y))
     away = np.hypot(px - origin[0], py - origin[1])
@@ -137,7 +137,7 @@ def _hidden(high: Float, geometry: GridGeometry, origin: Float, level: float) ->
         between = np.full(px.size, -np.inf)
         between[inside] = high[iy[inside], ix[inside]]
         with np.errstate(invalid="ignore"):
-            hidden |= between > level + share * (origin[2] - level) + SIGHT_TOLERANCE_M
+            hidden |= between > height + share * (origin[2] - height) + SIGHT_TOLERANCE_M
     return hidden.reshape(geometry.shape)
 
 

@@ -13,9 +13,9 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
 
-# Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has stepped once.
+# Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has swung once.
 CLEAR_PAUSES = 4
-# Cells as far beside the tracks of the soles are in the corridor too: the feet sway, and boxes are hit from the side.
+# Cells this far beside the tracks of the soles are in the corridor too: the feet sway, and boxes are hit from the side.
 CORRIDOR_MARGIN_M = 0.03
 
 
@@ -74,7 +74,7 @@ class ScanPolicy:
 
     @property
     def mode(self) -> str:
-        """What the next pause will be scanned in if nothing new is found."""
+        """Mode in which the next pause will be scanned if nothing new is found."""
         return "coarse" if self._clear >= CLEAR_PAUSES else "standard"
 
     @property
@@ -96,7 +96,7 @@ class ScanPolicy:
             coarse: grid of the coarse stripes.
             pairs: `ScanProcessor.pairs` of that scan.
             time_left: time that is left of the pause [s]; None = as long as it takes.
-            stripe_time: for one stripe [s].
+            stripe_time: time for one stripe [s].
 
         Raises:
             InvalidInput: a grid that is no scan, or pairs of another shape; a time that is not finite and positive.

@@ -24,8 +24,8 @@ class ScanArea:
     """An area of a scan; what has not changed since its layers were last asked for is not computed again.
 
     Attributes:
-        grid: its cells.
-        plan: where each of its cells should have been looked at.
+        grid: cells of the area.
+        plan: the looks that the scan should have at them.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class ScanArea:
 
 
 def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
-    """The grid of each of AREAS, and which rows of the widest one's it has.
+    """The grid of each of AREAS, and its rows within the widest one.
 
     The wide one has the footprint's x and reaches along y as far as the map, in whole cells: the camera sees more of
     the ground the farther that is, and what it saw there the map can use when the robot has come to it.
