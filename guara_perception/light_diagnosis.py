@@ -19,7 +19,7 @@ PIXELS_APART, COLUMNS_APART = 16, 48
 MOST_CLIPPED = 0.15
 # Share by which the brightness changes between laser off and on, or from frame to frame.
 MOST_CHANGE = 0.06
-# Changes of a picture darker than this [grey levels of 255] do no harm to a stripe: they are related to this level.
+# [grey levels of 255] Changes are shares of this level in a darker picture: there they are too small to harm a stripe.
 DARKEST_LEVEL = 32.0
 # Share of the pixels, the brightest ones, that the mean level leaves out: the stripe is among them.
 STRIPE_SHARE = 0.05

@@ -62,8 +62,8 @@ def process_scan(
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
         InvalidInput: no calibration; unknown method or area, bad resolution, a stance or a stripe index that does not
             fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; with `strict` a frame
-            cannot be read, else all frames.
+        MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; a frame cannot be read
+            (with `strict`), or none can.
         kinematics.KinematicsError: no such robot.
     """
     check_area(area)

@@ -38,8 +38,8 @@ MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Height of one sole against the plane of the others, from its joints and the ground beneath it [m].
 SOLE_SIGMA_M = 0.0012
-# A jump from one stripe to the next explains the stray heights when it removes this share of their squares. No mirror
-# loses steps for a jump beyond the highest without notice: that is an object.
+# A jump from one stripe to the next explains the stray heights when it removes this share of their squares. A higher
+# jump than the highest is an object: a mirror does not lose that many steps unnoticed.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030

@@ -47,7 +47,7 @@ class PolarView:
         radius: float,
         radius_spacing: float,
     ) -> PolarView:
-        """Look around.
+        """Compute the view.
 
         Args:
             relief: the ground.
