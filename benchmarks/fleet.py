@@ -57,7 +57,7 @@ class Fleet:
             size: number of robots.
             keys: an empty folder, which gets the keys of mutual TLS; None = plain TCP.
             wait_ms: how long the router waits for a link before it drops a message [ms]; empty: as
-                `guara security router` has it. Without `keys` only.
+                `guara security router` has it. Only without `keys`.
             held: robots of one process.
 
         Raises:

@@ -63,7 +63,7 @@ def alternate(
         clock: CPU time of the process (for totals) or wall time (for latency).
         slow: names of those that take part in the first `slow_rounds` rounds only, and are not warmed up.
         slow_rounds: number of rounds in which these take part.
-        warm: run each once beforehand.
+        warm: whether each is run once before the first round.
     """
     names = list(contenders)
     seconds: dict[str, dict[int, float]] = {name: {} for name in names}

@@ -49,7 +49,7 @@ def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
     [("chessboard", False), ("chessboard", True), pytest.param("ghosts", False, marks=pytest.mark.heavy)],
 )
 def test_texture_is_named_where_laser_off_pictures_would_help(effect: str, with_off: bool) -> None:
-    """On a chessboard most of the stripe is found all the same; with laser-off pictures or on soil all is well."""
+    """On a chessboard most of the stripe is found even so; with laser-off pictures or on soil nothing is reported."""
     scan = simulated((640, 512), 35, real_light({effect: 1.0}))
     processor = scan.processor()
     for index, on, off in scan.frames:

@@ -1,4 +1,4 @@
-"""Stripes handed over several at a time: what comes out is what they give one by one, to the bit."""
+"""Stripes handed over several at a time give what they give one by one, bit by bit."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_losing_stripes_or_frames_never_makes_another_cell_safe(name: str, data:
 
 @pytest.mark.parametrize("name", SCANS)
 def test_losing_any_single_stripe_never_makes_another_cell_safe_or_known(name: str) -> None:
-    """Each sixth stripe in turn, others in each scan; each one where all is tried: no cell becomes safe or known."""
+    """Every sixth stripe alone, others in each scan (every one in thorough runs): no cell becomes safe or known."""
     frames = recorded_scan(name)[1]
     for index, _, _ in frames if IS_THOROUGH else frames[2 * SCANS.index(name) :: 6]:
         terrain = process(name, frozenset({index}))

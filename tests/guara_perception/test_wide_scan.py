@@ -56,7 +56,7 @@ def test_inside_it_says_what_the_footprint_says(both: tuple[gp.TerrainGrid, gp.T
 
 
 def test_it_knows_more_the_farther_away(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
-    """The camera sees wider ground the farther that is; what it cannot see is unknown, as everywhere."""
+    """The farther the ground, the wider the camera's view of it; what it cannot see is unknown."""
     _, wide = both
     beside = np.isfinite(np.delete(wide.elevation, ROWS, axis=0))
     assert beside[:, -20:].mean() > max(0.5, beside[:, :10].mean() + 0.1)

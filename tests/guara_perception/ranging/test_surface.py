@@ -183,7 +183,7 @@ def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObje
     while order:
         size = data.draw(st.integers(1, 12))
         if data.draw(st.booleans()):
-            # What is asked for meanwhile changes nothing of what comes later.
+            # Results asked for in between do not change later ones.
             several.raster(), several.marks()
         several.add({index: stripes[index] for index in order[:size]})
         order = order[size:]

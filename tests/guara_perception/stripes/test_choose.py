@@ -1,4 +1,4 @@
-"""Which of several peaks of each column is the stripe: those on the cheapest path, and by what margin."""
+"""Which of several peaks of each column is the stripe: the one on the cheapest path, with the margin to the next."""
 
 from __future__ import annotations
 

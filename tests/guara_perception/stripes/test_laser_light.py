@@ -70,7 +70,7 @@ def test_fused_light_gives_less_to_a_clipped_channel() -> None:
 
 
 def test_clipped_cores_and_those_that_are_lost() -> None:
-    """Clipped in one channel is still of use; a core that is white over five sigmas in all of them is lost."""
+    """A core clipped in one channel is still used; a core that is white over five sigmas in all of them is lost."""
     on = np.full((60, 40, 3), 40, np.uint8)
     on[28:33, :10, 2] = 255
     on[22:40, 10:20, 2] = 255

@@ -1,4 +1,4 @@
-"""LayeredGrid: what is under TerrainGrid stands alone, and TerrainGrid adds questions to it and nothing else."""
+"""LayeredGrid works without TerrainGrid, which adds questions to it and nothing else."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def over_the_hole(make_scan: MakeScan, height: float) -> np.ndarray:
 def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """Without the argument unknown ground is refused as ever; with it, by the height of the light that passed."""
+    """Without the argument unknown ground is refused; with it, it counts as high as the light that passed over it."""
     terrain_map = gp.TerrainMap(robot)
     sight = gp.LinesOfSight(terrain_map)
     terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)

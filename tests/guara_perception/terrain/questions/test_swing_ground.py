@@ -82,7 +82,7 @@ def test_a_bound_from_light_that_passed_higher_takes_nothing_from_the_sole(
 
 
 def test_nothing_is_said_beside_the_sole(make_ground: MakeGround, sole: np.ndarray) -> None:
-    """Unknown ground that reaches out from under the sole refuses the swing as ever."""
+    """Unknown ground that reaches out from under the sole still refuses the swing."""
     for half in (0.06, 0.10):
         terrain = make_ground(around(sole, half, half))
         verdict = terrain.check_path(way_of(terrain), 0.020)
