@@ -39,7 +39,7 @@ class StripeFinder:
 
         Args:
             pairs: one frame pair per stripe.
-            rows: by index of the stripe, first and end row between which it can appear.
+            rows: first and end row between which each stripe can appear, by its index.
         """
         # For the time of this call only: later the same array may hold another picture.
         uses = Counter(id(pair.off) for pair in pairs)

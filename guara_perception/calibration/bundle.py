@@ -33,7 +33,7 @@ class CameraFit:
         pose: (6,) footprint to camera, rotation vector and translation: the values that `covariance` belongs to.
         corner_sigma_px: standard deviation of one corner coordinate.
         residuals_px: per used view (n, 2) corner residuals, in the order of the views.
-        mark_residuals_px: (m, 2) of the fiducials.
+        mark_residuals_px: (m, 2) residuals of the fiducials.
         board_poses: (v, 6) board to camera of each used view.
     """
 

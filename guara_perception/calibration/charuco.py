@@ -62,7 +62,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
 
     Args:
         grey: (h, w) picture.
-        board: its inner corners and squares.
+        board: inner corners and squares of the board.
         name: name of the picture, for messages.
 
     Returns:

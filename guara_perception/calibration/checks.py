@@ -123,8 +123,8 @@ def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float,
     Crosses that are all displaced alike fit perfectly: only the robot's own geometry contradicts them.
 
     Args:
-        transform_camera_to_base: (4, 4) as fitted.
-        nominal_camera_to_base: (4, 4) of the URDF.
+        transform_camera_to_base: (4, 4) fitted mount.
+        nominal_camera_to_base: (4, 4) mount of the URDF.
         mount: "eq5", or "upright" for a camera that is turned by half a turn about its axis.
     """
     nominal = np.array(nominal_camera_to_base)

@@ -20,7 +20,7 @@ def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
 
     Args:
         picture: (h, w) or (h, w, 3), uint8 or uint16.
-        board: its inner corners, squares and pattern.
+        board: inner corners, squares and pattern of the board.
         name: name of the picture, for messages.
     """
     grey = to_grey(picture)

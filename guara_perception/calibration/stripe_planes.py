@@ -158,7 +158,7 @@ class _Solution:
     """Changes of all planes and their covariances; mean squares of the lines' turns and of the remaining distances.
 
     Attributes:
-        change: (s, 3) of (turn, tilt, shift).
+        change: (s, 3) changes (turn, tilt, shift).
         covariance: (s, 3, 3).
         turn_square: (s,) expected mean square of the lines' own turns [rad^2].
         scatter_square: (s,) expected mean square distance of the points [m^2].

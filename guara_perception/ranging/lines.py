@@ -22,8 +22,8 @@ class Lines:
     """Straight lines of the surface, from a stripe to the next, all with the same number of samples.
 
     Attributes:
-        first: (3, c) where each begins, in base_footprint [m].
-        difference: (3, c) from there to where it ends [m].
+        first: (3, c) point at which each begins, in base_footprint [m].
+        difference: (3, c) vector from there to the point at which it ends [m].
         opens, closes: (c,) whether the surface does not go on before its beginning, or beyond its end.
         number: number of samples on each.
     """

@@ -29,7 +29,7 @@ class Locator(Protocol):
         Args:
             plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
             position_px: (..., n) rows.
-            columns: (..., n) of the rows; None = every column of the picture, in order.
+            columns: (..., n) column of each row; None = every column of the picture, in order.
         """
 
     def measure(

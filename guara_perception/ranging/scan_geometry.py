@@ -40,8 +40,8 @@ class ScanGeometry:
         transform_camera_to_footprint: (4, 4).
         stripes: those stripes of the pattern that are calibrated, by index and in its order.
         planes_in_footprint: (s, 4) their laser planes in base_footprint, in the same order.
-        sensor_origins: (3,) of the camera and (3,) of the laser, the point of the mirror axis nearest to the camera
-            [m].
+        sensor_origins: positions (3,) of the camera and (3,) of the laser, the point of the mirror axis nearest to the
+            camera [m].
     """
 
     transform_camera_to_footprint: Float

@@ -72,7 +72,7 @@ class StripePoints:
         object.__setattr__(self, "status", readonly(self.status))
 
 
-# Of most stripes nothing is set apart.
+# Most stripes have no points that are set apart.
 NO_POINTS = ColumnPoints(np.empty(0, np.int32), np.empty((0, 3), np.float32))
 
 

@@ -52,7 +52,7 @@ def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Se
     """Points of stripes that lie within a surface.
 
     Args:
-        points: (3, s, w) of the stripes.
+        points: (3, s, w) points of the stripes.
         variance: (s, w) variance of the heights [m^2].
         confirmed: (s, w) linked to the stripe before and to the stripe after, and wanted.
         swaths: s numbers of swaths, one for each stripe.
@@ -77,7 +77,7 @@ def joined_surface(
     cut is NaN.
 
     Args:
-        points: (3, s, w) of the stripes, two or more.
+        points: (3, s, w) points of the stripes, two or more.
         variance: (s, w) variance of their heights [m^2].
         links: (s - 1, w) links of the first stripe of each pair to the one before it, of the two stripes, and of the
             second stripe to the one after it.

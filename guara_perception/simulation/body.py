@@ -40,7 +40,7 @@ class Body:
 
         Args:
             number: number of the box.
-            viewpoint: (3,) in the world.
+            viewpoint: (3,) position in the world [m].
             directions: (n, 3) from the viewpoint; the result is in units of their lengths.
 
         Returns:

@@ -39,7 +39,7 @@ class Bounce:
 
         Args:
             pixels: (n,) indices of the pixels that the stripe lights, into the flat picture.
-            brightness: (n,) of these pixels, without speckle [grey levels of 255].
+            brightness: (n,) brightness of these pixels, without speckle [grey levels of 255].
             strength: factor on the bounced light; 1 = Lambert's law for the surfaces as they are.
         """
         view = self._view

@@ -89,7 +89,7 @@ class Blotches:
         """Make them.
 
         Args:
-            noise: (2 h, 2 w, channels) of deviation 1, from pixel to pixel.
+            noise: (2 h, 2 w, channels) independent noise of each pixel, of standard deviation 1.
             deviation: standard deviation of the patches.
         """
         soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SEARCH_RADII_M = (0.03, 0.06)
 # Beside the wish rather than farther along the path: the legs reach further sideways than the gait leaves ahead.
 SIDEWAYS_M = (0.05, -0.05)
-# Where no way leads to the best places, others in parts of the search: their centres and radius.
+# Where no swing reaches the best places, others are searched in circles about these offsets, of this radius.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
 # Clearances of a swing over the ground, in the order in which they are tried.
@@ -138,7 +138,7 @@ def _best_first(
 
 
 def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
-    """The best place of each part of the search, the nearest part first."""
+    """The best place of each of these circles, the nearest circle first."""
     for dx, dy in sorted(OTHER_OFFSETS_M, key=lambda offset: (np.hypot(*offset), abs(wish[1] + offset[1]))):
         found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
         if found is not None:

@@ -38,7 +38,7 @@ class SceneView:
 
     Attributes:
         points: (h, w, 3) float32, surface points in the world, relative to `origin`.
-        origin: (3,) in the world [m]: where the laser leaves the mirror.
+        origin: (3,) position in the world at which the laser leaves the mirror [m].
         normals: (h, w, 3) float32.
         reflectance: (h, w) float32, share of red light scattered towards the camera.
         laser_gain: (h, w) float32, level of the stripe's centre where the laser plane meets the point, 0 in shadow.
@@ -69,7 +69,7 @@ def view_scene(
         relief: the ground.
         rays: (h, w, 3) float32, viewing rays of all pixels in the camera frame, z = 1.
         transform_camera_to_world: (4, 4).
-        beam: (3,) where the laser leaves the mirror and (3,) direction of the mirror's axis, in the world.
+        beam: (3,) position at which the laser leaves the mirror and (3,) direction of the mirror's axis, in the world.
         body: the robot's own shapes in the world, or None.
         light: light and sensor.
     """

@@ -121,7 +121,7 @@ def at_rows(picture: Image, rows: Index, columns: Index, channel: int = 0) -> Im
 
     Args:
         picture: (rows, columns[, channels]).
-        rows, columns: (n,) of the pixels.
+        rows, columns: (n,) rows and columns of the pixels.
         channel: the one that is read.
     """
     return rows_from(picture, rows, 1, columns, channel)[0]

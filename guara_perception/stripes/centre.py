@@ -62,7 +62,7 @@ def centres(response: Float32) -> tuple[Float32, Float32]:
     """Where the filtered light peaks: the response crosses zero.
 
     Args:
-        response: (shifts, ...) of the filters.
+        response: (shifts, ...) responses of the filters.
 
     Returns:
         (...) rows from the top on, NaN where there is no crossing near it, and (...) by how much the response falls

@@ -42,7 +42,7 @@ class DetectedStripe:
         is_peak: (columns,) whether that is enough for a stripe.
         is_clipped: (columns,) whether the stripe's core is clipped.
         is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
-        responses: (shifts, columns) of the derivative filters about the top.
+        responses: (shifts, columns) responses of the derivative filters about the top.
         above, below: (columns,) the laser-off picture above and below the top; zero where there is no such picture.
         beside_px: distance of these rows from the top [px].
         sigma: width of the stripe [px].
@@ -154,7 +154,7 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
 
     Args:
         position: (..., n) rows of each of n columns, NaN where there is no stripe.
-        weight: (..., n) of each position, for instance the square of the peak.
+        weight: (..., n) weight of each position, for instance the square of the peak.
 
     Returns:
         (..., n) smoothed positions, NaN where they were, and (..., n) the factor by which independent noise shrinks.

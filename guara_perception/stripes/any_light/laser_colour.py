@@ -61,7 +61,7 @@ def in_laser_colour(
         picture: (rows, columns, channels) float32 light.
         frame: (rows, columns, channels) the picture as delivered, 0 to 255, which shows what is clipped.
         scene: (channels, channels) covariance of the scene's details.
-        colour: (channels,) of the laser, 1 in its own channel.
+        colour: (channels,) colour of the laser, 1 in its own channel.
         channel: the laser's own.
     """
     weights = laser_weights(scene, colour)
@@ -114,7 +114,7 @@ def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
     """Median colour (channels,) of the centre of a stripe where no channel but the laser's own is clipped.
 
     Args:
-        detail: (rows, columns, channels) of the light, as `details` gives it.
+        detail: (rows, columns, channels) details of the light, as `details` gives them.
         frame: (rows, columns, channels) the picture as delivered, 0 to 255.
         row, is_stripe: (columns,) row of the stripe, and whether there is one.
         channel: the laser's own channel: even clipped it is a lower bound.

@@ -72,7 +72,7 @@ def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask
 
     Args:
         light: (rows, columns) float32.
-        rows, is_stripe, is_core: (columns,) where the path runs, and where it is clipped.
+        rows, is_stripe, is_core: (columns,) row of the path, whether there is a stripe, and whether it is clipped.
         sigma: (columns,) width of its ridge [px].
     """
     good = is_stripe.copy()

@@ -123,11 +123,11 @@ class LaserOfChannel:
     """A picture in the colour of a laser of one channel.
 
     Attributes:
-        colour: (channels,) of the laser, 1 in its own channel.
-        weights: (channels,) that mix the channels to `laser`.
+        colour: (channels,) colour of the laser, 1 in its own channel.
+        weights: (channels,) weights that mix the channels to `laser`.
         laser: (rows, columns) float32 light in that colour.
-        core: (rows, columns) where it is clipped.
-        found: its ridges.
+        core: (rows, columns) mask of the clipped pixels.
+        found: ridges of `laser`.
     """
 
     colour: Float

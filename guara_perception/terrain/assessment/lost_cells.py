@@ -20,7 +20,8 @@ def lost_cells(
     """Unknown cells that lie between the neighbours of a lost stripe, at any height that this scan saw.
 
     Args:
-        elevation, hazard, in_view: (ny, nx) of the scan; in view of the camera at z = 0.
+        elevation, hazard: (ny, nx) layers of the scan.
+        in_view: (ny, nx) cells that the camera sees if their ground is at z = 0.
         planes_in_footprint: (s, 4) laser planes in the order of the pattern.
         is_lost: (s,) whether a stripe was fired and has no usable frame.
         geometry: the grid.

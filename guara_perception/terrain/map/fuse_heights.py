@@ -53,9 +53,9 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
 
     Args:
         cells: the memory.
-        slot: (n,) of the cells.
+        slot: (n,) slots of the cells.
         drift: drift of the odometry now.
-        distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
+        distance: (n,) distances of the cells from the robot [m], the lever of a wrong heading.
     """
     memory = cells.memory
     rise = np.maximum(drift.rise - memory["rise"][slot], 0.0)
@@ -67,9 +67,9 @@ def sideways_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, dista
 
     Args:
         cells: the memory.
-        slot: (n,) cells.
+        slot: (n,) slots of the cells.
         drift: drift of the odometry now.
-        distance: (n,) of the cells from the robot [m], the lever of a wrong heading.
+        distance: (n,) distances of the cells from the robot [m], the lever of a wrong heading.
     """
     shift = np.maximum(drift.shift - cells.memory["shift"][slot], 0.0)
     turn = np.maximum(drift.turn - cells.memory["turn"][slot], 0.0)
@@ -96,7 +96,7 @@ def fuse_heights(
         cells: the memory, changed in place.
         new: heights.
         drift: drift of the odometry now.
-        distance: (n,) of the cells from the robot [m].
+        distance: (n,) distances of the cells from the robot [m].
         pause: number of this pause.
         stamp: time of this pause [ns].
         is_look: whether a scan saw the cells (and not, for instance, a foot).

@@ -29,9 +29,9 @@ class Look:
     Attributes:
         heights: cells that were seen.
         empty: slots of cells that were looked at without a usable return.
-        empty_cause: their flags.
+        empty_cause: flags of these cells.
         unseen: slots of cells in the area that were not looked at.
-        unseen_cause: their flags.
+        unseen_cause: flags of these cells.
         distance: distance of the seen cells from the robot [m].
     """
 

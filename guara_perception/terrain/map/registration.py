@@ -67,7 +67,7 @@ class Registration:
     Attributes:
         motion: (6,) x, y, z [m] and rotations about x, y, z [rad] that take the scan onto the map, in odom about the
             footprint, REP-103 order.
-        covariance: (6, 6) of it.
+        covariance: (6, 6) covariance of the motion.
         cells: number of cells that were compared.
         refused: why the overlap was not used, None where it was; then the motion is zero, the covariance the prior's.
     """
@@ -84,7 +84,7 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     Args:
         cells: the memory of the map.
         terrain: the scan.
-        transform_footprint_to_odom: (4, 4) by odometry.
+        transform_footprint_to_odom: (4, 4) pose that odometry gives.
         prior: (6, 6) covariance of its error against the map, REP-103 order, positive definite.
     """
     nothing = np.zeros(6)

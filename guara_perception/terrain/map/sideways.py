@@ -47,7 +47,7 @@ class SidewaysDrift:
         Args:
             pause: number of the pause.
             growth: (3, 3) covariance that the motion left, about the robot and along the axes of odom.
-            position: (2,) of the robot in odom [m].
+            position: (2,) position of the robot in odom [m].
         """
         about_origin = np.array([[1.0, 0.0, position[1]], [0.0, 1.0, -position[0]], [0.0, 0.0, 1.0]])
         added = about_origin @ growth @ about_origin.T

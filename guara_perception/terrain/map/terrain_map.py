@@ -136,7 +136,7 @@ class TerrainMap:
             terrain: this pause's scan alone (extent "footprint").
             transform_footprint_to_odom: (4, 4) for the base_footprint of `terrain`; where odometry levels the body by
                 other means than the scan did, `transform_base_to_odom @ transform_footprint_to_base` of the scan.
-            covariance: (6, 6) of it, REP-103 order, relative to the start; must not shrink as the walk goes on.
+            covariance: (6, 6) of that pose, REP-103 order, relative to the start; must not shrink as the walk goes on.
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
             covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
@@ -234,7 +234,7 @@ class TerrainMap:
 
         Args:
             path: path of the file.
-            robot: its model, name or folder; None = the one of that name that comes with the package.
+            robot: model, name or folder of its robot; None = the one of that name that comes with the package.
 
         Raises:
             MissingFile: no such file.

@@ -26,7 +26,7 @@ class Squares:
 
     Attributes:
         first: (iy, ix) of the lowest cell of that block.
-        shape: its rows and columns.
+        shape: number of rows and of columns of that block.
         most: rows and columns that one square touches at most.
         entry: (n,) flat index of each square in the table of joined values.
     """

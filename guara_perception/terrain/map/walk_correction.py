@@ -40,7 +40,7 @@ class WalkCorrection:
 
     Attributes:
         transform: (4, 4) to be multiplied from the left to transforms of odometry; a turn about z and a shift in x, y.
-        covariance: (3, 3) of the drift in x, y and heading that is left after it.
+        covariance: (3, 3) covariance of the drift in x, y and heading that is left after this correction.
         here: (4, 4) as `transform`, for the last pause alone: its own noise is corrected too.
         left: (3, 3) covariance of x, y and heading of the last pause against the map.
         own: (3, 3) covariance of the last pause's own noise.

@@ -36,8 +36,8 @@ class Foothold:
         x, y: centre of the sole in base_footprint [m].
         z: height of the ground there [m].
         normal: (3,) unit normal of the ground.
-        score: its traversability, above 0 ... 1.
-        value: what it was chosen by, above 0 ... 1: score, distance from the wish and clearance together.
+        score: traversability of the place, above 0 ... 1.
+        value: figure by which it was chosen, above 0 ... 1: score, distance from the wish and clearance together.
         leg: the leg that was asked for, or None.
     """
 

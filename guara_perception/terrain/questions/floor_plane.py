@@ -18,7 +18,7 @@ FLOOR_SHARE = 0.35
 # One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the sigma that follows too large: it
 # is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
-# Cells, evenly distributed, that a floor is fitted to at most: their noise moves it by a thirtieth of itself.
+# Largest number of cells, evenly distributed, to which a floor is fitted: it is off by a thirtieth of their noise.
 CELLS = 2000
 # About this many of them judge the trials.
 JUDGES = 250
