@@ -28,7 +28,7 @@ LIGHTS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LIGHTS)
+@pytest.mark.parametrize("name", ["too bright", "weak line", *further("bloom", "flicker")])
 def test_health_names_the_effect_of_light_and_what_to_change(name: str) -> None:
     """The last reason holds the name and the remedy, and names no other effect."""
     light, remedy = LIGHTS[name]

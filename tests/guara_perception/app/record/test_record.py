@@ -203,6 +203,7 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     assert not (unfinished / "plate_40").exists()
 
 
+@pytest.mark.heavy
 def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
     """The scan is whole; one of its problems is the clipped light."""
     workshop = SimulatedWorkshop()
@@ -239,6 +240,7 @@ def test_crosses_that_are_not_there_are_asked_for_again(
     assert len(asked) == 3 + 2 and len(list(unfinished.glob("board_*.png"))) >= 12
 
 
+@pytest.mark.heavy
 def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
     """A lost frame leaves no folder; the message names the stripe."""
     workshop = SimulatedWorkshop()
@@ -248,6 +250,7 @@ def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
     assert not (tmp_path / "plate_0").exists()
 
 
+@pytest.mark.heavy
 def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: Path, robot):
     """`guara scan FOLDER --no-calibration` scans a plate for a calibration."""
     said = guara("scan", tmp_path / "plate", "--simulated", "--no-calibration", "--mode", "coarse")

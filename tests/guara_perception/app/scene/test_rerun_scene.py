@@ -56,6 +56,7 @@ def _rerun(*arguments: object) -> str:
     return done.stdout + done.stderr
 
 
+@pytest.mark.heavy
 def test_a_recording_becomes_a_scene(walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Rerun itself checks the file and finds robot, coloured terrain, stripes, markers and pictures."""
     pytest.importorskip("rerun", reason="extra `rerun` is not installed")

@@ -59,10 +59,8 @@ def test_board_is_found_and_its_squares_measure_30_mm(printed):
         assert np.abs(edges - 30.0).max() < 0.05 and abs(edges.mean() - 30.0) < 0.02
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "paper", [pytest.param(paper, marks=[pytest.mark.heavy] * (paper != "a3")) for paper in PAPERS_MM]
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize("paper", PAPERS_MM)
 def test_a_charuco_board_is_found_page_by_page(robot, tmp_path: Path, paper):
     """Each page shows its part of the board: every corner on it is the right one and where the drawing has it."""
     board = BoardSpec(9, 7, 0.03, CHARUCO)
