@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, settings
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
 from tests import forked, ports
+from tests.mixed_order import mixed
 from tests.thorough import examples
 from tests.truth import truth_calibration
 
@@ -77,6 +78,26 @@ PROGRAMS = {
 }
 # Folder below tests, and its fixtures of a whole calibration and of what goes into one.
 CALIBRATED = ("guara_perception/calibration", {"result", "few_stripes"})
+
+
+class MixedOrder:
+    """Orders the tests of a worker when it is known which are left out."""
+
+    def __init__(self, workers: int) -> None:
+        """For this number of workers."""
+        self._workers = workers
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """In place, as pytest wants it."""
+        items[:] = mixed(items, self._workers)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Workers that share a core have an order of their own."""
+    workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
+    if workers > len(os.sched_getaffinity(0)):
+        config.pluginmanager.register(MixedOrder(workers))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
