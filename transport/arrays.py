@@ -1,4 +1,4 @@
-"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
+"""Names for the types of arrays, for all of this package; shapes and units are stated where they are used."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
     if not found:
         raise ScannerUnavailable(
-            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} is to be seen: none lives on this router, or "
+            f"{'none of ' + ', '.join(robots) if robots else 'no robot'} was found: none lives on this router, or "
             "this side may not look: with certificates the role `fleet` sees all, another role its own robot by name"
         )
     return tuple(found[robot] for robot in sorted(found))

@@ -99,7 +99,7 @@ class GridWaiter:
     def unavailable(self, found: str = "") -> ScannerUnavailable:
         """The error when no node is visible; its message begins with `found`, which says what else is known."""
         return ScannerUnavailable(
-            f"{found}no node of robot {self._robot!r} is to be seen: none runs on this router, the instance name "
+            f"{found}no node of robot {self._robot!r} was found: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"
         )
 

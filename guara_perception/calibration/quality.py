@@ -17,7 +17,7 @@ class Check:
 
     Attributes:
         name: short text, key of the figure in the file.
-        value: what was found, in `unit`; NaN where it could not be found.
+        value: what was found, in `unit`; NaN where it could not be computed.
         unit: unit of `value`, as text for people.
         usable_from: limit between good and usable.
         refused_from: limit between usable and refused.
@@ -37,7 +37,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """The verdict of this figure alone; a figure that could not be found makes the calibration usable, not good."""
+        """The verdict of this figure alone; one that could not be computed makes the calibration usable, not good."""
         if np.isnan(self.value):
             return USABLE
         sign = -1.0 if self.higher_is_better else 1.0
@@ -49,7 +49,7 @@ class Check:
     def reason(self) -> str:
         """Why the verdict is not good."""
         if np.isnan(self.value):
-            return f"{self.name} could not be found: {self.advice}"
+            return f"{self.name} could not be computed: {self.advice}"
         limit = self.refused_from if self.verdict == REFUSED else self.usable_from
         side = "below" if self.higher_is_better else "above"
         return f"{self.name} is {self.value:.3g} {self.unit}, {side} {limit:.3g}: {self.advice}"

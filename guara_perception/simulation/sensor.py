@@ -9,13 +9,13 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.picture_effects import Blotches, delivered, rows_reached, scattered
 
-# Noisy pictures without laser kept per scene: drawn in turn, so that no two in a row are alike.
+# Noisy pictures without laser that are kept for a scene and an exposure, and used in turn.
 DARK_PICTURES = 4
 POOL_SIZE = 1 << 22
 
 
 class Sensor:
-    """Turns light into pictures; all noise comes from one seeded pool."""
+    """Turns light into pictures; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
         """Draw the noise.
@@ -116,7 +116,7 @@ class Sensor:
         return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))
 
     def _delivered(self, level: Float32, exposure: float) -> Image:
-        """The picture that the camera delivers of levels (h, w, 3), which are changed."""
+        """The picture that the camera delivers of these levels (h, w, 3); `level` is overwritten."""
         if self._blotches is not None:
             level *= np.float32(exposure)
             level += self._blotches.draw(self._rng)

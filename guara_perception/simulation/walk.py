@@ -17,7 +17,7 @@ from kinematics import RobotModel, Stance
 
 Choice = tuple[float, float] | None
 
-# Declared around the feet of the first stance: back where a foot may slip to, ahead to where the scanned area begins.
+# Declared around the feet of the first stance: backwards as far as a foot may slip, ahead to the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
 
 
@@ -39,7 +39,7 @@ class WalkNoise:
     imu: float | None = 0.00175
 
     def __post_init__(self) -> None:
-        """Refuse what no noise can be."""
+        """Refuse values that no noise can have."""
         for name in ("joint", "contact", "slip", "imu"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
@@ -131,7 +131,7 @@ def simulate_walk(
 
     Raises:
         WalkEnded: the planner found no foothold.
-        OutOfReach: a foothold that the legs cannot hold.
+        OutOfReach: a foothold that the legs cannot reach.
     """
     gait = gait or WaveGait.of(robot)
     noise = noise or WalkNoise()

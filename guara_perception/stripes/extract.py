@@ -15,7 +15,7 @@ from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
-# A frame is checked for being blank or white in every eighth row, and in about 40 of its columns.
+# Whether a band is white is checked in every eighth row, and in 40 to 79 columns of a wide picture.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 Extract = Callable[[Sequence[Band]], list[StripeProfile]]
 METHODS: dict[str, Extract] = {"precise": extract_precise, "paper": extract_paper}
@@ -35,15 +35,15 @@ def extract_stripe(
         off: the same view with the laser off; None = the background is estimated from `on`.
         along: "columns": the stripe crosses the columns, one position (a row) per column; "rows": one position
             (a column) per row.
-        band: (first, end) rows to look in (columns for along="rows"); None = the whole picture.
+        band: (first, end) rows that are searched, or columns for along="rows"; None = the whole picture.
         method: one of METHODS.
 
     Returns:
-        A StripeProfile with w entries (h for along="rows"). A picture that cannot be used (empty, black, white,
+        A StripeProfile with w entries (h for along="rows"). A picture that cannot be used (blank, white,
         another size or type than its off frame) gives FRAME_BAD in every entry and says why.
 
     Raises:
-        InvalidInput: `on` is no picture at all, or an argument is not one of those allowed.
+        InvalidInput: `on` is no picture of 8 by 8 pixels or more, or an argument is not one of those allowed.
     """
     if method not in METHODS:
         raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
@@ -84,7 +84,7 @@ def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> st
 
 
 def _turned(picture: Image) -> Image:
-    """The picture with its rows as columns; in one piece of memory, which is quicker to read, if it can be used."""
+    """The picture with its rows as columns; a valid one in contiguous memory, which is quicker to read."""
     turned = picture.swapaxes(0, 1)
     if picture.dtype not in (np.uint8, np.uint16) or picture.ndim > 3:
         return turned

@@ -1,4 +1,4 @@
-"""`AravisCamera` against Aravis' own fake camera: real GigE Vision packets on loopback, drawn at the trigger."""
+"""`AravisCamera` against Aravis' own fake camera: real GigE Vision on loopback, pictures drawn at the trigger."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def test_an_unknown_pixel_format() -> None:
 
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=300), st.integers(1, SHORT_IDS))
-def test_short_numbers_are_counted_on(increments: list[int], start: int) -> None:
+def test_counting_goes_on_where_short_numbers_begin_again(increments: list[int], start: int) -> None:
     """Whatever the gaps and wherever the ids begin again (1 after 65535, never 0)."""
     camera = AravisCamera()
     true = start
@@ -230,7 +230,7 @@ def test_without_aravis_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-def test_a_gi_for_another_python_is_distinguished_from_none(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_a_gi_for_another_python_is_distinguished_from_a_missing_one(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     (tmp_path / "gi").mkdir()
     (tmp_path / "gi" / "__init__.py").write_text("from . import _gi\n")
     monkeypatch.setitem(sys.modules, "gi", None)

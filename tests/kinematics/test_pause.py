@@ -23,7 +23,7 @@ def still(robot: RobotModel, speed: float = 0.0) -> dict[str, float]:
 
 
 def test_a_pause_is_long_enough_stillness(robot: RobotModel) -> None:
-    """Slow joints become a pause after the hold time, and a fast joint of either sign ends it."""
+    """When the joints were slow for the hold time it is a pause; a joint that turns backwards fast ends it."""
     detector, limits = PauseDetector(robot), robot.pause_limits
     assert not detector.update(0.0, still(robot), robot.legs).is_pause
     report = detector.update(limits.hold_time / 2, still(robot), robot.legs)
@@ -93,13 +93,13 @@ def test_the_motion_of_the_camera_is_found(robot: RobotModel) -> None:
 
 
 def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> None:
-    """0.6 mm or 0.06 degrees refuse a scan, 0.4 mm and 0.02 degrees pass; the message gives both with their limits."""
+    """A scan is refused at 0.6 mm or 0.06 degrees, not at 0.4 mm and 0.02; the message gives both with their limits."""
     begin = Stance(robot.posture("scan"), robot.legs)
-    level = np.eye(3)
+    unrotated = np.eye(3)
     assert check_camera_still(robot, begin, begin).translation == pytest.approx(0.0, abs=1e-12)
-    assert check_camera_still(robot, begin, shifted(robot, level, (0.0, 0.0004, 0.0))).is_still
+    assert check_camera_still(robot, begin, shifted(robot, unrotated, (0.0, 0.0004, 0.0))).is_still
     with pytest.raises(CameraMoved, match=r"moved by 0.60 mm and 0.000 degrees .* 0.5 mm and 0.05 degrees are allowed"):
-        check_camera_still(robot, begin, shifted(robot, level, (0.0, 0.0006, 0.0)))
+        check_camera_still(robot, begin, shifted(robot, unrotated, (0.0, 0.0006, 0.0)))
     # A turn about the camera itself, so that it turns without moving.
     for angle, allowed in ((0.02, True), (0.06, False)):
         rotation = rotation_from_rpy(0.0, 0.0, math.radians(angle))

@@ -44,7 +44,7 @@ def test_too_few_feet_are_refused() -> None:
 
 
 def test_feet_on_a_line_are_refused() -> None:
-    """Three soles on one line span no plane, however it lies."""
+    """Three soles on one line, seen from above, span no plane, whatever their heights."""
     line = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.0], [0.2, 0.4, 0.01]])
     with pytest.raises(StanceError, match="the 3 soles lie on one line"):
         fit_support_plane(line)

@@ -1,4 +1,4 @@
-"""The robots that live on a router, by sign of life and status: real nodes in other processes."""
+"""Robots found by sign of life and status: real nodes in other processes, and one that answers for another."""
 
 import math
 from collections.abc import Callable
@@ -39,12 +39,12 @@ def test_all_that_live_are_reported_with_step_age_health_and_links(start, endpoi
         gone.kill()
         assert eventually(lambda: names() == ["ada", "mute", "rex"])
         mute.close()
-        with pytest.raises(transport.ScannerUnavailable, match="none of nobody is to be seen"):
+        with pytest.raises(transport.ScannerUnavailable, match="none of nobody was found"):
             robot_states(session, robots=["nobody"])
 
 
 def test_a_robot_speaks_for_no_other(endpoint: str) -> None:
-    """An answer on the key of one robot that names another one is ignored; invalid figures are left out."""
+    """An answer on the key of one robot that names another one is ignored; invalid values count as not given."""
 
     def answer(robot: str, claimed: str, step: str) -> Callable[[Any], None]:
         item = StatusItem(name=STATUS_NAME, level=Health.OK, hardware_id=claimed, values={"step": step, "links": step})

@@ -170,7 +170,7 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
 def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
     """Nobody there is distinguished from nothing new."""
     with transport.open_node(listen=endpoint), client_at(endpoint) as client:
-        with pytest.raises(transport.ScannerUnavailable, match="no node of robot 'guara' is to be seen"):
+        with pytest.raises(transport.ScannerUnavailable, match="no node of robot 'guara' was found"):
             client.latest()
         with pytest.raises(transport.ScannerUnavailable):
             client.wait_for_step(1, timeout=0.1)

@@ -1,4 +1,4 @@
-"""What one scan says of the cells of the rolling map: seen at a height, looked at without return, or not looked at."""
+"""What one scan says of the cells of the map: seen at a height, looked at without a usable return, or not looked at."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Look:
 def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Look:
     """What the scan's grid says of every cell of the map that the scanned area covers.
 
-    Values come from the nearest cell of the scan. A map cell that touches a scan cell without return counts as one
-    itself: part of it was looked at and nothing was seen.
+    Values come from the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts as
+    one itself: part of it was looked at and nothing was seen.
 
     Args:
         cells: the memory, with its window around the robot.
@@ -145,7 +145,7 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
 
 
 def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 without one.
+    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 without its covariance.
 
     A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
     """

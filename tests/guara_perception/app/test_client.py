@@ -200,7 +200,7 @@ def test_counts_say_what_was_received(node, client: gp.TerrainClient):
 def test_other_robots_node_is_not_taken_for_ours(node, module_endpoint: str):
     """No grid and no node of this instance name: unavailable, with what to check."""
     with gp.TerrainClient(module_endpoint, robot="tapir", timeout=180) as client:
-        with pytest.raises(gp.ScannerUnavailable, match="no node of robot 'tapir' is to be seen"):
+        with pytest.raises(gp.ScannerUnavailable, match="no node of robot 'tapir' was found"):
             client.latest()
         with pytest.raises(gp.ScannerUnavailable):
             client.wait_for_step(1, timeout=0.3)

@@ -29,7 +29,7 @@ from tests.thorough import further
 
 
 def test_camera_and_mount(result: CalibrationResult, calibration: gp.Calibration) -> None:
-    """Lens and mount meet twice the figures asked of the full-size specimen (half the resolution)."""
+    """Errors of lens and mount are at most twice the limits of the full-size specimen (half the resolution)."""
     found, true = result.calibration, calibration
     assert np.abs(found.camera.matrix[[0, 1], [0, 1]] / true.camera.matrix[[0, 1], [0, 1]] - 1).max() < 0.002
     assert np.abs(found.camera.matrix[:2, 2] - true.camera.matrix[:2, 2]).max() < 2.0
@@ -180,12 +180,12 @@ def test_two_plates_are_usable(few_stripes: CalibrationSession, robot: RobotMode
     """Two heights calibrate, but nothing can be left out, and the verdict says so."""
     found = calibrate_session(dataclasses.replace(few_stripes, plates=few_stripes.plates[::2]), robot)
     assert found.verdict == "usable"
-    assert found.reasons[0].startswith("plate left out could not be found: scan three or more plates")
+    assert found.reasons[0].startswith("plate left out could not be computed: scan three or more plates")
 
 
 @pytest.mark.parametrize("wrong", [1, *further(0, 2)])
 def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wrong: int) -> None:
-    """A plate that is 2 mm higher than said contradicts the others; it is named with its true height."""
+    """A plate that is said to be 2 mm higher than it is contradicts the others; it is named with its true height."""
     plates = list(result.session.plates)
     plates[wrong] = dataclasses.replace(plates[wrong], height=plates[wrong].height + 0.002)
     lines = [
@@ -201,7 +201,7 @@ def test_wrong_plate_is_named(result: CalibrationResult, robot: RobotModel, wron
 
 
 def test_slipped_mount_is_refused(few_stripes: CalibrationSession, robot: RobotModel) -> None:
-    """A camera that slipped by one row between two plate scans is refused, naming the plate; progress is complete."""
+    """A camera that slipped by one row for one plate scan is refused, naming the plate; progress is complete."""
     heard: list[tuple[int, int]] = []
     slipped = with_frames(few_stripes, 1, lambda picture: np.roll(picture, 1, axis=0))
     found = calibrate_session(slipped, robot, progress=lambda done, total: heard.append((done, total)))
@@ -267,7 +267,7 @@ def test_wrong_one_of_five_plates_is_named(
 
 
 def test_plates_that_cannot_be_distinguished_are_both_named(result: CalibrationResult) -> None:
-    """Where the rest agrees equally well without either, the report blames none alone."""
+    """Where the rest agrees equally well without either, the report names both."""
     entry = LeaveOneOut(0, 1e-3, 1e-4, 1e-3, 1e-3, 1e-5, 0.4e-3)
     disagreements = (0.4e-3, 0.9e-3, 0.5e-3, 1.2e-3)
     entries = [dataclasses.replace(entry, plate=k, disagreement=rms) for k, rms in enumerate(disagreements)]
@@ -309,7 +309,7 @@ def test_an_upright_mount_is_compared_with_its_own_nominal(robot: RobotModel) ->
 def test_a_floor_that_is_not_level_is_not_good(
     session: CalibrationSession, result: CalibrationResult, robot: RobotModel
 ) -> None:
-    """Gravity is one degree off the soles: too little for the comparison with the URDF, which allows two."""
+    """Gravity is one degree off the soles' normal: too little for the comparison with the URDF, which allows two."""
     angle = np.deg2rad(1.0)
     gravity = (float(np.sin(angle)), 0.0, -float(np.cos(angle)))
     stance = dataclasses.replace(session.stance, gravity_in_base=gravity)

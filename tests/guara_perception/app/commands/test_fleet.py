@@ -25,7 +25,7 @@ def test_the_robots_of_a_router_are_listed(guara, start, free_endpoint: str, ter
     node.tell("pause 13")
     assert json.loads(guara("fleet", "--connect", free_endpoint, "--json").out)[0]["standing"] is True
     said = guara("fleet", "--connect", free_endpoint, "--robot", "bob", "--timeout", "0.2")
-    assert said.code == 1 and said.out == "" and "none of bob is to be seen" in said.err
+    assert said.code == 1 and said.out == "" and "none of bob was found" in said.err
     assert said.err.count("\n") == 1
 
 
