@@ -11,13 +11,13 @@ from kinematics.findings import Findings
 from kinematics.urdf import Urdf
 from kinematics.xml_file import Element, read_xml
 
-# The name by which an SRDF places the body: x y z [m] and quaternion x y z w.
+# The name under which an SRDF gives the pose of the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
 
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """A named posture: position of every joint [rad], and the body's pose (7,) where the file gives it."""
+    """A named posture: position of every joint [rad] or [m], and the body's pose (7,) where the file gives it."""
 
     name: str
     joint_positions: dict[str, float]
@@ -32,8 +32,8 @@ def read_srdf(path: Path, urdf: Urdf) -> tuple[Posture, ...]:
         urdf: the model whose joints and links the file may name.
 
     Raises:
-        RobotFileError: no XML, or unknown joints or links, joints missing, twice or without finite value; each with its
-            line.
+        RobotFileError: no XML; unknown joints or links; joints that are missing, given twice or without a finite value;
+            postures of one name.
     """
     root, _ = read_xml(path)
     findings = Findings(path)
@@ -90,6 +90,8 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
             )
         elif joint not in (ROOT_JOINT, *moving):
             findings.wrong(f"{where}: unknown joint {joint!r}; {urdf.path.name} has: {', '.join(moving)}", line)
+        elif joint == ROOT_JOINT and root is not None:
+            findings.wrong(f"{where}: {ROOT_JOINT} is given twice", line)
         elif joint in positions or (joint != ROOT_JOINT and len(values) != 1):
             findings.wrong(f"{where}: joint {joint!r} needs one value, once", line)
         if joint == ROOT_JOINT:
@@ -103,7 +105,7 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
 
 
 def _numbers(text: str | None) -> tuple[float, ...]:
-    """The finite numbers of a text; none where it is anything else."""
+    """The finite numbers of a text; empty where the text holds anything else."""
     try:
         values = tuple(float(word) for word in (text or "").split())
     except ValueError:

@@ -132,7 +132,7 @@ def test_triggers_gone_wrong_never_give_a_wrong_stripe(rig: Rig, board: LaserBoa
     assert report.in_step
 
 
-def test_a_frame_lost_on_its_way_is_taken_again(rig: Rig, board: LaserBoard) -> None:
+def test_a_stripe_whose_frame_is_lost_is_taken_again(rig: Rig, board: LaserBoard) -> None:
     rig.camera.dropped = frozenset({4, 33})
     stripes, report = rig.scan(board)
     assert len(stripes) == STRIPES and not wrong(rig, stripes)
@@ -169,7 +169,7 @@ def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> Non
 
 
 def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
-    """It works as before, and refuses a sweep with a message."""
+    """It refuses a sweep, with a message."""
     import dataclasses
 
     old = dataclasses.replace(EmulatorConfig().identity, protocol=(1, 0))
@@ -215,7 +215,7 @@ def test_options_check_themselves(wrong: dict[str, float]) -> None:
     ],
 )
 def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
-    """Uneven gaps show through the time that a camera needs between triggers; the sweep takes little more than that."""
+    """Uneven gaps are seen although the camera needs time between triggers; the sweep takes little more than that."""
     with timing.on_clock(EmulatedClock()):
         rig = Rig()
         rig.camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, rig.render, fps=fps)
@@ -223,7 +223,7 @@ def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
             prepare(board, FIRING_ORDER)
             taken, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(flash=0.004)))
         assert [stripe.verdict for stripe in taken] == [StripeVerdict.OK] * STRIPES
-        assert not any("taken again" in problem for problem in report.problems)
+        assert not any("taken again" in note for note in report.notes)
         frames = len(rig.emulated.triggers())
         assert frames == (STRIPES + 1 if off is OffFrames.ONE else 2 * STRIPES)
         gaps = np.diff(rig.emulated.triggers())

@@ -28,6 +28,11 @@ FAULTS = {
     ),
     "NaN": ('"lf_haa_joint" value="0"', '"lf_haa_joint" value="nan"', "value 'nan' is not a list of finite numbers"),
     "short root": ('value="0 0 0.36 0 0 0 1"', 'value="0 0 0.36"', "root_joint has 3 numbers; seven are needed"),
+    "root twice": (
+        '<joint name="root_joint" value="0 0 0.36 0 0 0 1"/>',
+        2 * '<joint name="root_joint" value="0 0 0.36 0 0 0 1"/>',
+        "root_joint is given twice",
+    ),
     "root at another height": (
         'value="0 0 0.36 0 0 0 1"',
         'value="0 0 0.4 0 0 0 1"',

@@ -1,4 +1,4 @@
-"""Two sites with three robots each, a router per room, one above both, mutual TLS: who may do what, who outlives whom.
+"""Two rooms with three robots each, a router per room, one above both, mutual TLS: who may do what, who outlives whom.
 
 Every robot and router is a process of its own. Each robot is its own router and has an uplink to that of its room.
 """
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.soak
 ROOMS = {"north": ("n1", "n2", "n3"), "south": ("s1", "s2", "s3")}
 ROBOTS = tuple(robot for robots in ROOMS.values() for robot in robots)
 PATIENCE = 60.0
-# [s] For what must not arrive; what may is there within milliseconds.
+# How long to wait for what must not arrive; what may arrive does so within milliseconds [s].
 QUIET = 1.5
 
 
@@ -66,7 +66,7 @@ class Site:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """All nine processes."""
+    """Six robots and three routers, each in a process."""
 
     keys = init_security(tmp_path_factory.mktemp("site") / "keys", robot=ROBOTS)
     ports = {name: free_port() for name in (*ROBOTS, "top", *ROOMS)}
@@ -89,7 +89,7 @@ MAY = {
     ("n1", "n1/gait", "n1"): {STANCE},
     ("n1", "n2/planner", "n1"): set(),
     ("n1", "desk", "n1"): set(),
-    # A router dials as `viewer` at most, with its own keys as with those of whoever is behind it.
+    # A router dials as `viewer` at most, with its own keys and with those of its clients alike.
     ("n1", "north", "n1"): {READ},
     ("n1", "south", "n1"): set(),
     ("north", "n1/planner", "n1"): {READ},
@@ -171,7 +171,7 @@ def test_the_fleet_is_seen_from_the_top(site: Site, eventually) -> None:
 
 @pytest.mark.parametrize("victim", ["n1", "north", "top", "planner", "s3", "south"])
 def test_killing_any_one_leaves_the_others_served(site: Site, victim: str) -> None:
-    """Each robot's own planner gets every pause, and so do readers whose way leads past the victim; then all again."""
+    """Each robot's own planner gets every pause, and so do readers that the victim does not connect; then all again."""
     planner = None
     if victim == "planner":
         planner = site.start("viewer", site.endpoints["n2"], str(site.keys / "n2" / "planner"), "n2")
@@ -180,9 +180,9 @@ def test_killing_any_one_leaves_the_others_served(site: Site, victim: str) -> No
         for room, robots in ROOMS.items():
             for robot in robots:
                 for router, member in ((robot, "planner"), (room, "viewer"), ("top", "viewer")):
-                    way = {"top": {robot, room, "top"}, room: {robot, room}, robot: {robot}}[router]
+                    routers = {"top": {robot, room, "top"}, room: {robot, room}, robot: {robot}}[router]
                     client = stack.enter_context(site.client(router, f"{robot}/{member}", robot))
-                    readers[router, robot] = (client, way)
+                    readers[router, robot] = (client, routers)
         first = site.publish()
         _all_get(readers.values(), first)
         if planner is not None:
@@ -190,7 +190,7 @@ def test_killing_any_one_leaves_the_others_served(site: Site, victim: str) -> No
             planner.kill()
         else:
             site.kill(victim)
-        untouched = [(client, way) for client, way in readers.values() if victim not in way]
+        untouched = [(client, routers) for client, routers in readers.values() if victim not in routers]
         assert len(untouched) >= 9
         for _ in range(3):
             _all_get(untouched, site.publish())

@@ -13,7 +13,7 @@ from drivers.aravis_library import load_aravis
 from drivers.emulator.gige import genicam
 from drivers.emulator.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
 
-# Seconds in which Aravis' fake must have noticed its trigger, and how often it polls it [Hz].
+# Time within which Aravis' fake must have noticed a trigger [s], and how often it looks for one [Hz].
 PATIENCE, POLL_RATE = 5.0, 1000.0
 FILL = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
 

@@ -27,11 +27,13 @@ if TYPE_CHECKING:
     type=click.Choice(["standard", "coarse"]),
     default="standard",
     show_default=True,
-    help="every stripe, or every second",
+    help="every stripe, or every n-th as robot.toml says",
 )
 @click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
 @click.option(
-    "--no-calibration", is_flag=True, help="only record, with robot.toml's pattern: a plate to calibrate with"
+    "--no-calibration",
+    is_flag=True,
+    help="only record, with robot.toml's pattern, for instance a plate for a calibration",
 )
 def command(
     folder: Path | None,
@@ -44,8 +46,8 @@ def command(
 ) -> None:
     """Scan once, with the robot standing still, into FOLDER (default: scan), with pictures in FOLDER-figures.
 
-    The folder also holds the calibration: `guara process FOLDER -o terrain.npz` needs nothing else. Without --stance
-    the robot is taken to stand in its scan posture on all feet, gravity unknown.
+    The folder also holds the calibration, where there is one: `guara process FOLDER -o terrain.npz` needs nothing else.
+    Without --stance the robot is taken to stand in its scan posture on all feet, gravity unknown.
 
     \b
     Example:

@@ -15,7 +15,7 @@ from kinematics import KinematicsError, RobotModel, Stance, StanceError
 from kinematics.joint_positions import checked_positions
 from transport import StancePause
 
-# A joint further beyond its limits is no measurement: encoders are offset by a few degrees, not by thirty.
+# A position this far beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
@@ -42,7 +42,7 @@ class Pause:
         stance: stance at its beginning.
         check: compares a stance with that at the beginning.
         begun: instant at which BEGIN came.
-        limit: time after BEGIN at which a pause ends of which the gait says nothing more [s].
+        limit: time after BEGIN at which a pause ends if the gait announces nothing more [s].
         known_ground: what the gait declares, in base_footprint of this pause.
         time_available: time from its beginning to its planned end [s]; 0 when not known.
         stamp: stamp of BEGIN, by the gait's clock [ns].
@@ -50,7 +50,7 @@ class Pause:
         end_stance: stance read again at the end, None until then and when it could not be used.
         still_until: instant until which the robot is known to have stood as BEGIN said; infinite when END said so.
         broken: why the robot is not known to have stood still to the end; empty otherwise.
-        moved: whether the robot is known to have moved.
+        moved: whether the robot moved, or cannot be shown to have stood still.
         is_fused: whether its scan is in the map for good.
     """
 
@@ -76,7 +76,7 @@ class Pause:
         self.deadline = self.begun + (self.time_available or self.limit)
 
     def differs(self, stance: Stance) -> str:
-        """Why a stance is not that of BEGIN; empty when it is."""
+        """Why a stance is not that of BEGIN, or cannot be compared with it; empty when it is the same."""
         try:
             self.check(self.stance, stance)
         except KinematicsError as error:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Frames that wait for a slow disk take at most this many bytes: two scans of one channel, half of one of three.
+# Frames that wait for a slow disk take at most this many bytes: 614 of 640x512 pixels in one channel.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # How long the end of the program waits for the disk [s].
 CLOSE_TIMEOUT_S = 30.0
@@ -38,8 +38,8 @@ CLOSE_TIMEOUT_S = 30.0
 class ScanRecorder:
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
 
-    Nothing here waits for the disk: frames and grids are copied and written on a thread of its own. What a slow or full
-    disk does not take is missing in the recording, never in the scan; `status_item` reports it.
+    No scan waits for the disk: copies of its frames, and its grid, are written on another thread. What a slow or full
+    disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class ScanRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what waits, and the index."""
+        """Write what waits, and the end of the file."""
         if self._thread.close(CLOSE_TIMEOUT_S):
             self._writer.close()
         else:
@@ -146,7 +146,7 @@ class ScanRecorder:
         return self._thread.flush(timeout)
 
     def status_item(self) -> StatusItem:
-        """How many scans were recorded and how many were lost, and why the last one was."""
+        """How many scans were recorded and how many were lost; why, if the last one was."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -173,7 +173,7 @@ class ScanRecorder:
             logger.error("recording failed: step %d: %s", step, problem)
 
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
-        """Hand over something beside the scans; when it cannot be written the log says so, and the scans go on."""
+        """Hand over something besides the scans; when it cannot be written the log says so, and the scans go on."""
 
         def guarded() -> None:
             try:
@@ -219,7 +219,7 @@ class ScanRecording:
         self._recorder.add_points(points, stamp)
 
     def extend(self, mode: str | None) -> None:
-        """The scan goes on with the stripes between.
+        """The scan goes on with the stripes between those that it has.
 
         Args:
             mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the

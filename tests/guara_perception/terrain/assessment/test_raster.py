@@ -1,4 +1,4 @@
-"""Samples into cells: brute force agrees, the top layer wins, order does not matter, pooling is conservative."""
+"""Samples into cells: brute force agrees, the top layer wins, swaths may come together, pooling is conservative."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def cloud(seed: int, n: int = 200) -> np.ndarray:
 @given(seed=st.integers(0, 10_000), swaths=st.integers(1, 5))
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_mean_of_the_top_layer(seed: int, swaths: int) -> None:
-    """Cell by cell: lowest and highest of all samples, mean of those of the top layer of each swath."""
+    """Cell by cell: lowest and highest of all samples, mean of those in the top layer."""
     points = cloud(seed)
     points[:, 2] = np.round(points[:, 2] / 0.02) * 0.02  # layers well apart: swaths cannot split a layer
     variance = np.full(len(points), 1e-6)
@@ -60,7 +60,7 @@ def test_mean_of_the_top_layer(seed: int, swaths: int) -> None:
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=examples(20), deadline=None, derandomize=True)
 def test_swaths_together_are_the_swaths_alone(seed: int) -> None:
-    """Several sets of samples at once, in runs that are mixed; one empty, one beside the grid: each as if alone."""
+    """Several sets of samples at once, in runs that are mixed; one empty, one outside the grid: each as if alone."""
     random = np.random.default_rng(seed)
     points = [cloud(seed), np.empty((0, 3)), cloud(seed + 1, 50), cloud(seed + 2) + (9.0, 0.0, 0.0), cloud(seed + 3)]
     points[4][:, 0] += 0.02
@@ -84,7 +84,7 @@ def test_no_swath_at_all() -> None:
 
 
 def test_a_point_unknown_in_one_coordinate_is_left_out() -> None:
-    """Whichever coordinate is NaN, the other points of the cell are as without it."""
+    """Whichever coordinate is NaN, the cell is made of its other points."""
     points = np.tile([0.512, -0.262, 0.01], (4, 1))
     points[0, 0] = points[1, 1] = points[2, 2] = np.nan
     raster = merge([rasterise(points, np.full(4, 1e-6), GRID)], GRID)
