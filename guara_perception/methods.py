@@ -18,19 +18,19 @@ class Method:
     Attributes:
         extract: finds the stripes of some bands.
         literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
-        meaning: what the method does, as text for `guara --help`.
     """
 
     extract: Extract
     literal: Literal | None
-    meaning: str
 
 
 METHODS = {
-    "precise": Method(extract_precise, None, "matched filter, triangulation with the calibrated laser planes"),
-    "paper": Method(extract_paper, Literal(), "the paper's chain, eqs. 7 to 21, corrected"),
-    "paper-literal-lens": Method(extract_paper, Literal(lens=True), "the same, eq. 8 in one iteration"),
-    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True), "the same, eqs. 20, 21 about the image centre"),
+    # Matched filter, triangulation with the calibrated laser planes.
+    "precise": Method(extract_precise, None),
+    # The paper's chain, eqs. 7 to 21, corrected; with eq. 8 in one iteration; with eqs. 20, 21 about the image centre.
+    "paper": Method(extract_paper, Literal()),
+    "paper-literal-lens": Method(extract_paper, Literal(lens=True)),
+    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True)),
 }
 
 

@@ -1,12 +1,12 @@
 """Every example of README and docs is run as a reader would, in a folder that holds the recorded data.
 
 `sh` blocks run line by line, `python` blocks as scripts, all blocks of a page in order in one folder. The folder
-holds links `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `tests/data`, `my_robot.urdf`, and
-`calibration.json`. A block that talks to the default endpoint gets a node that publishes the paper scan, unless the
+holds `calibration.json` and links: `scans/paper`, `scans/dark`, `scans/tilt`, `session`, `tests/data`, `my_robot.urdf`.
+A block that talks to the default endpoint gets a node that publishes the paper scan, unless the
 page started one itself (`guara run --simulated`, stopped at the end of the page). What cannot be run here is checked
 as far as it goes: `make` lines against the Makefile, `guara demo` lines (it has tests of its own) and blocks after a
 line `<!-- needs: laser board and camera -->` by parsing their options and importing what they import. Blocks that begin
-with `# not run here: ` and what they lack say so to the reader too; their `guara` lines are parsed.
+with `# not run here: ` also name what is missing for the reader; their `guara` lines are parsed.
 """
 
 import ast
@@ -154,7 +154,7 @@ class Reader:
         assert process.returncode == 0, f"{block.source}: {command[-1]}\nexit {process.returncode}\n{output}"
 
     def start_endless(self, block: Block, line: str) -> None:
-        """Start it and wait for its first line; only a node is left running, for what follows on the page."""
+        """Start it and wait for its port or first line; only a node goes on running, for what follows on the page."""
         is_node = "guara run" in line
         if is_node:
             self.stop_node()
@@ -270,7 +270,7 @@ def test_examples_of_a_page_work(page: Path, reader: Reader):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_block_says_what_it_is(page: Path):
-    """Each fenced block names a language that this test knows; nothing else escapes it, and needs are known."""
+    """Each fenced block names a language that this test knows, and what it needs is known."""
     for block in blocks(page):
         assert block.language in LANGUAGES, f"{block.source}: {block.language!r} is none of {LANGUAGES}"
         assert block.needs in ("", HARDWARE), f"{block.source}: needs {block.needs!r}"

@@ -96,6 +96,7 @@ def suspects() -> dict[Path, str]:
     return {path: text for path, text in read.items() if any_of_them.search(text)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phrase", REFUSED)
 def test_no_file_holds_a_refused_phrase(phrase: str):
     """Each line is shown with what to write instead."""
@@ -127,6 +128,7 @@ def names(tree: ast.AST) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_no_name_is_a_word_of_several_meanings():
     """What was one word for an index, a position, a pose and a folder is called by which of them it is."""
     any_of_them = re.compile(rf"\b_?(?:{'|'.join(REFUSED_NAMES)})\b")

@@ -43,8 +43,8 @@ ROUTER_TIMEOUT_S = 2.0
 class LiveMoments:
     """Receives grids, points and pictures of one robot and shows every pause as far as it is known.
 
-    Messages with one stamp, the end of their scan, belong together. Once maps come, a scan is shown with its map, in
-    odom.
+    Messages with one stamp, mostly the end of their scan, belong together. Once maps come, a scan is shown with its
+    map, in odom.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class LiveMoments:
         others = (
             f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot that may be seen lives here"
         )
-        return f"waiting for a robot of the instance name {self._robot!r}: none lives on this router; {others}"
+        return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def _take_grid(self, message: TerrainMessage) -> None:
         try:
@@ -120,7 +120,7 @@ class LiveMoments:
         with self._lock:
             is_first_map = "map" not in self._grids
             self._grids[terrain.extent] = terrain
-            # The map of this scan is on its way and says where in odom it was; a scan that is taken back has none.
+            # The map of this scan is on its way and says where in odom it was; a scan that is taken back may have none.
             if terrain.extent == "map" or is_first_map or terrain.metadata.get("withdrawn"):
                 self._show_scan(terrain)
 
@@ -141,7 +141,7 @@ class LiveMoments:
             self._show_again(self._picture[0])
 
     def _show_again(self, stamp: int) -> None:
-        """Show the current moment once more if it is of this scan, of which something new came."""
+        """Show the current moment again if a new message belongs to its scan."""
         terrain = self._grids.get("map") or self._grids.get("footprint")
         if terrain is not None and terrain.stamp == stamp:
             self._show_scan(terrain)

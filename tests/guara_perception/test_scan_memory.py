@@ -36,6 +36,7 @@ def needed(work: Callable[[], object]) -> tuple[int, int]:
     return peak - before, kept - before
 
 
+@pytest.mark.slow
 def test_a_scan_holds_little_besides_its_frames(tracing: None) -> None:
     """While a stripe is sought two pictures of its band's light, then its profile and points, at the end few layers."""
     scan, frames = recorded_scan("paper")

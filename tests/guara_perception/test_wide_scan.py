@@ -1,4 +1,4 @@
-"""The wide area of a scan: what it saw beside the footprint, for the map; inside nothing changes."""
+"""The wide area of a scan: what it saw beside the footprint, for the map; inside heights are the same."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROWS = slice(16, 124)  # of the wide grid, those of the footprint; it has 80 mm 
 
 
 def processor(name: str, lost: frozenset[int] = frozenset(), blank: frozenset[int] = frozenset()) -> gp.ScanProcessor:
-    """Everything of a recorded scan but the lost stripes, with blank frames in place of some."""
+    """Everything of a recorded scan but the lost stripes, some frames replaced by blank ones."""
     scan, frames = recorded_scan(name)
     made = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     for index, on, off in frames:

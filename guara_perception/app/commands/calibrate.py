@@ -22,7 +22,7 @@ from guara_perception.exceptions import InvalidInput
     type=click.Choice(["measured", "coarse", "standard"]),
     default="measured",
     show_default=True,
-    help="stripes to write; those that were not scanned follow from the mirror model",
+    help="stripes to write; those without pictures follow from the mirror model",
 )
 @click.option("--camera-info", type=click.Path(path_type=Path), help="also write the lens as ROS camera_info, .yaml")
 def command(
@@ -37,7 +37,7 @@ def command(
 ) -> None:
     """Calibrate camera, mount and laser from the pictures of one SESSION folder.
 
-    Writes nothing and exits 1 when the verdict is `refused`; the report is written all the same.
+    When the verdict is `refused` it exits 1 and writes no calibration, unless forced; a report is written in any case.
 
     \b
     Example:

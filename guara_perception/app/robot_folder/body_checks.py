@@ -15,7 +15,7 @@ from kinematics.srdf import allowed_pairs
 from kinematics.state import RobotState
 from kinematics.urdf import Link
 
-# A sole frame off the foot by more sets footholds too high or too low by a grid cell's noise [m].
+# If a sole frame is farther from the foot than this, footholds are too high or low by more than a cell's noise [m].
 SOLE_OFF_M = 0.002
 # A joint nearer to its limit cannot follow the tilt of the body on uneven ground [rad].
 LIMIT_MARGIN = 0.05
@@ -85,7 +85,7 @@ def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
             x, y, z = (1e3 * value for value in missed[0])
             yield wrong(
                 f"legs.{name}",
-                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} places that the gait asks for around where "
+                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions that the gait asks for around where "
                 f"it stands, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
                 "another scan height",
             )
@@ -97,14 +97,14 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
     if tilt > LARGEST_TILT:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be measured askew",
+            f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be tilted too",
         )
     margin = stability_margin(pose)
     if margin < BALANCE_M:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles, not {1e3 * BALANCE_M:.0f}: "
-            "are the masses of the URDF right, and do the feet stand below the body?",
+            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles, {1e3 * BALANCE_M:.0f} are "
+            "needed: are the masses of the URDF right, and do the feet stand below the body?",
         )
     if robot.config.imu_frame is None:
         yield note(

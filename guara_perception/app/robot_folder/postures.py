@@ -73,7 +73,7 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
 
 
 def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
-    """Hip height for the places that the gait asks for, and the share of these that the feet reach (1 = all).
+    """Hip height for the positions that the gait asks for, and the share of these that the feet reach (1 = all).
 
     The highest from which all are reached; if there is none, that from which most are.
 
@@ -102,7 +102,7 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
 
 
 def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
-    """The share of the places that the gait asks for, around where a foot stands, that it reaches."""
+    """The share of the positions that the gait asks for, around where a foot stands, that it reaches."""
     start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
     tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
     found = leg.solver(start).solve(tip + FOOT_OFFSETS, np.zeros(len(FOOT_OFFSETS)))

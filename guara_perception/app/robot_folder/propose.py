@@ -42,7 +42,7 @@ class Proposal:
         soles: name of the sole's frame, by leg.
         sole: length and width of a sole [m].
         scan, standing: postures; joints of no leg are as near to zero as their limits allow.
-        reach: share of the places that the gait asks for that the feet reach, 1 = all.
+        reach: share of the positions that the gait asks for that the feet reach, 1 = all.
         mounts: camera, laser, area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.

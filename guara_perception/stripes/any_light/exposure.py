@@ -9,12 +9,11 @@ from guara_perception.arrays import Float32
 from guara_perception.stripes.any_light.laser_colour import CLIPPED
 
 # Iterations of the fit of the gain between laser off and on; number of median deviations beyond which a pixel is left
-# out; and largest share of the plain difference that a fit which is used may leave.
+# out; and the largest share of the plain difference that may remain after the fit if it is to be used.
 GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
-# A gain shows in the bright pixels, which may be few: in this brightest share of all.
+# Bright pixels show a gain best, and may be few: this brightest share of all is looked at by itself too.
 BRIGHT_SHARE = 0.1
-# Beyond this ratio of exposures noise, clipping and the camera's own curve differ too: more of the scene is left than a
-# gain can take away.
+# Beyond this ratio of exposures noise, clipping and the camera's own curve differ too: a gain cannot remove the scene.
 MOST_GAIN = 1.6
 # A laser-off picture that leaves more than this share of the scene's own contrast, and more than these grey levels, is
 # of another scene.
@@ -24,7 +23,7 @@ SAMPLE, BLOCK = 4, 8
 
 
 def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
-    """On minus off, fitted by gain and offset per channel where exposures differ.
+    """On minus off and an offset per channel, with a gain where exposures differ.
 
     Args:
         on, off: (rows, columns, channels) float32, 0 to 255.
@@ -53,10 +52,10 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
             gain, offset = fitted_gain, fitted_offset
             light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
         if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
-            return on, f"the laser-off picture was exposed {gain:.2f} times as long or bright"
+            return on, f"the laser-on picture is {gain:.2f} times as bright as the laser-off one: expose both alike"
         scene, unlike = (_contrast(picture) for picture in (on[:, :, channel], light[:, :, channel]))
         if unlike > max(MOST_SCENE_LEFT * scene, LEAST_SCENE_LEFT):
-            return on, f"the laser-off picture is of another scene: {unlike:.0f} grey levels are left of {scene:.0f}"
+            return on, f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
         light[:, :, channel] -= np.float32(offset)
     return light, ""
 

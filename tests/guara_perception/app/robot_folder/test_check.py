@@ -82,7 +82,7 @@ SPOILED = {
         "urdf/guara.urdf",
         r'lower="0" upper="2.2"',
         'lower="0.7" upper="1.2"',
-        "places that the gait asks for",
+        "positions that the gait asks for",
         Weight.WRONG,
     ),
     "a heavy camera": (

@@ -150,6 +150,7 @@ def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
     assert bounded.sum() > 48 and (heights[1][bounded] >= heights[0][bounded] + 0.0199).all()
 
 
+@pytest.mark.slow
 def test_a_scan_that_is_taken_back_bounds_nothing(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
@@ -187,6 +188,7 @@ def test_a_height_that_is_uncertain_proves_no_way(
         assert np.isfinite(sight.ceiling(fused).height[hole]).sum() == count
 
 
+@pytest.mark.slow
 def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan, where: dict[str, object]) -> None:
     """Losing cells of a scan never lowers a bound and never makes one."""
     rng = np.random.default_rng(5)

@@ -223,6 +223,7 @@ def test_a_leg_at_the_end_of_its_reach_is_not_made_longer(paper_terrain: gp.Terr
     assert at_the_border > 10 and 0 < fewer < 100
 
 
+@pytest.mark.slow
 def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
     """On a recorded scan no foothold is lost, and at most a fifth of the steppable regions."""
     received = sent_compactly(paper_terrain)
