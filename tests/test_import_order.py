@@ -47,6 +47,7 @@ def graph() -> dict[str, set[str]]:
     return {name: set(imported(path.read_text(), set(found))) for name, path in found.items()}
 
 
+@pytest.mark.slow
 def test_there_are_no_circles_between_files(graph: dict[str, set[str]]):
     """The files can be put in an order in which each imports only earlier ones, late imports counted too."""
     try:

@@ -93,6 +93,7 @@ def test_any_order_gives_the_same_bytes(paper_scan, calibration, robot, paper_te
         same_bytes(streamed(paper_scan, calibration, robot, order), paper_terrain)
 
 
+@pytest.mark.slow
 def test_finish_at_any_time(paper_scan, calibration, robot, paper_terrain):
     """What was not added is unknown, nothing known is taken back, and finishing does not disturb what follows."""
     processor = gp.ScanProcessor(
@@ -223,6 +224,7 @@ def test_frames_of_another_size_are_refused(paper_scan, calibration, robot):
         gp.process_scan(small, calibration, robot, strict=True)
 
 
+@pytest.mark.slow
 def test_one_bad_frame_is_left_unknown_or_refused_when_strict(paper_scan, calibration, robot, paper_terrain):
     """A blank frame costs its stripe and is reported; with `strict` it is refused by name."""
     name = paper_scan.stripes[12].on

@@ -68,6 +68,7 @@ def test_lost_background_is_reported(paper_scan, calibration, robot) -> None:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["paper", "paper-literal-lens", "paper-literal-ortho"])
 def test_paper_methods_give_a_safe_grid(paper_scan, calibration, robot, paper_terrain, data, method) -> None:
     """The paper's chain, right and literal, ends in the same terrain code; precise is several times better."""
@@ -154,6 +155,7 @@ def test_advice_fits_what_happened(counts: list[int], expected_texts: list[str])
     assert "\n" not in sentence and ". " not in sentence
 
 
+@pytest.mark.slow
 def test_scan_in_the_dark_says_so(paper_scan, calibration, robot) -> None:
     """All frames without laser light: the health is degraded and the last reason is the advice."""
     processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode)

@@ -140,6 +140,7 @@ def with_orientation(picture: np.ndarray, orientation: int) -> bytes:
     return content[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + content[2:]
 
 
+@pytest.mark.slow
 def test_exif_orientation_is_refused_in_one_way(paper_scan, calibration, robot, tmp_path) -> None:
     """A picture that is to be shown turned is refused; in a scan its stripe is lost and the report says why."""
     picture = paper_scan.read_frame(paper_scan.stripes[15].on)

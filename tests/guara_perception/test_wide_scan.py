@@ -39,6 +39,7 @@ def both(request: pytest.FixtureRequest) -> tuple[gp.TerrainGrid, gp.TerrainGrid
     return made.finish(), made.finish("wide")
 
 
+@pytest.mark.slow
 def test_it_is_as_wide_as_the_map_and_as_deep_as_the_footprint(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
     """Cells of both coincide."""
     footprint, wide = both

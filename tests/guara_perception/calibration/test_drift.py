@@ -139,6 +139,7 @@ def test_watch_warns_when_pauses_agree() -> None:
     assert watch.counts == {HOLDS: 3, DRIFTING: 2, UNKNOWN: 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dark", "tilt"])
 def test_recorded_scans_hold(name: str, data: Path, calibration: gp.Calibration, robot: RobotModel) -> None:
     """Scans of another renderer hold with the calibration that was measured from its session."""

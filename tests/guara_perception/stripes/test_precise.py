@@ -42,6 +42,7 @@ def mean_error(profile: gp.StripeProfile, rows: npt.ArrayLike) -> float:
     return float(np.nanmean(np.abs(profile.position_px - np.broadcast_to(rows, (profile.position_px.size,)))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "most_error", "most_missed"), [("clean", 0.03, 0.0), ("saturated", 0.03, 0.0), ("dim", 0.13, 0.2)]
 )

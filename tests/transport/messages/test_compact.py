@@ -73,6 +73,7 @@ def test_what_was_sent_is_the_rounded_message(peer: Any) -> None:
     assert len(received.obstacles) == 1 and len(received.transforms) == 2
 
 
+@pytest.mark.slow
 def test_a_damaged_compact_message_is_refused(peer: Any) -> None:
     """Cut at every seventh byte, or whole with something else inside."""
     payload = encode_compact(peer.make_terrain(1, shape=(4, 5)))

@@ -13,6 +13,7 @@ from transport import MessageError
 from transport.messages import codec
 
 
+@pytest.mark.slow
 def test_every_truncation_is_refused(payloads) -> None:
     """A message of which the end is missing is never read, wherever it was cut."""
     for kind, (payload, decode) in payloads.items():

@@ -67,6 +67,7 @@ def test_file_is_the_grid_that_python_makes(processed: Path, paper_terrain: gp.T
     }
 
 
+@pytest.mark.slow
 def test_file_keeps_the_safety_invariant(processed: Path):
     """Read with NumPy alone: NaN and unknown flags agree, and traversable means without any flag."""
     with np.load(processed) as content:

@@ -32,6 +32,7 @@ def test_saves_both_grids_of_every_pause(guara, data: Path, calibration_file: Pa
     assert np.count_nonzero(second.hazard & Hazard.CONFLICT) > 500
 
 
+@pytest.mark.slow
 def test_only_the_extent_that_is_wanted(guara, data: Path, calibration_file: Path, tmp_path: Path):
     """--extent map writes no footprints."""
     said = guara("replay", data / "scans" / "tilt", "-c", calibration_file, "-o", tmp_path, "--extent", "map")

@@ -149,6 +149,7 @@ def test_a_running_node_warns_planners(start, keys: Path, free_endpoint: str, ev
     assert node.interrupt() == 0
 
 
+@pytest.mark.slow
 def test_a_router_for_several_robots_says_what_to_do(guara, tmp_path: Path) -> None:
     """First CA, robots and router; then a room's router below it, one more robot, a watcher, and all revoked."""
     site = tmp_path / "site"

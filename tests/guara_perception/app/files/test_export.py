@@ -45,6 +45,7 @@ def test_pcd_opens_in_pypcd4(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     assert (values["hazard"] & UNKNOWN_MASK == 0).all() and (values["sigma"] > 0).all()
 
 
+@pytest.mark.slow
 def test_csv_has_every_cell_and_the_cause_of_the_unknown(paper_terrain: gp.TerrainGrid, tmp_path: Path):
     """Unknown cells have an empty height and a named cause; known ones their height to a micrometre."""
     count = export_terrain(paper_terrain, tmp_path / "t.csv")

@@ -33,6 +33,7 @@ def show(robot):
     return picture
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("about_x", "about_y", "side"), [(0.5, 0, "bottom"), (-0.5, 0, "top"), (0, 0.5, "left"), (0, -0.5, "right")]
 )
@@ -73,6 +74,7 @@ def test_the_poses_of_the_workshop_complete_the_advice(show):
     assert advice.is_complete() and len(advice.views) >= 12
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_a_picture_is_reported(show):
     """Blank, clipped, blurred, moving, shown before."""
     advice = BoardAdvice(BOARD)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import guara_perception as gp
 from guara_perception.settings import Settings
@@ -64,6 +65,7 @@ def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
     assert validity.validity_seconds >= 9 * 18.7
 
 
+@pytest.mark.slow
 def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """A map filled by the wall clock, loaded and updated by a clock that began at boot: cells of unknown age."""
     terrain_map = gp.TerrainMap(robot)

@@ -43,6 +43,7 @@ def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan
         assert dict(expected.metadata) == dict(found.metadata)
 
 
+@pytest.mark.slow
 def test_a_map_of_no_scan_can_be_saved(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """Before the first pause there is nothing, and it comes back."""
     gp.TerrainMap(robot).save(tmp_path / "map.npz")

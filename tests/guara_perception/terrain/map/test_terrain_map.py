@@ -30,6 +30,7 @@ def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -
     assert (fused.hazard[:, :219] & Hazard.UNSCANNED).all()
 
 
+@pytest.mark.slow
 def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
     """Two maps fed alike are alike to the last bit, metadata too."""
     rng = np.random.default_rng(1)

@@ -51,6 +51,7 @@ def test_a_scan_from_a_tilted_footprint_is_turned_upright(
     assert np.nanmax(np.abs(upright.elevation)) < 4e-4
 
 
+@pytest.mark.slow
 def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_grid: Any) -> None:
     """A height seen once keeps its exact value over a walk: nothing is resampled."""
     rng = np.random.default_rng(3)
@@ -64,6 +65,7 @@ def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_
     np.testing.assert_array_equal(after.elevation[16:124, 80:170], before.elevation[16:124, 220:310])
 
 
+@pytest.mark.slow
 def test_what_lies_far_behind_is_forgotten_and_memory_does_not_grow(robot: RobotModel, make_scan: MakeScan) -> None:
     """After 5 m the first scan is gone for good, even when the robot comes back; the arrays are as large as before."""
     terrain_map = gp.TerrainMap(robot)

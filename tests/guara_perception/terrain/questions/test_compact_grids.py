@@ -233,6 +233,7 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
     assert len(received.steppable_regions()) >= 0.8 * len(paper_terrain.steppable_regions()) > 0
 
 
+@pytest.mark.slow
 def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
     """The map could not keep the bounds of the rounding."""
     with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused: .* Ask for it lossless"):

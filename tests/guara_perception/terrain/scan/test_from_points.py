@@ -46,6 +46,7 @@ def test_ground_behind_a_box_is_occluded(robot: RobotModel) -> None:
     assert terrain.is_traversable(0.60, 0.18)
 
 
+@pytest.mark.slow
 def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotModel) -> None:
     """A gap is UNSCANNED, and the map keeps that ground; with rays without return it is DROPOUT, and is forgotten."""
     points = cloud()
