@@ -52,7 +52,7 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
             gain, offset = fitted_gain, fitted_offset
             light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
         if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
-            return on, f"the laser-on picture is {gain:.2f} times as bright as the laser-off one: expose both alike"
+            return on, f"the laser-off picture is {1 / gain:.2f} times as bright as the laser-on one: expose both alike"
         scene, unlike = (_contrast(picture) for picture in (on[:, :, channel], light[:, :, channel]))
         if unlike > max(MOST_SCENE_LEFT * scene, LEAST_SCENE_LEFT):
             return on, f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
