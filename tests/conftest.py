@@ -7,7 +7,7 @@ import shlex
 import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,33 +80,18 @@ PROGRAMS = {
 CALIBRATED = ("guara_perception/calibration", {"result", "few_stripes"})
 
 
-class MixedOrder:
-    """Orders the tests of a worker when it is known which are left out."""
-
-    def __init__(self, workers: int) -> None:
-        """For this number of workers."""
-        self._workers = workers
-
-    @pytest.hookimpl(trylast=True)
-    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """In place, as pytest wants it."""
-        items[:] = mixed(items, self._workers)
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Workers that share a core have an order of their own."""
-    workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
-    if workers > len(os.sched_getaffinity(0)):
-        config.pluginmanager.register(MixedOrder(workers))
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that start programs or calibrate are slow, wherever they stand."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Iterator[None]:
+    """Tests that start programs or calibrate are slow, wherever they stand; those that are not left out are mixed."""
     folder, calibrated = CALIBRATED
     for item in items:
         asked = set(getattr(item, "fixturenames", ()))
         if PROGRAMS & asked or (calibrated & asked and folder in item.path.as_posix()):
             item.add_marker(pytest.mark.slow)
+    yield
+    workers = int(getattr(config, "workerinput", {}).get("workercount", 1))
+    if workers > len(os.sched_getaffinity(0)):
+        items[:] = mixed(items, workers)
 
 
 @pytest.fixture(scope="session")
