@@ -1,7 +1,7 @@
 """Prints how far the map drifts sideways over the ground, with and without laying each scan onto it, walk by walk.
 
 Three kinds of walks: over mixed analytic ground, over level ground, which shows no sideways motion, and through
-simulated frames. Drift is measured on ground seen at the front of the area, when the hind feet come to it.
+simulated frames. Drift is measured on ground seen at the near edge of the area, when the hind feet come to it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from guara_perception.arrays import Float
 from kinematics import LegOdometry, RobotModel, Stance, load_robot
 from tests.analytic_walk import Ground, LevelGround, scan, walk
 
-# From the front of the scanned area to the hind feet.
+# From the near edge of the scanned area to the hind feet.
 PAUSES_BETWEEN = 21
 SEEN_AT_M = ((0.50, -0.18), (0.50, 0.18))
 
@@ -100,12 +100,12 @@ def compare(name: str, walks: Iterable[tuple[int, tuple[MapErrors, MapErrors]]])
     worse = max(on.sideways - off.sideways for off, on in pairs), max(on.feet - off.feet for off, on in pairs)
     print(
         f"  all: sideways {off.sideways:.2f} -> {on.sideways:.2f} mm, feet {off.feet:.2f} -> {on.feet:.2f} mm; "
-        f"the walk that gained least: sideways {worse[0]:+.2f} mm, feet {worse[1]:+.2f} mm"
+        f"the walks that gained least: sideways {worse[0]:+.2f} mm, feet {worse[1]:+.2f} mm"
     )
 
 
 def rms(walks: list[MapErrors]) -> MapErrors:
-    """Rms over several walks; for the feet the mean, as the value of each walk is an rms already."""
+    """Of several walks: rms of x and y, the worst of all, the mean of the feet's rms, the sum of scans not used."""
     return MapErrors(
         x=float(np.sqrt(np.mean([each.x**2 for each in walks]))),
         y=float(np.sqrt(np.mean([each.y**2 for each in walks]))),

@@ -189,17 +189,17 @@ def main() -> None:
         "--scans", type=int, default=50, help="number of scans beside each kind of viewer; at most 1000"
     )
     parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
-    options = parser.parse_args()
+    arguments = parser.parse_args()
     figures: dict[str, Any] = {}
     is_met = True
     print(
-        "[ms]  beside        failed     footprint: p50    p95  worst  p95 above none    map: p50    p95  worst  it got"
+        "[ms]  beside        failed     footprint: p50    p95  worst       added p95    map: p50    p95  worst  viewed"
     )
     for link in ("tcp", "tls"):
         with tempfile.TemporaryDirectory() as folder:
             keys = init_security(Path(folder) / "keys") if link == "tls" else None
             folders = {role: str(keys / role) for role in ("node", "planner", "viewer")} if keys else {}
-            found, seen = measure(min(max(options.scans, 1), 1000), folders)
+            found, seen = measure(min(max(arguments.scans, 1), 1000), folders)
         rows = {rate: summary(delays) for rate, delays in found.items()}
         for rate, row in rows.items():
             above = row["footprint_p95_ms"] - rows[0.0]["footprint_p95_ms"]
@@ -207,14 +207,14 @@ def main() -> None:
             got = "{received}, missed {missed}".format(**seen[rate]) if rate else ""
             beside = f"{rate:g} Mbit/s" if rate else "no viewer"
             print(
-                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {options.scans:<5}"
+                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {arguments.scans:<5}"
                 f"{row['footprint_p50_ms']:>17.1f} {row['footprint_p95_ms']:>6.1f} {row['footprint_worst_ms']:>6.1f}"
                 f"{above:>+16.1f} {row['map_p50_ms']:>11.1f} {row['map_p95_ms']:>6.1f} {row['map_worst_ms']:>6.1f}"
                 f"  {got}"
             )
         figures[link] = {f"{rate:g}": row | seen.get(rate, {}) for rate, row in rows.items()}
     print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
-    if options.json:
+    if arguments.json:
         print(json.dumps(figures))
     sys.exit(not is_met)
 

@@ -69,7 +69,7 @@ NAMES_ALLOWED = {
     "places": ("drivers/emulator/sweep.py", "tests/guara_perception/terrain/questions/test_foothold.py"),
 }
 # Of the optics of eyes and of light, not of sensors and figures.
-ALLOWED = {"colour-blind eyes", "starts_to_spread"}
+ALLOWED = {"colour-blind eyes"}
 
 
 def texts() -> list[Path]:

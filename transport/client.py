@@ -36,8 +36,8 @@ logger = logging.getLogger(__name__)
 class PerceptionClient:
     """Receives the grids of one robot and asks it for scans.
 
-    Each extent is subscribed to when first asked for. However a grid is received, `GridJudge` decides by its sender and
-    its age whether it may be used.
+    Each extent is subscribed to when first asked for. `GridJudge` decides by the sender and the age of each
+    grid whether it may be used.
 
     Attributes:
         robot: instance name.
@@ -99,7 +99,7 @@ class PerceptionClient:
         return self._judge.node.wait(True, timeout)
 
     def links(self) -> tuple[str, ...]:
-        """Routers that this client is connected to now."""
+        """Addresses that this client is connected to now."""
         return self._session.links()
 
     def status(self) -> Status | None:
@@ -189,7 +189,7 @@ class PerceptionClient:
         max_age: float | None = None,
         after: int = 0,
     ) -> Received[TerrainMessage]:
-        """Wait for a newest grid that `predicate` accepts and that may still be used.
+        """Wait until the newest grid is one that `predicate` accepts and that may still be used.
 
         Args:
             predicate: called with each newest grid.
@@ -213,7 +213,7 @@ class PerceptionClient:
         extent: str = "footprint",
         max_age: float | None = None,
     ) -> TerrainMessage:
-        """Wait for a newest grid that `predicate` accepts; arguments and errors as in `receive`."""
+        """Wait until the newest grid is one that `predicate` accepts; arguments and errors as in `receive`."""
         return self.receive(predicate, timeout=timeout, extent=extent, max_age=max_age).message
 
     def wait_for_step(
@@ -232,7 +232,7 @@ class PerceptionClient:
             step: number of the pause.
             timeout: longest wait [s].
             extent: "footprint" or "map".
-            epoch: identity of the walk; None takes the one that the node is on.
+            epoch: identity of the walk; None = any walk with `max_age`, else the one that the node is on.
             confirmed: whether to skip provisional grids.
             max_age: as in `receive`.
         """

@@ -1,4 +1,4 @@
-"""The scanner's side of a scan request: at most one scan per request, and exactly one final reply."""
+"""The scanner's side of a scan request: at most one scan per request, and one final reply to each that is taken."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ScanServer(Resource):
     """Answers scan requests of one robot.
 
     One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
-    one. When the deadline passes, the asker gets a refusal at once and `ScanJob.cancelled` is set.
+    one. When the deadline passes, the asker gets a reply FAILED at once and `ScanJob.cancelled` is set.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Stripes handed over several at a time give what they give one by one, bit by bit."""
+"""Stripes handed over several at a time give what they give one by one, bit for bit."""
 
 from __future__ import annotations
 

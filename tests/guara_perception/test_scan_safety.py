@@ -83,7 +83,7 @@ def test_interior_cells_are_known_and_right(name: str) -> None:
 
 
 def test_the_order_of_the_stripes_does_not_matter() -> None:
-    """Frames in any order, and `finish` called in between, give the same grid bit by bit."""
+    """Frames in any order, and `finish` called in between, give the same grid bit for bit."""
     scan, frames = recorded_scan("paper")
     processor = gp.ScanProcessor(truth(), guara(), scan.stance, scan.mode)
     shuffled = np.random.default_rng(3).permutation(len(frames))

@@ -61,7 +61,7 @@ def test_a_cut_file_is_mended_wherever_it_was_cut(tmp_path: Path, peer) -> None:
 
 
 def test_a_damaged_piece_is_left_out_and_reported(tmp_path: Path, peer) -> None:
-    """Flipped bytes inside a chunk cost that chunk, not the file, and reading the file itself says so."""
+    """A damaged byte inside a chunk costs that chunk, not the file, and reading the file itself says so."""
     write_recording(tmp_path / "a.mcap", peer, scans=3)
     data = bytearray((tmp_path / "a.mcap").read_bytes())
     data[len(data) // 2] ^= 0xFF
@@ -89,7 +89,7 @@ def test_a_whole_file_is_copied_whole(tmp_path: Path, peer) -> None:
 
 
 def test_an_atomic_file_appears_whole_or_not_at_all(tmp_path: Path, peer) -> None:
-    """Beside the name while it is written, and gone after an error."""
+    """While it is written it has another name, and after an error there is no file."""
     write_recording(tmp_path / "a.mcap", peer, atomic=True)
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
     with pytest.raises(ZeroDivisionError):

@@ -24,10 +24,10 @@ FARTHEST_DRIFT_CELLS = 10
 # Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.lines_of_sight` compares it
 # with the truth. A height with a larger sigma gives no bound.
 BOUND_SIGMA_M = 0.003
-# The light may start to spread on the mirror, at a line lens before it, or farther away: shares of the sideways spread
-# that it has when it starts on the mirror. Bounds hold for all of these; for two neighbouring ones, the light that
-# passes over one cell comes from points of the ground 15 mm apart, of which the neighbours count too.
-SPREADS = tuple(number / 7 for number in range(8))
+# The light may start to widen on the mirror, at a line lens before it, or farther away. Its sideways component, as a
+# share of that with a start on the mirror: bounds hold for all of these. From one to the next, light over the same
+# cell comes from points of the ground 15 mm apart, and the neighbours of each point count too.
+SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 NONE = np.float32(9.0)
 
 
@@ -52,8 +52,8 @@ class _Look:
 class LinesOfSight:
     """Bounds of unknown ground over a walk, kept beside a `TerrainMap`.
 
-    Every point that a scan saw proves that the laser's light reached it and that the camera saw it: along both ways
-    there was nothing, so ground below such a way is lower than it, and the ground at the point itself is no higher. A
+    Every point that a scan saw proves that the laser's light reached it and that the camera saw it: along both rays
+    there was nothing, so ground below such a ray is lower than it, and the ground at the point itself is no higher. A
     bound says nothing about whether a foot may be set there; it lets a swing pass over ground that nobody saw, or that
     was seen and gave no return since: `check_path(..., ceiling=...)`.
 
@@ -178,7 +178,7 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
     to_mirror = laser - points
     lit = [
         _worst_around(_passed(points, to_mirror * (1, share, 1), geometry), AROUND_CELLS, AROUND_CELLS)
-        for share in SPREADS
+        for share in SIDEWAYS_SHARES
     ]
     own = np.full(terrain.shape, NONE, np.float32)
     own[iy, ix] = high[iy, ix]
@@ -192,11 +192,11 @@ def _laid_out(values: Float32, beside: float | np.float32) -> Float32:
     return np.asarray(np.pad(values, BESIDE_CELLS, constant_values=beside))
 
 
-def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
-    """Height (ny, nx) of the lowest of ways (n, 3) from points (n, 3), at the far edge of each cell [m]."""
+def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
+    """Height (ny, nx) of the lowest ray over each cell, at its far edge [m]; rays (n, 3) begin at points (n, 3)."""
     least = np.full(geometry.size, NONE, np.float32)
-    length = np.maximum(np.hypot(way[:, 0], way[:, 1]), 1e-6)
-    rise, along = way[:, 2] / length, way[:, :2] / length[:, None]
+    length = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1e-6)
+    rise, along = ray[:, 2] / length, ray[:, :2] / length[:, None]
     end = np.where(rise > 0, np.minimum(length, (HIGHEST_M - points[:, 2]) / np.maximum(rise, 1e-6)), 0.0)
     spacing = geometry.resolution / 2
     for distance in spacing * np.arange(1, int(np.ceil(end.max(initial=0.0) / spacing)) + 1):
@@ -204,7 +204,7 @@ def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
         iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
         inside = geometry.contains(iy, ix)
         on, cell = on[inside], (iy * geometry.shape[1] + ix)[inside]
-        # A way may begin anywhere in its cell, and leave the cell that it passes anywhere.
+        # A ray may begin at any point of its cell, and leave the cell that it passes at any point of the edge.
         height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
         np.minimum.at(least, cell, height.astype(np.float32))
     return least.reshape(geometry.shape)
@@ -213,7 +213,7 @@ def _passed(points: Float, way: Float, geometry: GridGeometry) -> Float32:
 def _worst_of_each(bounds: Float32, at: tuple[Index, Index], around: Index) -> Float32:
     """The highest bound (n,) within each cell's own number of cells along x and y, `around` (2, n)."""
     worst = np.empty(around.shape[1], np.float32)
-    # One area for all cells that have it in common.
+    # Cells with the same two numbers are looked up together.
     kind = around[0] * (FARTHEST_DRIFT_CELLS + AROUND_CELLS + 1) + around[1]
     for cells in (np.flatnonzero(kind == value) for value in np.unique(kind)):
         along_x, along_y = around[:, cells[0]].tolist()

@@ -216,6 +216,7 @@ def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[li
     """Lines of every third stripe on plates at 0 ... 80 mm as the fitted rangefinder sees them, one height wrong."""
     rng = np.random.default_rng(wrong)
     heights = (0.0, 0.02, 0.04, 0.06, 0.08)
+    given_heights = [height + error * (plate == wrong) for plate, height in enumerate(heights)]
     y = np.linspace(-0.2, 0.2, 40)
     lines = []
     for plate, height in enumerate(heights):
@@ -225,21 +226,11 @@ def five_plates(result: CalibrationResult, wrong: int, error: float) -> tuple[li
             pixels = level_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, crossing, height)
             pixels[:, 1] += 0.03 * rng.standard_normal(len(y))
             angle = result.calibration.stripe(index).mirror_angle
-            measured = next(line for line in result.lines if line.index == index)
-            given = height + (error if plate == wrong else 0.0)
-            lines.append(
-                dataclasses.replace(
-                    measured,
-                    plate=plate,
-                    height=given,
-                    index=index,
-                    mirror_angle=angle,
-                    pixels=pixels,
-                    weights=np.ones(40),
-                )
-            )
+            line = next(line for line in result.lines if line.index == index)
+            given = {"plate": plate, "height": given_heights[plate], "index": index, "mirror_angle": angle}
+            lines.append(dataclasses.replace(line, **given, pixels=pixels, weights=np.ones(40)))
     scan = result.session.plates[0].scan
-    names = [Plate(f"plate_{1e3 * h:.0f}", h + (error if p == wrong else 0.0), scan) for p, h in enumerate(heights)]
+    names = [Plate(f"plate_{1e3 * height:.0f}", h, scan) for height, h in zip(heights, given_heights, strict=True)]
     return lines, names
 
 

@@ -69,7 +69,7 @@ def test_unknown_points_stay_unknown(result: CalibrationResult) -> None:
 
 
 def test_stripes_together_are_the_stripes_alone(result: CalibrationResult) -> None:
-    """Variances of several stripes computed together equal those of each stripe alone, bit by bit."""
+    """Variances of several stripes computed together equal those of each stripe alone, bit for bit."""
     uncertainty = HeightUncertainty.of(result.calibration)
     assert uncertainty is not None
     pose = result.transform_base_to_footprint @ result.calibration.transform_camera_to_base

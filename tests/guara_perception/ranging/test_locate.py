@@ -152,7 +152,7 @@ def test_laser_plane_origin_is_on_the_mirror_axis() -> None:
 
 @pytest.mark.parametrize("literal", [None, Literal()])
 def test_stripes_together_are_the_stripes_alone(literal: Literal | None) -> None:
-    """Several laser planes together, all columns or some: each gives what it gives alone, bit by bit."""
+    """Several laser planes together, all columns or some: each gives what it gives alone, bit for bit."""
     transform, lens = pose(), camera()
     method = locator(literal, lens, transform, AREA)
     planes = np.array([laser_plane(lean, turn, transform) for lean, turn in ((-0.1, 0.0), (0.2, 0.01), (0.4, -0.02))])

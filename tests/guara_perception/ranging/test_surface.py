@@ -151,7 +151,7 @@ def test_losing_stripes_never_adds_a_sample(data: st.DataObject) -> None:
 
 
 def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
-    """Samples that were settled early equal those made at the end, bit by bit."""
+    """Samples that were settled early equal those made at the end, bit for bit."""
     random = np.random.default_rng(2)
     stripes = {k: stripe(0.01 * k, random.normal(0, 0.001, COLUMNS)) for k in range(10)}
     ordered = raster(stripes)
@@ -165,7 +165,7 @@ def test_raster_does_not_depend_on_the_order_of_the_stripes() -> None:
 @given(data=st.data())
 @settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_raster_does_not_depend_on_the_grouping_of_the_stripes(data: st.DataObject) -> None:
-    """Stripes near and far apart, lost ones, walls, returns to mark: in any order and groups bit by bit the same."""
+    """Stripes near and far apart, lost ones, walls, returns to mark: in any order and groups the same bit for bit."""
     random = np.random.default_rng(data.draw(st.integers(0, 10_000)))
     pitch = data.draw(st.sampled_from([0.002, 0.01, 0.04]))
     stripes = {}

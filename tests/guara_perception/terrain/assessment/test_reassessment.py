@@ -1,4 +1,4 @@
-"""Layers judged again only where something changed equal those judged at once, bit by bit."""
+"""Layers judged again only where something changed equal those judged all together, bit for bit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def ground(random: np.random.Generator) -> tuple[Raster, np.ndarray]:
 @pytest.mark.slow
 @given(st.integers(0, 100_000))
 @settings(max_examples=examples(80), deadline=None, derandomize=True)
-def test_judged_again_as_judged_at_once(seed: int) -> None:
+def test_judged_again_as_judged_all_together(seed: int) -> None:
     """Several times some columns change, in one layer or all, or in the flags alone, or none do."""
     random = np.random.default_rng(seed)
     limits = TraversabilityLimits(

@@ -1,4 +1,4 @@
-"""Bounds of unknown ground: over the truth on walks that drift, higher when less was seen, and off unless asked for."""
+"""Bounds of unknown ground: higher when less was seen, ended by what was seen since, and off unless asked for."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
-from kinematics import LegOdometry, RobotModel, Stance
-from tests.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
+from kinematics import RobotModel, Stance
+from tests.analytic_walk import CAMERA_IN_BASE
 
 MakeScan = Callable[..., gp.TerrainGrid]
 NO_DRIFT = 1e-12 * np.eye(6)
@@ -78,7 +78,7 @@ def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
 
 
 @pytest.mark.parametrize("behind", [0.0, 0.05, 0.3, 2.0])
-def test_bounds_hold_wherever_the_laser_light_starts_to_spread(
+def test_bounds_hold_wherever_the_laser_light_starts_to_widen(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object], behind: float
 ) -> None:
     """No bound by light lies under the lowest light that truly passes over its cell.
@@ -279,44 +279,6 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
         # By 2 sigma of the turn, and one cell.
         assert lost[-1] >= np.ceil(2 * 0.01 * x[column] / 0.005) + 1
     assert lost[0] < lost[1] < 14
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("seed", [1, 2])
-def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, seed: int) -> None:
-    """Boxes, dark and hidden ground: no bound of an unknown cell is broken by over 5 mm, at five points of each."""
-    ground, bounded = Ground.random(seed), 0
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    sight = gp.LinesOfSight(terrain_map)
-    camera = np.eye(4)
-    camera[:3, 3] = CAMERA_IN_BASE
-    for pause in walk(robot, ground, 2, seed):
-        plain = scan(robot, ground, pause, seed)
-        terrain = gp.TerrainGrid(
-            layers=dict(plain.layers),
-            geometry=plain.geometry,
-            stamp=plain.stamp,
-            step=plain.step,
-            metadata={**plain.metadata, "transform_camera_to_base": camera.tolist()},
-        )
-        pose = odometry.update(pause.stance)
-        fused = terrain_map.update(
-            terrain,
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            covariance_since_last=pose.covariance_since_last,
-        )
-        sight.add(terrain, fused)
-        ceiling = sight.ceiling(fused)
-        iy, ix = np.nonzero(((fused.hazard & UNKNOWN_MASK) != 0) & np.isfinite(ceiling.height))
-        x, y = fused.geometry.centres()
-        to_footprint = np.array(terrain.metadata["transform_base_to_footprint"])
-        to_world = pause.transform_base_to_world @ np.linalg.inv(to_footprint)
-        for dx, dy in ((0, 0), (-0.002, -0.002), (-0.002, 0.002), (0.002, -0.002), (0.002, 0.002)):
-            true, _ = seen_height(ground, to_world, x[ix] + dx, y[iy] + dy)
-            assert (true <= ceiling.height[iy, ix] + 0.005 + 4 * ceiling.sigma).all()
-        bounded += iy.size
-    assert bounded > 2000
 
 
 def test_what_does_not_belong_together_is_refused(

@@ -22,13 +22,13 @@ SLIPS_DEG = (-12.0, -8.0, -5.0, 8.0, 12.0) if IS_THOROUGH else (-5.0, 8.0)
 
 
 def spoiled(scan: gp.Scan, change: Callable[[int, np.ndarray], np.ndarray]) -> gp.Scan:
-    """The scan with every frame changed; `change` gets its index, -1 for a shared laser-off frame."""
+    """The scan with every frame changed; `change` gets its number in the scan, -1 for a shared laser-off frame."""
     index_of = {stripe.off: -1 for stripe in scan.stripes} | {stripe.on: k for k, stripe in enumerate(scan.stripes)}
     return dataclasses.replace(scan, read_frame=lambda name: change(index_of[name], scan.read_frame(name)))
 
 
 def renamed(scan: gp.Scan, frames: list[str]) -> gp.Scan:
-    """The scan of its last stripes, one for each of these frames and with that frame."""
+    """The scan with these frames for its last stripes, and without the other stripes."""
     stripes = tuple(dataclasses.replace(s, on=on) for s, on in zip(scan.stripes[-len(frames) :], frames, strict=True))
     return dataclasses.replace(scan, stripes=stripes)
 
@@ -48,7 +48,7 @@ def reasons(scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel) -> tu
 
 @pytest.mark.slow
 def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(paper_scan, calibration, robot) -> None:
-    """A good scan, spoiled in one way each: the reason names that way, and no stronger laser."""
+    """A good scan, spoiled in one way each: the reason names that way, and does not ask for a stronger laser."""
     frames = [stripe.on for stripe in paper_scan.stripes]
     every_second = dataclasses.replace(paper_scan, stripes=paper_scan.stripes[::2])
     cases = {
@@ -73,7 +73,7 @@ def test_orientation_order_and_pattern_are_reported_before_the_laser_is_blamed(p
 
 @pytest.mark.slow
 def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> None:
-    """Every frame that shows a stripe is refused with what to do; the scan in true grey is as good as in colour."""
+    """Every frame that shows a stripe is refused, with what to do; in true grey the scan is good."""
     raw, _ = reasons(spoiled(paper_scan, lambda k, frame: raw_bayer(frame)), calibration, robot)
     assert raw.metadata["known"] == 0 and len(raw.metadata["frames_bad"]) > 30
     assert "raw Bayer data taken as grey" in raw.metadata["health"]["reasons"][0]
@@ -83,7 +83,7 @@ def test_raw_bayer_taken_as_grey_is_refused(paper_scan, calibration, robot) -> N
 
 
 def test_the_advice_says_where_stripes_were_found() -> None:
-    """Found too low or too high all over: the calibration is blamed, not the laser; what is wrong as a whole first."""
+    """Stripes too low or too high all over: the calibration is blamed first, not the laser."""
     counts = np.array([2000, 0, 0, 0, 0, 8000, 0])
     assert "8000 columns show a stripe where none can be, too high or too low" in advice(0.1, counts)
     assert "stronger laser" in advice(0.1, np.array([7000, 0, 0, 0, 0, 3000, 0]))
@@ -113,7 +113,7 @@ def mirror_slipped(calibration: gp.Calibration, robot: RobotModel, degrees: floa
 
 @pytest.mark.slow
 def test_not_found_found_elsewhere_and_not_usable_are_distinguished(paper_scan, calibration, robot) -> None:
-    """A good scan, broken in each of the three ways: no light, light where no stripe can be, light that clips."""
+    """A good scan with another calibration, without light, and with light that clips."""
     elsewhere = "where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror"
     for moved_calibration in (
         *(mount_lifted(calibration, height) for height in (-0.1, 0.2)),
