@@ -35,6 +35,7 @@ PROGRAMS = {
     "robots": "stock quadrupeds from their URDF to a walk (extra robots-test)",
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
     "simulation": "walks through simulated worlds, with the true ground beside",
+    "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",
     "stripe_pictures": "pictures of found stripes, good and bad",
     "sweeps": "triggered and free-running sweeps against the bound of the motion",
