@@ -10,8 +10,8 @@ from pathlib import Path
 
 import guara_perception as gp
 from kinematics import load_robot
-from tests.grid_truth import Figures, Truth, figures, load_truth
-from tests.truth import truth_calibration
+from testbed.grid_truth import Figures, Truth, figures, load_truth
+from testbed.truth import truth_calibration
 
 HEADER = (
     f"{'scan':<21} {'method':<7} {'mean':>6} {'p95':>5} {'worst':>5} | {'near':>5} {'far':>5} | "

@@ -12,9 +12,9 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.app.calibrate import calibrate_folder
 from kinematics import load_robot
-from tests.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
-from tests.grid_truth import figures, load_truth
-from tests.truth import truth_calibration
+from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
+from testbed.grid_truth import figures, load_truth
+from testbed.truth import truth_calibration
 
 
 def report(data: Path, scans: list[str]) -> None:

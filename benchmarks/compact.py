@@ -18,7 +18,7 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.app.messages import terrain_to_message
 from kinematics import load_robot
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 from transport import decode_terrain, encode_terrain
 from transport.messages.compact import encode_compact
 

@@ -19,7 +19,7 @@ from benchmarks.scanned_walk import scanned_walk
 from benchmarks.terrain import FIRST_HIND_PAUSE, FOOT_HALF
 from guara_perception.arrays import Float
 from kinematics import LegOdometry, RobotModel, Stance, load_robot
-from tests.analytic_walk import Ground, LevelGround, scan, walk
+from testbed.analytic_walk import Ground, LevelGround, scan, walk
 
 # From the near edge of the scanned area to the hind feet.
 PAUSES_BETWEEN = 21

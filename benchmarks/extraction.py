@@ -8,8 +8,8 @@ from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, to
 from benchmarks.rounds import Timings, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
-from tests.scenes import ScanInMemory
-from tests.synthetic_stripes import CASES, stripe_errors, stripes
+from testbed.scenes import ScanInMemory
+from testbed.synthetic_stripes import CASES, stripe_errors, stripes
 
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
 

@@ -12,7 +12,7 @@ from benchmarks import whole_scan
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.terrain.scan.assess_terrain import default_limits
-from tests.scenes import ScanInMemory, resized, simulated
+from testbed.scenes import ScanInMemory, resized, simulated
 
 SMALL = (640, 512)
 CELL_M = 0.005

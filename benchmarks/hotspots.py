@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks import whole_scan
 from benchmarks.section import Section
-from tests.scenes import ROBOTS, ScanInMemory
+from testbed.scenes import ROBOTS, ScanInMemory
 
 SHOWN = 16
 

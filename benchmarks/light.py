@@ -21,8 +21,8 @@ import guara_perception as gp
 from benchmarks.photographs import RIGHT_PX
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
-from tests.grid_truth import figures, made_up
-from tests.scenes import ScanInMemory, simulated
+from testbed.grid_truth import figures, made_up
+from testbed.scenes import ScanInMemory, simulated
 
 SIZE, STRIPES = (640, 512), 35
 ALL, ALL_STRENGTH = "all together", 1 / 3

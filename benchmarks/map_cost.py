@@ -19,8 +19,8 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
 from kinematics import LegOdometry, RobotModel, load_robot
-from tests.analytic_walk import Ground, scan, walk
-from tests.truth import truth_calibration
+from testbed.analytic_walk import Ground, scan, walk
+from testbed.truth import truth_calibration
 
 Result = TypeVar("Result")
 REGION_RADIUS_M = 0.15

@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception import FramePair, ScanProcessor
 from guara_perception.arrays import Image
 from guara_perception.simulation.specimen import specimen
-from tests.scenes import robot_with, scan_stance, with_covariance
+from testbed.scenes import robot_with, scan_stance, with_covariance
 
 
 def resident(field: str) -> float:

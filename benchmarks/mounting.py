@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from tests import scenes
+from testbed import scenes
 
 SCAN = Path(__file__).resolve().parents[1] / "tests" / "data" / "scans" / "paper"
 # The mirror's axis in base_link [m], parallel to y.

@@ -37,8 +37,8 @@ from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import load_robot
-from tests.recorded_view import RecordedView
-from tests.truth import truth_calibration
+from testbed.recorded_view import RecordedView
+from testbed.truth import truth_calibration
 from transport import PausePhase, StancePause, decode_terrain, encode_terrain, open_node
 from transport.server import PerceptionServer
 

@@ -12,7 +12,7 @@ from benchmarks.accuracy import add_data, scans_with_truth
 from guara_perception.methods import METHODS
 from guara_perception.ranging.groups import in_groups
 from kinematics import load_robot
-from tests.grid_truth import Figures, figures
+from testbed.grid_truth import Figures, figures
 
 # The paper refers its error to the width of the surface.
 SURFACE_MM = 540.0

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 
 from guara_perception.app.main import ENVIRONMENT
-from tests.stock_results import line, stock_result
-from tests.stock_robots import FILES, StockRobotsMissing
+from testbed.stock_results import line, stock_result
+from testbed.stock_robots import FILES, StockRobotsMissing
 
 # As the command does: before numpy is loaded.
 os.environ.update(ENVIRONMENT)

@@ -64,7 +64,7 @@ class Checkout:
 
         Args:
             folder: root of the checkout.
-            scan: DATA/scans/NAME, as in `tests.scenes.recorded`.
+            scan: DATA/scans/NAME, as in `testbed.scenes.recorded`.
 
         Raises:
             SystemExit: the folder is no checkout of this project.

@@ -52,10 +52,10 @@ def main_of_peer(scan: Path) -> None:
     import cv2
 
     cv2.setNumThreads(1)
-    # Older revisions have `scenes` among their benchmarks.
+    # Older revisions have `scenes` among their tests, still older ones among their benchmarks.
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
-    scenes = "tests.scenes" if (checkout / "tests" / "scenes.py").is_file() else "benchmarks.scenes"
-    in_memory = import_module(scenes).recorded(scan)
+    home = next(folder for folder in ("testbed", "tests", "benchmarks") if (checkout / folder / "scenes.py").is_file())
+    in_memory = import_module(f"{home}.scenes").recorded(scan)
     whole_scan = import_module("benchmarks.whole_scan")
     # Older revisions call this function `ours`.
     process = vars(whole_scan).get("process") or vars(whole_scan)["ours"]

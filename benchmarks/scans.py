@@ -17,8 +17,8 @@ from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.settings import Settings
-from tests.grid_truth import Truth
-from tests.scenes import ScanInMemory
+from testbed.grid_truth import Truth
+from testbed.scenes import ScanInMemory
 
 REFERENCE = "reference extraction of the same frames"
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")

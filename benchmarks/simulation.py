@@ -16,8 +16,8 @@ from guara_perception.simulation.features import Box
 from guara_perception.simulation.polar import PolarView
 from guara_perception.simulation.relief import Relief
 from kinematics import Stance, load_robot
-from tests.grid_truth import INTERIOR_MARGIN_MM, JUMP_M
-from tests.physics_figures import physics_figures, rms
+from testbed.grid_truth import INTERIOR_MARGIN_MM, JUMP_M
+from testbed.physics_figures import physics_figures, rms
 
 BOXES = World(
     features=(

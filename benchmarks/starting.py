@@ -17,8 +17,8 @@ import guara_perception as gp
 from benchmarks.rounds import alternate
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER
-from tests.scenes import ROBOTS, ScanInMemory
-from tests.truth import truth_calibration
+from testbed.scenes import ROBOTS, ScanInMemory
+from testbed.truth import truth_calibration
 
 ROOT = ROBOTS.parent
 LIBRARIES = "import numpy, cv2"

@@ -19,7 +19,7 @@ import guara_perception as gp
 from benchmarks.photographs import read
 from guara_perception.arrays import Image
 from guara_perception.simulation import real_light
-from tests.scenes import simulated
+from testbed.scenes import simulated
 
 # BGR of a position that is used, and of one that is not: seen, but doubtful.
 USED, DOUBTFUL = (80, 220, 40), (40, 150, 255)

@@ -17,7 +17,7 @@ from benchmarks.remarks import remarks
 from benchmarks.report import to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
 from benchmarks.targets import judged
-from tests import scenes
+from testbed import scenes
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN_DATA = ROOT / "tests" / "data"

@@ -20,7 +20,7 @@ from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
 from drivers import AcquireOptions, Image, SweepOptions
 from drivers.camera import CameraSettings
 from drivers.emulator import EmulatedTriggeredCamera, ExposureView
-from tests import scenes
+from testbed import scenes
 
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tests.synthetic_stripes import CASES, COLUMNS, SIGMA_PX, STRIPES, figures
+from testbed.synthetic_stripes import CASES, COLUMNS, SIGMA_PX, STRIPES, figures
 
 
 def main() -> None:

@@ -20,8 +20,8 @@ from guara_perception.terrain.map.look import look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import register
 from kinematics import LegOdometry, RobotModel, load_robot
-from tests.analytic_walk import Ground, Pause, scan, seen_height, walk
-from tests.truth import truth_calibration
+from testbed.analytic_walk import Ground, Pause, scan, seen_height, walk
+from testbed.truth import truth_calibration
 
 RESOLUTION = 0.005
 # A hind foot reaches ground that was scanned before the walk began only after this number of pauses.

@@ -18,7 +18,7 @@ import transport
 from benchmarks.damaged_messages import damaged
 from benchmarks.peers import free_endpoint, free_port, peers
 from benchmarks.transport_peer import is_whole, make_terrain
-from tests.slow_link import SlowLink
+from testbed.slow_link import SlowLink
 from transport import keys
 
 PATIENCE = 60.0

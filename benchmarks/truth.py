@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import guara_perception as gp
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.corridor import corridor_of, sampled
 from guara_perception.terrain.questions.path import PathVerdict
 from kinematics import RobotModel, load_robot
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 
 CLEARANCE_M, APEX_M = 0.020, 0.060
 # Relief under a sole above which ground that the oracle refuses truly endangers a foot.

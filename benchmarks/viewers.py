@@ -25,7 +25,7 @@ import numpy as np
 import transport
 from benchmarks.peers import Peer, free_endpoint, peers
 from benchmarks.transport_peer import SHAPE, make_terrain, say
-from tests.slow_link import SlowLink
+from testbed.slow_link import SlowLink
 from transport.security.folder import init_security
 
 # Rates of the viewer's link [Mbit/s]; 0: no viewer.

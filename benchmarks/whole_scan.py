@@ -10,7 +10,7 @@ from benchmarks import paper_chain as paper
 from benchmarks.contenders import Extract, literal, opencv_user
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
-from tests.scenes import ScanInMemory
+from testbed.scenes import ScanInMemory
 
 CELL_M = 0.005
 

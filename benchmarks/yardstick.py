@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.contenders import reference
 from guara_perception.arrays import Float
-from tests.scenes import recorded
+from testbed.scenes import recorded
 
 # Time per stripe on the machine on which the limits were set. The product took 1.75 times as long: 0.57 ... 0.65 ms.
 REFERENCE_STRIPE_S = 0.34e-3
@@ -24,7 +24,7 @@ class Yardstick:
         """Read the scan.
 
         Args:
-            scan: DATA/scans/NAME, as in `tests.scenes.recorded`.
+            scan: DATA/scans/NAME, as in `testbed.scenes.recorded`.
         """
         self._bands = recorded(scan).bands()
 

@@ -16,10 +16,10 @@ from hypothesis import HealthCheck, settings
 
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
+from testbed.truth import truth_calibration
 from tests import forked, ports
 from tests.mixed_order import mixed
 from tests.thorough import examples
-from tests.truth import truth_calibration
 
 DATA = Path(__file__).parent / "data"
 

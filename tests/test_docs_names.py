@@ -10,7 +10,7 @@ import guara_perception as gp
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-FOLDERS = "tests|benchmarks|examples|guara_perception|kinematics|drivers|transport|robots|firmware|ros"
+FOLDERS = "tests|testbed|benchmarks|examples|guara_perception|kinematics|drivers|transport|robots|firmware|ros"
 # Made by whoever follows the page.
 MADE = {"robots/mine/robot.toml", "robots/mine/README.md", "firmware/build/"}
 

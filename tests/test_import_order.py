@@ -8,7 +8,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("kinematics", "drivers", "transport", "guara_perception", "benchmarks")
+PRODUCT = ("kinematics", "drivers", "transport", "guara_perception")
+PACKAGES = (*PRODUCT, "testbed", "benchmarks")
+# Folder -> folders whose files it must not import; pytest, too, is for tests alone.
+NEVER_IMPORTED = {
+    **dict.fromkeys((*PRODUCT, "examples"), {"testbed", "benchmarks", "tests", "pytest"}),
+    "testbed": {"benchmarks", "tests", "pytest"},
+    "benchmarks": {"tests", "pytest"},
+    "tests": {"benchmarks"},
+}
+# They are about the benchmarks.
+TESTS_OF_BENCHMARKS = ("tests/benchmarks/", "tests/test_contributing.py")
 
 
 def modules() -> dict[str, Path]:
@@ -65,8 +75,31 @@ def test_packages_import_in_one_direction(graph: dict[str, set[str]]):
         if package in ("kinematics", "drivers", "transport"):
             assert not others, f"{name} imports {sorted(others)}"
         if name.startswith(tuple(f"guara_perception.{p}" for p in ("calibration", "stripes", "ranging", "terrain"))):
-            above = ("drivers", "transport", "guara_perception.app", "guara_perception.view", "benchmarks")
+            above = ("drivers", "transport", "guara_perception.app", "guara_perception.view")
             assert not [u for u in used if u.startswith(above)], f"{name} imports {sorted(used)}"
+
+
+def roots_imported(text: str) -> set[str]:
+    """Packages that a text imports, wherever it does."""
+    found = set()
+    for node in statements(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", NEVER_IMPORTED)
+def test_product_testbed_and_benchmarks_know_no_tests(folder: str):
+    """Tests and benchmarks import the test bench, the test bench the product; nothing imports the other way round."""
+    paths = [path for path in (ROOT / folder).rglob("*.py") if "node_modules" not in path.parts]
+    assert paths
+    for path in paths:
+        if not path.relative_to(ROOT).as_posix().startswith(TESTS_OF_BENCHMARKS):
+            wrong = roots_imported(path.read_text()) & NEVER_IMPORTED[folder]
+            assert not wrong, f"{path.relative_to(ROOT)} imports {sorted(wrong)}"
 
 
 TERRAIN = {

@@ -10,7 +10,7 @@ import pytest
 import guara_perception as gp
 from benchmarks.accuracy import HEADER, row
 from kinematics import RobotModel
-from tests.grid_truth import figures, load_truth
+from testbed.grid_truth import figures, load_truth
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import mounting
-from tests import scenes
+from testbed import scenes
 
 pytestmark = pytest.mark.heavy
 

@@ -20,7 +20,7 @@ from benchmarks.section import FULL, QUICK
 from benchmarks.suite import measure, write
 from benchmarks.targets import TARGETS
 from guara_perception.terrain.layers.geometry import MOST_CELLS
-from tests import scenes
+from testbed import scenes
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 
 DATA = Path("tests/data")
 Frames = tuple[int, np.ndarray, np.ndarray | None]

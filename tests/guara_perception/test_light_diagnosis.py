@@ -11,7 +11,7 @@ from guara_perception.frame_pair import FramePair
 from guara_perception.light_diagnosis import LightSamples
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.extract import extract_stripe
-from tests.scenes import simulated as simulated_scene
+from testbed.scenes import simulated as simulated_scene
 from tests.thorough import further
 
 # What is said of light does not depend on the uncertainty of the calibration.

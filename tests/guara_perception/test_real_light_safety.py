@@ -9,8 +9,8 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.simulation import EFFECTS, real_light
-from tests.grid_truth import figures, made_up
-from tests.scenes import ScanInMemory, simulated
+from testbed.grid_truth import figures, made_up
+from testbed.scenes import ScanInMemory, simulated
 
 EVERY_LIGHT = {
     **{name: {name: 1.0} for name in EFFECTS},

@@ -14,7 +14,7 @@ from guara_perception.methods import METHODS
 from guara_perception.own_body import OwnBody
 from guara_perception.scan_report import advice, regional_coverage
 from kinematics import RobotModel, Stance
-from tests.grid_truth import figures, load_truth
+from testbed.grid_truth import figures, load_truth
 from tests.thorough import examples
 
 

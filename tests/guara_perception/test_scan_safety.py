@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.ranging.groups import in_groups
-from tests.grid_truth import figures, load_truth
+from testbed.grid_truth import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recorded_scan, truth
 from tests.thorough import IS_THOROUGH, examples, further
 

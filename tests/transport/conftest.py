@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from testbed.slow_link import SlowLink
 from tests.forked import ForkedProcess
 from tests.ports import free_endpoint
-from tests.slow_link import SlowLink
 
 PEER = Path(__file__).with_name("peer.py")
 PATIENCE = 180.0

@@ -23,7 +23,7 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from kinematics import RobotModel
-from tests.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
+from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate
 from tests.thorough import further
 

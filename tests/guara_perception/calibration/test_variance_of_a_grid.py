@@ -8,7 +8,7 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.calibration.result import CalibrationResult
 from kinematics import RobotModel
-from tests.grid_truth import load_truth
+from testbed.grid_truth import load_truth
 
 
 def test_error_over_sigma(result: CalibrationResult, paper_scan: gp.Scan, robot: RobotModel, data: Path) -> None:

@@ -16,7 +16,7 @@ from guara_perception.simulation.physics_walk import physics_walk
 from guara_perception.simulation.walk import WalkNoise
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
-from tests.physics_figures import physics_figures, rms
+from testbed.physics_figures import physics_figures, rms
 
 # `find_spec` does not import it, which takes seconds in each worker that collects this file.
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")

@@ -17,7 +17,7 @@ from guara_perception.stripes.paper import (
     remove_background,
     skeleton,
 )
-from tests.synthetic_stripes import CASES, figures
+from testbed.synthetic_stripes import CASES, figures
 from tests.thorough import examples
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from tests.synthetic_stripes import CASES, figures
+from testbed.synthetic_stripes import CASES, figures
 from tests.thorough import examples
 
 ROWS, COLUMNS = 96, 200

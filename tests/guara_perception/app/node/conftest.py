@@ -14,7 +14,7 @@ from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import RobotModel
-from tests.recorded_view import RecordedView
+from testbed.recorded_view import RecordedView
 
 if TYPE_CHECKING:
     from tests.guara_perception.app.node.live_bench import Bench

@@ -18,9 +18,9 @@ from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, Stance
+from testbed.recorded_view import RecordedView
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
-from tests.recorded_view import RecordedView
 from tests.thorough import further
 from transport import Health, PausePhase, StancePause
 from transport.messages.codec import encode

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from guara_perception.app.main import run
-from tests.stock_robots import StockRobotsMissing, stock_urdf
+from testbed.stock_robots import StockRobotsMissing, stock_urdf
 from tests.test_docs import ROOT, Reader, blocks
 
 pytestmark = [pytest.mark.robots, pytest.mark.slow]

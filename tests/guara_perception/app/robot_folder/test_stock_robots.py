@@ -8,8 +8,8 @@ import pytest
 
 from guara_perception.app.robot_folder.trial_walk import trial_walk
 from kinematics import load_robot
-from tests.stock_results import StockResult, line, stock_result
-from tests.stock_robots import FILES, StockRobotsMissing, stock_urdf
+from testbed.stock_results import StockResult, line, stock_result
+from testbed.stock_robots import FILES, StockRobotsMissing, stock_urdf
 
 pytestmark = pytest.mark.robots
 pytest.importorskip("yourdfpy", reason="the extra `robots-test` is not installed")

@@ -8,7 +8,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import LegOdometry, RobotModel
-from tests.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
+from testbed.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 
 
 @pytest.mark.heavy

@@ -11,7 +11,7 @@ import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
 from kinematics import RobotModel, Stance
-from tests.analytic_walk import CAMERA_IN_BASE
+from testbed.analytic_walk import CAMERA_IN_BASE
 
 MakeScan = Callable[..., gp.TerrainGrid]
 NO_DRIFT = 1e-12 * np.eye(6)

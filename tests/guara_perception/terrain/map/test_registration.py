@@ -10,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from kinematics import LegOdometry, RobotModel
-from tests.analytic_walk import LevelGround, scan, walk
+from testbed.analytic_walk import LevelGround, scan, walk
 
 MakeScan = Callable[..., gp.TerrainGrid]
 SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])

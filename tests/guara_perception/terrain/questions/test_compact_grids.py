@@ -15,8 +15,8 @@ import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.rounding import rounding_of
 from kinematics import RobotModel
+from testbed.truth import truth_calibration
 from tests.thorough import examples, further
-from tests.truth import truth_calibration
 from transport import decode_terrain
 from transport.messages.compact import ROUNDING, encode_compact
 

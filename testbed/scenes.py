@@ -21,7 +21,7 @@ from guara_perception.simulation import Light, SimulatedRangefinder, World, spec
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp
 from guara_perception.simulation.materials import material_index
 from kinematics import RobotModel, Stance, load_robot
-from tests.grid_truth import Truth, load_truth, truth_of
+from testbed.grid_truth import Truth, load_truth, truth_of
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOTS, OWN_DATA = ROOT / "robots", ROOT / "tests" / "data"

@@ -14,8 +14,8 @@ from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
 from guara_perception.exceptions import PerceptionError
 from kinematics import KinematicsError, load_robot
 from kinematics.read_urdf import read_urdf
-from tests.stock_robots import stock_urdf
-from tests.urdf_reader import worst_difference
+from testbed.stock_robots import stock_urdf
+from testbed.urdf_reader import worst_difference
 
 
 @dataclass(frozen=True, slots=True)
