@@ -1,7 +1,7 @@
 """Sizes of the project: code lines, modules, words, commands, options, names, and the way of a frame to bytes.
 
-`python -m benchmarks.size [--json]`. A code line is a line of a .py file that holds a token besides comments, docstrings
-and import statements; blank lines hold none. C is not counted. Commands and options are those that `--help` shows:
+`python -m benchmarks.size [--json]`. A code line is a line of a .py file that holds a token besides comments,
+docstrings and import statements; blank lines hold none. C is not counted. Commands and options are those that `--help` shows:
 commands without subcommands, and options besides --help and --verbose, which every command has. A frame passes the
 files of the product whose functions run when one recorded scan is added to a ScanProcessor, finished and encoded.
 """
@@ -27,7 +27,7 @@ import guara_perception as gp
 from guara_perception.app.main import guara
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.scan import FrameReader
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 from transport import encode_terrain
 
 ROOT = Path(__file__).resolve().parents[1]

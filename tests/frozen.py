@@ -20,7 +20,7 @@ from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Step
 from guara_perception.simulation.walk import simulate_walk
 from kinematics import LegOdometry, load_robot
-from tests.truth import truth_calibration
+from testbed.truth import truth_calibration
 from transport import TerrainMessage
 from transport.messages.codec import decode, encode
 from transport.messages.compact import encode_compact
@@ -146,7 +146,7 @@ def record(path: Path, grids: dict[str, gp.TerrainGrid]) -> None:
 
 
 def recorded(path: Path) -> Iterator[tuple[tuple[Any, ...], bytes]]:
-    """What a recording holds but for the time of writing: the description of each attachment and message, and its bytes.
+    """What a recording holds but for the time of writing: the description of every attachment and message, its bytes.
 
     Read by mcap itself: chunks are compressed by zstd, so the bytes of the file are not the same for every version.
     """
