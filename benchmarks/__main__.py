@@ -20,7 +20,6 @@ PROGRAMS = {
     "drift_check": "false alarms and finds of the check for a calibration that has drifted",
     "drivers": "costs of the laser board's driver and of proving stripes",
     "fleet": "many robots and planners on one router: delays, cost, growth, TLS, a restart",
-    "hostile": "what files made to harm their reader cost before they are refused",
     "lines_of_sight": "whether bounds of unknown ground hold",
     "kinematics": "speed and agreement of the kinematics",
     "light": "each effect of real light on a scan: stripes found, wrong and made up, error of the heights",

@@ -1,9 +1,9 @@
 """Sizes of the project: code lines, modules, words, commands, options, names, and the way of a frame to bytes.
 
 `python -m benchmarks.size [--json]`. A code line is a line of a .py file that holds a token besides comments,
-docstrings and import statements; blank lines hold none. C is not counted. Commands and options are those that `--help` shows:
-commands without subcommands, and options besides --help and --verbose, which every command has. A frame passes the
-files of the product whose functions run when one recorded scan is added to a ScanProcessor, finished and encoded.
+docstrings and import statements; blank lines hold none. C is not counted. Commands and options are those that `--help`
+shows: commands without subcommands, and options besides --help and --verbose, which every command has. A frame passes
+the files of the product whose functions run when one recorded scan is added to a ScanProcessor, finished and encoded.
 """
 
 from __future__ import annotations

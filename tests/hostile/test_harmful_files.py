@@ -1,4 +1,4 @@
-"""Files made to harm, as the benchmark makes them: each is refused, within its bounds of memory and time."""
+"""Files made to harm their reader: each is refused, within its bounds of memory and time."""
 
 import json
 import subprocess
@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hostile import MEMORY_MB, SECONDS
-from benchmarks.hostile_files import FILES
+from tests.hostile.harmful_files import FILES
+from tests.hostile.reading_cost import MEMORY_MB, SECONDS
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def costs() -> dict[str, dict]:
-    """What each file of the benchmark cost, all read by one run of it."""
-    command = [sys.executable, "-m", "benchmarks.hostile", "--json"]
+    """Costs of all files by name, from one run of the program."""
+    command = [sys.executable, "-m", "tests.hostile.reading_cost", "--json"]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
     assert run.returncode == 0, run.stderr[-2000:]
     return {cost["name"]: cost for cost in map(json.loads, run.stdout.splitlines())}

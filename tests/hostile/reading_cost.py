@@ -1,6 +1,6 @@
-"""Files made to harm their reader: what each costs in memory and processor time before it is refused.
+"""Memory and processor time that each file made to harm its reader costs before it is refused.
 
-Usage: python -m benchmarks hostile [--json]
+`python -m tests.hostile.reading_cost [--json]`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 import traceback
 from pathlib import Path
 
-from benchmarks.hostile_files import FILES
+from tests.hostile.harmful_files import FILES
 
 MEMORY_MB = 300.0
 SECONDS = 5.0

@@ -1,4 +1,4 @@
-"""Files made to harm their reader, and the reader of each: `benchmarks.hostile` measures what they cost."""
+"""Files made to harm their reader, and the reader of each; `reading_cost` measures what they cost."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def _calibration(path: Path, text: str = "", **changes: Any) -> None:
 
 
 def _robot(path: Path, toml: str = "", urdf: bytes = b"") -> None:
-    source = Path(__file__).resolve().parents[1] / "robots" / "guara"
+    source = Path(__file__).resolve().parents[2] / "robots" / "guara"
     shutil.copytree(source, path, ignore=shutil.ignore_patterns("meshes"))
     if toml:
         (path / "robot.toml").write_text(toml)
