@@ -19,15 +19,8 @@ import time
 import numpy as np
 
 from drivers import AcquireOptions, CameraSettings, LaserBoard, OffFrames, acquire, measure_lag, prepare
-from drivers.emulator import (
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatorConfig,
-    ExposureView,
-    RemoteBoard,
-    emulated_backend,
-    remote_backend,
-)
+from drivers.emulator import EmulatedBoard, EmulatedCamera, EmulatorConfig, ExposureView, emulated_backend
+from testbed.remote_board import RemoteBoard, remote_backend
 
 FPS = 30.0
 FIRING_ORDER = [(index, -0.146 + 0.473 * index / 69) for index in range(70)]
@@ -101,7 +94,7 @@ def scans() -> None:
 HOST = """
 import sys
 from drivers import LaserBoard
-from drivers.emulator import remote_backend
+from testbed.remote_board import remote_backend
 with LaserBoard(backend=remote_backend(sys.argv[1])) as board:
     board.laser_on()
     print("on", flush=True)
@@ -113,7 +106,7 @@ with LaserBoard(backend=remote_backend(sys.argv[1])) as board:
 def kills() -> None:
     """Print how long the laser stays on after its host was killed, seen from a third process."""
     emulator = subprocess.Popen(
-        [sys.executable, "-m", "drivers.emulator"], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, "-m", "testbed.remote_board"], stdout=subprocess.PIPE, text=True, start_new_session=True
     )
     assert emulator.stdout is not None
     address = emulator.stdout.readline().split()[1]

@@ -26,11 +26,11 @@ from drivers.emulator import (
     EmulatedBoard,
     EmulatedCamera,
     EmulatedClock,
-    EmulatedTriggeredCamera,
     EmulatorConfig,
     ExposureView,
     emulated_backend,
 )
+from testbed.triggered_camera import EmulatedTriggeredCamera
 
 # How long the laser is on for a stripe [s].
 FLASH = 0.004
@@ -124,7 +124,7 @@ def triggered(stripes: int, flash: float = FLASH, fps: float = 0.0) -> Triggered
 
 def triggered_on_chip(stripes: int, flash: float = FLASH) -> Triggered:
     """The same with the firmware on the emulated chip, which ramps the motor itself; needs the extra `firmware`."""
-    from drivers.emulator.chip import Chip, ChipBus, ChipClock, load_firmware
+    from testbed.chip import Chip, ChipBus, ChipClock, load_firmware
 
     firing_order = firing_order_of(stripes)
     chip = Chip(load_firmware(FIRMWARE))

@@ -15,12 +15,13 @@ import guara_perception as gp
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
-from guara_perception.simulation import SimulatedRangefinder, random_world, specimen
+from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import LegOdometry, RobotModel
+from testbed.random_world import random_world
 
 # The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
 FIRST_JUDGED_STEP = 4

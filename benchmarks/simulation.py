@@ -17,7 +17,7 @@ from guara_perception.simulation.polar import PolarView
 from guara_perception.simulation.relief import Relief
 from kinematics import Stance, load_robot
 from testbed.grid_truth import INTERIOR_MARGIN_MM, JUMP_M
-from testbed.physics_figures import physics_figures, rms
+from testbed.physics.physics_figures import physics_figures, rms
 
 BOXES = World(
     features=(

@@ -9,7 +9,8 @@ import numpy as np
 
 from benchmarks.emulated_sweeps import FLASH, Picture, emulated, firing_order_of, take
 from drivers import AcquireOptions, SweepOptions
-from drivers.emulator import EmulatedTriggeredCamera, EmulatorConfig
+from drivers.emulator import EmulatorConfig
+from testbed.triggered_camera import EmulatedTriggeredCamera
 
 FAULTY_SWEEPS = 200
 # How far from its trigger an opening may lie and be on time [s]: half of the tolerance of `SweepOptions`, and drift of

@@ -19,8 +19,9 @@ from benchmarks.section import Section
 from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
 from drivers import AcquireOptions, Image, SweepOptions
 from drivers.camera import CameraSettings
-from drivers.emulator import EmulatedTriggeredCamera, ExposureView
+from drivers.emulator import ExposureView
 from testbed import scenes
+from testbed.triggered_camera import EmulatedTriggeredCamera
 
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)
@@ -153,7 +154,7 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
 
 def on_chip(say: Callable[[str], object]) -> list[Triggered]:
     """The rows with the firmware's ramp; none, and a message to `say`, where the emulated chip is not installed."""
-    from drivers.emulator.chip import ChipMissing
+    from testbed.chip import ChipMissing
 
     try:
         return [triggered_on_chip(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]

@@ -25,8 +25,6 @@ from drivers import CameraSettings, StripeCapture, usb_link
 from drivers.acquisition import StripeStream
 from drivers.aravis_camera import AravisCamera
 from drivers.emulator import EmulatedBackend
-from drivers.emulator.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
-from drivers.emulator.gige import FakeGigeCamera
 from drivers.emulator.shutter import Opening
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
@@ -40,6 +38,8 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.simulation.world_file import load_world
+from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
+from testbed.gige import FakeGigeCamera
 from transport.messages.terrain_codec import encode_terrain
 
 # Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.

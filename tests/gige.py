@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from drivers.aravis_library import load_aravis
-from drivers.emulator.gige import FakeGigeCamera
 from drivers.errors import CameraBackendMissing
+from testbed.gige import FakeGigeCamera
 
 # GigE Vision has one port, and loopback one address: two tests at once would take it from one another.
 LOCK = Path(tempfile.gettempdir()) / "guara-fake-gige-camera.lock"

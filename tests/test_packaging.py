@@ -75,10 +75,20 @@ def test_wheel_carries_every_file_of_the_packages(root: Path, wheel: Path):
 
 
 def test_wheel_carries_nothing_else(wheel: Path):
-    """No tests, data, benchmarks or caches travel along."""
+    """No test bench, tests, data, benchmarks or caches travel along."""
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {*PACKAGES, "robots"}
     assert not [name for name in zipfile.ZipFile(wheel).namelist() if "__pycache__" in name]
+
+
+def test_wheel_needs_nothing_that_stays_in_the_checkout(unpacked: Path):
+    """No module of the wheel imports the test bench, tests or benchmarks, nor starts a program of theirs."""
+    modules = list(unpacked.rglob("*.py"))
+    assert len(modules) > 300
+    left = re.compile(
+        r"^\s*(?:from|import) (?:testbed|tests|benchmarks)\b|[\"'](?:testbed|tests|benchmarks)\.", re.MULTILINE
+    )
+    assert not [str(path.relative_to(unpacked)) for path in modules if left.search(path.read_text())]
 
 
 def test_robot_loads_from_the_wheel(unpacked: Path, tmp_path: Path):

@@ -5,8 +5,8 @@ Needs the extra `firmware` (rp2040py). `ChipBus` puts pyusb and the driver on it
 
 from __future__ import annotations
 
-from drivers.emulator.chip.bus import ChipBus, ChipClock
-from drivers.emulator.chip.chip import Chip, ChipMissing, load_firmware
-from drivers.emulator.chip.world import Wiring
+from testbed.chip.bus import ChipBus, ChipClock
+from testbed.chip.chip import Chip, ChipMissing, load_firmware
+from testbed.chip.world import Wiring
 
 __all__ = ["Chip", "ChipBus", "ChipClock", "ChipMissing", "Wiring", "load_firmware"]

@@ -8,9 +8,9 @@ from typing import Any
 
 from drivers import timing
 from drivers.emulator.bus import BusError
-from drivers.emulator.chip.chip import Chip
 from drivers.emulator.shutter import Opening
 from drivers.emulator.views import ExposureView
+from testbed.chip.chip import Chip
 
 BOOT_TIME = 1.0  # s in which the firmware must have been enumerated
 SLICE = 0.001  # s for which another thread may have to wait

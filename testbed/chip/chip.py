@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.emulator.chip.usb_host import UsbHost
-from drivers.emulator.chip.world import Wiring, World
 from drivers.emulator.views import ExposureView
 from drivers.records import BoardIdentity
+from testbed.chip.usb_host import UsbHost
+from testbed.chip.world import Wiring, World
 
 UF2_BLOCK = 512
 UF2_MAGIC = (0x0A324655).to_bytes(4, "little")

@@ -5,6 +5,6 @@ Real packets on loopback; `FakeGigeCamera.expose` is its trigger line. Needs Ara
 
 from __future__ import annotations
 
-from drivers.emulator.gige.fake import FakeGigeCamera, FakeState
+from testbed.gige.fake import FakeGigeCamera, FakeState
 
 __all__ = ["FakeGigeCamera", "FakeState"]

@@ -10,8 +10,8 @@ import threading
 from typing import Any, BinaryIO
 
 from drivers.aravis_library import load_aravis
-from drivers.emulator.gige import genicam
-from drivers.emulator.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
+from testbed.gige import genicam
+from testbed.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
 
 # Time within which Aravis' fake must have noticed a trigger [s], and how often it looks for one [Hz].
 PATIENCE, POLL_RATE = 5.0, 1000.0
@@ -131,7 +131,7 @@ def serve(fake: Fake, requests: BinaryIO, answers: BinaryIO) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m drivers.emulator.gige", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m testbed.gige", description=__doc__)
     parser.add_argument("--interface", default="127.0.0.1", help="address of the network's interface")
     parser.add_argument("--serial", default="GUARA1", help="serial number of the camera")
     parser.add_argument("--width", type=int, default=640, help="width of the sensor [px]")

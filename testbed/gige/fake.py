@@ -12,10 +12,10 @@ from typing import Self
 import numpy as np
 
 from drivers.bayer import PATTERNS, mosaic
-from drivers.emulator.gige.genicam import FORMATS
-from drivers.emulator.gige.wire import ASK, EXPOSE, REQUEST, STATE, read_exactly
 from drivers.errors import CameraNotFound
 from drivers.frame import Image
+from testbed.gige.genicam import FORMATS
+from testbed.gige.wire import ASK, EXPOSE, REQUEST, STATE, read_exactly
 
 RED = 2
 NAMES = {number: name for name, number in FORMATS.items()}
@@ -64,7 +64,7 @@ class FakeGigeCamera:
             size: width and height of the sensor [px].
             lost_packets: share of the packets that never arrive.
         """
-        self._command = [sys.executable, "-m", "drivers.emulator.gige", "--interface", interface, "--serial", serial]
+        self._command = [sys.executable, "-m", "testbed.gige", "--interface", interface, "--serial", serial]
         self._command += ["--width", str(size[0]), "--height", str(size[1])]
         self._command += ["--lost-packets", str(lost_packets)]
         self.name = interface

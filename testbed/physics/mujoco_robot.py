@@ -84,7 +84,8 @@ def mjcf(robot: RobotModel) -> str:
             data.joint(joint).qpos[0] = data.actuator(joint).ctrl[0] = position
         spec.add_key(name=name, qpos=data.qpos, ctrl=data.ctrl)
     spec.compile()
-    return f"<!-- Made from the URDF by `guara robot mjcf`: change that one. -->\n{_for_all_versions(spec.to_xml())}"
+    head = "<!-- Made from the URDF by `python -m testbed.physics`: change that one. -->"
+    return f"{head}\n{_for_all_versions(spec.to_xml())}"
 
 
 def _for_mujoco(urdf: str, *, with_visuals: bool) -> str:

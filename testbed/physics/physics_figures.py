@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.simulation import SimulatedRangefinder, World, random_world, specimen
+from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, RobotModel, load_robot
+from testbed.random_world import random_world
 
 # Under a foothold with this clearance the map is compared with the truth.
 CLEAR_M = 0.020
@@ -40,8 +41,8 @@ def physics_figures(
     seed: int, cycles: float = 6, size: tuple[int, int] = (640, 512), imu: float = 0.00175
 ) -> WalkFigures:
     """Walk over boxes in MuJoCo, scanning at every pause, treading where the planner says."""
-    from guara_perception.simulation.physics_walk import physics_walk
     from guara_perception.simulation.walk import WalkNoise
+    from testbed.physics.physics_walk import physics_walk
 
     robot = load_robot("guara")
     world = random_world(seed, length=1.8, boxes=7, rocks=0, pits=0, dark=0, undulation=0.0, box_heights=(0.01, 0.04))

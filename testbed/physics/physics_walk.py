@@ -9,7 +9,6 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.physics import PhysicsRobot
 from guara_perception.simulation.stand import (
     CROUCH_STEP_M,
     DEEPEST_CROUCH_M,
@@ -31,6 +30,7 @@ from guara_perception.simulation.walk import (
 )
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
+from testbed.physics.physics_robot import PhysicsRobot
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

@@ -1,4 +1,4 @@
-"""Runs an emulated laser board as a process of its own: `python -m drivers.emulator`."""
+"""Runs an emulated laser board as a process of its own: `python -m testbed.remote_board`."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.config import EmulatorConfig
-from drivers.emulator.server import EmulatorServer
+from testbed.remote_board.server import EmulatorServer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Listen, print `ready ADDRESS`, serve until SIGINT or SIGTERM; return the exit status."""
     parser = argparse.ArgumentParser(
-        prog="python -m drivers.emulator",
-        description="A laser board made of software, reached by drivers.emulator.remote_backend(ADDRESS).",
-        epilog="example: python -m drivers.emulator --listen 127.0.0.1:7500",
+        prog="python -m testbed.remote_board",
+        description="A laser board made of software, reached by testbed.remote_board.remote_backend(ADDRESS).",
+        epilog="example: python -m testbed.remote_board --listen 127.0.0.1:7500",
     )
     parser.add_argument(
         "--listen",

@@ -10,9 +10,9 @@ from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.bus import BusError
 from drivers.emulator.faults import Fault
 from drivers.emulator.laser import Switching
-from drivers.emulator.server import encode_fault
 from drivers.emulator.views import BoardView, ExposureView
-from drivers.emulator.wire import Channel
+from testbed.remote_board.server import encode_fault
+from testbed.remote_board.wire import Channel
 
 
 class _Line:

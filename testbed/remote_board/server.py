@@ -10,8 +10,8 @@ from typing import Any
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.bus import BusError, LocalBus
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.emulator.wire import Channel, listen
 from drivers.protocol import Request
+from testbed.remote_board.wire import Channel, listen
 
 
 class EmulatorServer:

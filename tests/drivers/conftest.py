@@ -121,10 +121,10 @@ def eventually() -> Callable[[Callable[[], bool]], None]:
 
 
 class EmulatorProcess:
-    """`python -m drivers.emulator`, running."""
+    """`python -m testbed.remote_board`, running."""
 
     def __init__(self, listen: str) -> None:
-        self.process = ForkedProcess("-m", "drivers.emulator", "--listen", listen, folder=ROOT)
+        self.process = ForkedProcess("-m", "testbed.remote_board", "--listen", listen, folder=ROOT)
         fields = self.process.stdout.readline().split()
         assert fields[0] == "ready"
         self.address = fields[1]

@@ -15,7 +15,6 @@ from drivers import AravisCamera, CameraSettings, aravis_library, setting_change
 from drivers.aravis_camera import BAYER, SHORT_IDS
 from drivers.aravis_devices import find_aravis_cameras
 from drivers.bayer import mosaic
-from drivers.emulator.gige import FakeGigeCamera
 from drivers.errors import (
     CameraBackendMissing,
     CameraNotFound,
@@ -23,6 +22,7 @@ from drivers.errors import (
     CameraSettingRefused,
     CameraTimeout,
 )
+from testbed.gige import FakeGigeCamera
 from tests.gige import fake_gige
 
 # Seconds; packets on loopback take milliseconds, a busy machine longer.

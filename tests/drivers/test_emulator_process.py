@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from drivers import BoardConfig, LaserBoard
-from drivers.emulator import EmulatedBoard, Fault, FaultKind, RemoteBoard, remote_backend
-from drivers.emulator.__main__ import main
-from drivers.emulator.server import EmulatorServer, decode_fault, encode_fault
-from drivers.emulator.wire import parse_address
+from drivers.emulator import EmulatedBoard, Fault, FaultKind
 from drivers.errors import BoardInUse, BoardStalled, BoardUnplugged
 from drivers.protocol import Request
+from testbed.remote_board import RemoteBoard, remote_backend
+from testbed.remote_board.__main__ import main
+from testbed.remote_board.server import EmulatorServer, decode_fault, encode_fault
+from testbed.remote_board.wire import parse_address
 from tests.drivers.conftest import PATIENCE
 
 
@@ -64,7 +65,7 @@ def test_a_dead_emulator_is_an_unplugged_board(emulator_process) -> None:
 def test_claim_of_a_vanished_host_is_given_back(emulator_process, host, eventually) -> None:
     """As the kernel does: when a process dies, its device can be opened by the next one."""
     program = (
-        "import sys, time\nfrom drivers import LaserBoard\nfrom drivers.emulator import remote_backend\n"
+        "import sys, time\nfrom drivers import LaserBoard\nfrom testbed.remote_board import remote_backend\n"
         "board = LaserBoard(backend=remote_backend(sys.argv[1])); board.open(); print('open'); time.sleep(60)"
     )
     process = host(program, emulator_process.address)
@@ -90,7 +91,7 @@ def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
     """The emulator also listens on a path, and ends with status 0 on SIGTERM."""
     address = f"unix:{tmp_path}/board"
     process = subprocess.Popen(
-        [sys.executable, "-m", "drivers.emulator", "--listen", address, "--serial", "U1"],
+        [sys.executable, "-m", "testbed.remote_board", "--listen", address, "--serial", "U1"],
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).resolve().parents[2],

@@ -7,15 +7,15 @@ from collections.abc import Callable
 import pytest
 
 from drivers import guard
-from drivers.emulator import RemoteBoard
 from drivers.protocol import BoardFault
+from testbed.remote_board import RemoteBoard
 from tests.drivers.conftest import PATIENCE
 from tests.forked import ForkedProcess
 
 OPEN_AND_WAIT = """
 import sys, time
 from drivers import LaserBoard
-from drivers.emulator import remote_backend
+from testbed.remote_board import remote_backend
 board = LaserBoard(backend=remote_backend(sys.argv[1]))
 {open}
 board.laser_on()

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import pytest
 
 from drivers import BoardConfig, LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend, remote_backend
+from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
 from drivers.protocol import PROTOCOL_MAJOR, BoardFault, Request
 from drivers.records import BoardStatus
+from testbed.remote_board import remote_backend
 
 SETTLE = 0.003
 FAR = 3000  # steps

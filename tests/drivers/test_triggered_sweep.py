@@ -22,13 +22,13 @@ from drivers.emulator import (
     EmulatedBoard,
     EmulatedCamera,
     EmulatedClock,
-    EmulatedTriggeredCamera,
     EmulatorConfig,
     Fault,
     FaultKind,
     emulated_backend,
 )
 from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
+from testbed.triggered_camera import EmulatedTriggeredCamera
 
 STRIPES = 70
 FIRING_ORDER = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulator.chip import Chip, ChipMissing, load_firmware
 from drivers.protocol import Request
+from testbed.chip import Chip, ChipMissing, load_firmware
 from tests.firmware.boards import HELLO, Bench, ChipBoard, HostBoard, PythonBoard
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulator.chip import load_firmware
+from testbed.chip import load_firmware
 from tests.firmware.conftest import FIRMWARE
 
 sys.path.insert(0, str(FIRMWARE))

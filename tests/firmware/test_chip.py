@@ -11,9 +11,9 @@ import pytest
 from drivers import BoardConfig, BoardFault, LaserBoard
 from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.bus import BusError
-from drivers.emulator.chip import Chip, ChipBus, ChipClock
 from drivers.errors import BoardInUse, BoardStalled, HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
 from drivers.protocol import MICROSOFT_REQUEST, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request
+from testbed.chip import Chip, ChipBus, ChipClock
 
 pytestmark = pytest.mark.chip
 

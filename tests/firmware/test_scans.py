@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers import AcquireOptions, BoardConfig, BoardFault, LaserBoard, OffFrames, SweepOptions, acquire, prepare
-from drivers.emulator import EmulatedCamera, EmulatedTriggeredCamera
+from drivers.emulator import EmulatedCamera
 from drivers.emulator.backend import EmulatedBackend
-from drivers.emulator.chip import Chip, ChipBus, ChipClock
 from drivers.errors import LaserRefused
+from testbed.chip import Chip, ChipBus, ChipClock
+from testbed.triggered_camera import EmulatedTriggeredCamera
 from tests.drivers.conftest import Scene
 
 pytestmark = pytest.mark.chip

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from drivers.emulator.chip import Chip
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.simulation.world_file import load_world
 from kinematics import RobotModel
+from testbed.chip import Chip
 from tests.gige import alone_with_aravis
 from transport import open_client
 from transport.stance_link import StancePublisher

@@ -16,7 +16,6 @@ def command() -> None:
     Example:
       guara robot new my_robot.urdf -o robots/mine
       guara robot check robots/mine --picture mine.png
-      guara robot mjcf robots/mine -o mine.xml
     """
 
 
@@ -119,27 +118,3 @@ def check(
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
-@command.command(name="mjcf")
-@click.argument("robot")
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="file to write (.xml)")
-def mjcf(robot: str, out: Path) -> None:
-    """Write a robot folder (or a robot by name) as an MJCF file for MuJoCo (extra `sim`).
-
-    It holds shapes, masses and limits of the URDF, a free base, a position servo on every joint, and the postures of
-    the SRDF as keyframes. It holds no ground: add that in the scene that includes it.
-
-    \b
-    Example:
-      guara robot mjcf robots/mine -o mine.xml
-    """
-    from guara_perception.simulation.mujoco_robot import mjcf as text_of
-    from guara_perception.whole_file import whole_file
-    from kinematics import load_robot
-
-    model = load_robot(robot)
-    text = text_of(model)
-    with whole_file(out) as temporary:
-        temporary.write_text(text, "utf-8")
-    click.echo(f"{out}: {len(model.joint_names)} servos, postures {', '.join(model.posture_names)}")

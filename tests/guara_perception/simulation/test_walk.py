@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import Box, Step
 from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.random_world import random_world
 from guara_perception.simulation.stand import OutOfReach, body_pose, stand_on
 from guara_perception.simulation.walk import WalkEnded, WalkNoise, simulate_walk
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
+from testbed.random_world import random_world
 from tests.thorough import examples
 
 EXACT = WalkNoise(joint=0.0, contact=0.0, slip=0.0, imu=0.0)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp, Rock, Stairs, Step
 from guara_perception.simulation.materials import MATERIALS, material_index
-from guara_perception.simulation.random_world import random_world
 from guara_perception.simulation.world import World
+from testbed.random_world import random_world
 from tests.thorough import examples
 
 

@@ -10,20 +10,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from guara_perception.app.main import run
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
-from guara_perception.simulation.mujoco_robot import mjcf, mujoco_robot
 from kinematics import RobotModel, load_robot
+from testbed.physics.__main__ import main
+from testbed.physics.mujoco_robot import mjcf, mujoco_robot
 
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")
 pytestmark = [pytest.mark.sim, pytest.mark.slow, needs_mujoco]
 
-TAPIR = Path(__file__).parents[2] / "robots" / "tapir"
+TAPIR = Path(__file__).parents[1] / "robots" / "tapir"
 
 
 def test_the_committed_file_is_the_one_that_is_made(robot: RobotModel) -> None:
-    """robots/guara/mjcf/guara.xml is what `guara robot mjcf guara` writes now, in every number and name."""
+    """robots/guara/mjcf/guara.xml is what `python -m testbed.physics guara` writes now, in every number and name."""
     mujoco = optional_library("mujoco", "sim", "this test")
     path = robot.folder / "mjcf" / "guara.xml"
     text = mjcf(robot)
@@ -58,11 +58,9 @@ def test_it_stands_in_its_postures(robot: RobotModel) -> None:
 def test_a_robot_without_settings_for_mujoco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Any robot folder: the command says what it wrote, links without mass stay."""
     mujoco = optional_library("mujoco", "sim", "this test")
-    assert run(["robot", "mjcf", str(TAPIR), "-o", str(tmp_path / "tapir.xml")]) == 0
+    main([str(TAPIR), "-o", str(tmp_path / "tapir.xml")])
     tapir = load_robot(TAPIR)
     assert f"{len(tapir.joint_names)} servos, postures {', '.join(tapir.posture_names)}" in capsys.readouterr().out
-    assert run(["robot", "mjcf", "nobody", "-o", str(tmp_path / "x.xml")]) == 2
-    assert "no robot 'nobody'" in capsys.readouterr().err
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "tapir.xml"))
     assert model.nu == len(tapir.joint_names) and model.nbody == len(tapir.frame_names) + 1
 

@@ -11,12 +11,12 @@ import pytest
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import MissingExtra, optional_library
 from guara_perception.simulation.features import Box, Patch, Rock
-from guara_perception.simulation.physics import PhysicsRobot
-from guara_perception.simulation.physics_walk import physics_walk
 from guara_perception.simulation.walk import WalkNoise
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot
-from testbed.physics_figures import physics_figures, rms
+from testbed.physics.physics_figures import physics_figures, rms
+from testbed.physics.physics_robot import PhysicsRobot
+from testbed.physics.physics_walk import physics_walk
 
 # `find_spec` does not import it, which takes seconds in each worker that collects this file.
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed (extra `sim`)")
