@@ -10,7 +10,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.arrays import Float
-from guara_perception.terrain.assessment.edges import half_cells
+from guara_perception.terrain.assessment.disc import half_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
 # Layer, flag of its test, name of its limit, unit in which it is printed, and the factor from the layer's unit to it.

@@ -9,8 +9,8 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.accuracy import add_data, scans_with_truth
-from guara_perception.methods import METHODS
-from guara_perception.ranging.groups import in_groups
+from guara_perception.ranging.scan_geometry import in_groups
+from guara_perception.stripe_finder import METHODS
 from kinematics import load_robot
 from testbed.grid_truth import Figures, figures
 

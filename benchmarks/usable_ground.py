@@ -23,7 +23,7 @@ from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation.planner import plan_foothold, plan_swing
-from guara_perception.terrain.assessment.edges import half_cells
+from guara_perception.terrain.assessment.disc import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.corridor import corridor_of, sampled

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from guara_perception.app.files.recording import Recording, open_recording
     from guara_perception.app.map_regions import MapRegions
     from guara_perception.app.map_summary import TerrainSummary
-    from guara_perception.calibration.calibration import Calibration, StripePlane
-    from guara_perception.calibration.camera import CameraModel
+    from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
     from guara_perception.calibration.drift import Drift, check_drift
     from guara_perception.calibration.file import load_calibration, save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
@@ -33,11 +32,11 @@ if TYPE_CHECKING:
         PerceptionError,
         UnsafeGrid,
     )
-    from guara_perception.frame_pair import FramePair
     from guara_perception.process import process_scan
     from guara_perception.scan import Scan, ScanStripe
     from guara_perception.scan_processor import ScanProcessor
     from guara_perception.settings import TraversabilityLimits
+    from guara_perception.stripes.band import FramePair
     from guara_perception.stripes.extract import extract_stripe
     from guara_perception.stripes.profile import StripeProfile, StripeStatus
     from guara_perception.terrain.compare import GridComparison, compare
@@ -154,7 +153,7 @@ _MODULES = {
     "Calibration": "guara_perception.calibration.calibration",
     "CalibrationMismatch": "guara_perception.exceptions",
     "CalibrationRefused": "guara_perception.exceptions",
-    "CameraModel": "guara_perception.calibration.camera",
+    "CameraModel": "guara_perception.calibration.calibration",
     "Ceiling": "guara_perception.terrain.layers.ceiling",
     "ConnectionFailed": "transport.exceptions",
     "Drift": "guara_perception.calibration.drift",
@@ -162,7 +161,7 @@ _MODULES = {
     "Foothold": "guara_perception.terrain.questions.best_foothold",
     "FootholdVerdict": "guara_perception.terrain.questions.foothold",
     "FootholdVerdicts": "guara_perception.terrain.questions.foothold",
-    "FramePair": "guara_perception.frame_pair",
+    "FramePair": "guara_perception.stripes.band",
     "GridComparison": "guara_perception.terrain.compare",
     "Hazard": "guara_perception.terrain.layers.hazard",
     "DistanceField": "guara_perception.terrain.questions.distance_field",

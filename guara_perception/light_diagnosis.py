@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Image, Mask
-from guara_perception.frame_pair import FramePair
+from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.laser_light import is_clipped
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 

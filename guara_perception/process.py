@@ -9,16 +9,16 @@ from pathlib import Path
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
-from guara_perception.frame_pair import FramePair
 from guara_perception.progress import Progress
-from guara_perception.ranging.groups import in_groups
 from guara_perception.ranging.range_images import range_images
+from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scan_surface import check_area
 from guara_perception.settings import Settings
+from guara_perception.stripes.band import FramePair
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.scan.scan_area import check_area
 from kinematics import KinematicsError, RobotModel
 from kinematics.pause import check_camera_still
 
@@ -47,7 +47,7 @@ def process_scan(
         calibration: calibration of the rangefinder that recorded it, or the path of its file; None = the one that the
             folder or recording carries, where `scan` is a path.
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
-        method: one of `guara_perception.methods.METHODS`.
+        method: one of `guara_perception.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
         area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
             ground with it.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
-from guara_perception.frame_pair import FramePair
 from guara_perception.settings import MODES
+from guara_perception.stripes.band import FramePair
 
 if TYPE_CHECKING:
     from kinematics import Stance

@@ -10,9 +10,9 @@ import numpy as np
 
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.frame_pair import FramePair
 from guara_perception.ranging.scan_geometry import ScanGeometry
-from guara_perception.stripes.glance import brightest_rows
+from guara_perception.stripes.band import FramePair
+from guara_perception.stripes.extract import brightest_rows
 
 # [m] The lines of the stripes on z = 0 are drawn this far to both sides.
 HALF_LENGTH_M = 0.6

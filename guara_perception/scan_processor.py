@@ -13,20 +13,17 @@ from guara_perception.arrays import Array, Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.frame_pair import FramePair
 from guara_perception.light_diagnosis import LightSamples
-from guara_perception.methods import METHODS, check_method
-from guara_perception.own_body import OwnBody
 from guara_perception.ranging.locate import locator
-from guara_perception.ranging.scan_geometry import scan_geometry
+from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.stripe_ranger import StripeRanger
 from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.scan_diagnosis import Glances
 from guara_perception.scan_report import scan_report
-from guara_perception.scan_surface import ScanSurface
+from guara_perception.scan_surface import OwnBody, ScanSurface
 from guara_perception.settings import Settings
-from guara_perception.stripe_finder import StripeFinder
+from guara_perception.stripe_finder import METHODS, StripeFinder, check_method
+from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -61,7 +58,7 @@ class ScanProcessor:
             robot: model, name or folder of the robot that carries it.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
-            method: one of `guara_perception.methods.METHODS`.
+            method: one of `guara_perception.stripe_finder.METHODS`.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.

@@ -7,20 +7,26 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from guara_perception.arrays import Array, Index, Mask
+from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.own_body import OwnBody
+from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface_raster import SurfaceRaster
-from guara_perception.settings import Settings
+from guara_perception.settings import Settings, TraversabilityLimits
+from guara_perception.terrain.assessment.assess import Reassessment
 from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
-from guara_perception.terrain.assessment.raster import pool, pool_flags
+from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.scan.scan_area import ScanArea, area_rows, check_area
+from guara_perception.terrain.layers.hazard import Hazard
+from kinematics import RobotState
+from kinematics.self_filter import SelfFilter
 
 # The raster need not be finer than this; coarser grids are pooled from it, so a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
+AREAS = ("footprint", "wide")
+# Share of a cell that rounding may take.
+ROUNDING = 1e-6
 
 
 class ScanSurface:
@@ -111,3 +117,158 @@ class ScanSurface:
             area: "footprint" or "wide".
         """
         return self._area(area).lost(layers, is_lost)
+
+
+class ScanArea:
+    """An area of a scan; what has not changed since its layers were last asked for is not computed again.
+
+    Attributes:
+        grid: cells of the area.
+        plan: the looks that the scan should have at them.
+    """
+
+    def __init__(
+        self, grid: GridGeometry, rows: slice, plan: LookPlan, causes: UnknownCauses, limits: TraversabilityLimits
+    ) -> None:
+        """Start with nothing seen.
+
+        Args:
+            grid: the cells.
+            rows: rows of the widest area's raster that belong to this area.
+            plan: plan of the looks at the cells.
+            causes: causes of its unknown cells.
+            limits: what the feet can bear.
+        """
+        self.grid, self.plan = grid, plan
+        self._rows, self._causes = rows, causes
+        self._assessment = Reassessment(grid.resolution, limits)
+
+    def layers(self, raster: Raster, marks: Flags, pair_usable: Mask) -> dict[str, Array]:
+        """All layers of the area; arguments as of `UnknownCauses.flags`, raster and marks of the widest area."""
+        own = raster.window((self._rows, slice(None)))
+        layers = self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
+        seen = np.isfinite(own.elevation)
+        return {**layers, "age": np.where(seen, 0, 255).astype(np.uint8), "looks": seen.astype(np.uint8)}
+
+    def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> list[list[int]]:
+        """Cells over which stripes without a usable frame (s,) passed, as `lost_cells` gives them."""
+        if not is_lost.any():
+            return []
+        in_view = self.plan.in_view(np.arange(self.grid.size)).reshape(self.grid.shape)
+        planes = self.plan.planes_in_footprint
+        elevation = np.asarray(layers["elevation"], np.float64)
+        return lost_cells(elevation, np.asarray(layers["hazard"], np.uint16), in_view, planes, is_lost, self.grid)
+
+
+def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
+    """The grid of each of AREAS, and its rows within the widest one.
+
+    The wide one has the footprint's x and reaches along y as far as the map, in whole cells: the camera sees more of
+    the ground the farther that is, and what it saw there the map can use when the robot has come to it.
+
+    Args:
+        settings: settings of the robot.
+        cell: edge of the cells [m].
+
+    Raises:
+        InvalidInput: the resolution does not divide the footprint.
+    """
+    footprint = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
+    (low, high), (map_low, map_high) = settings.footprint_y, settings.map_y
+    right, left = (max(int(np.floor(more / cell + ROUNDING)), 0) for more in (low - map_low, map_high - high))
+    ny, nx = footprint.shape
+    wide = GridGeometry((footprint.origin[0], footprint.origin[1] - right * cell), cell, (right + ny + left, nx))
+    rows = slice(right, right + ny), slice(0, right + ny + left)
+    return dict(zip(AREAS, zip((footprint, wide), rows, strict=True), strict=True))
+
+
+def check_area(area: str) -> None:
+    """Refuse what is none of AREAS.
+
+    Raises:
+        InvalidInput: unknown area.
+    """
+    if area not in AREAS:
+        raise InvalidInput(f"area is {area!r}, allowed: {', '.join(AREAS)}")
+
+
+def lost_cells(
+    elevation: Float,
+    hazard: Flags,
+    in_view: Mask,
+    planes_in_footprint: Float,
+    is_lost: Mask,
+    geometry: GridGeometry,
+) -> list[list[int]]:
+    """Unknown cells that lie between the neighbours of a lost stripe, at any height that this scan saw.
+
+    Args:
+        elevation, hazard: (ny, nx) layers of the scan.
+        in_view: (ny, nx) cells that the camera sees if their ground is at z = 0.
+        planes_in_footprint: (s, 4) laser planes in the order of the pattern.
+        is_lost: (s,) whether a stripe was fired and has no usable frame.
+        geometry: the grid.
+
+    Returns:
+        Runs [ix, first iy, end iy] of cells, in order: short, as stripes run along y.
+    """
+    if not is_lost.any():
+        return []
+    known = np.isfinite(elevation)
+    heights = np.append(elevation[known], 0.0)
+    x, y = geometry.centres()
+    ground = np.column_stack((np.tile(x, y.size), np.repeat(y, x.size)))
+
+    def side(height: float) -> Mask:
+        return np.asarray(
+            ground @ planes_in_footprint[:, :2].T + planes_in_footprint[:, 2] * height + planes_in_footprint[:, 3] > 0
+        )
+
+    low, high = side(float(heights.min())), side(float(heights.max()))
+    lost = np.zeros(geometry.size, dtype=bool)
+    last = len(planes_in_footprint) - 1
+    for stripe in np.flatnonzero(is_lost).tolist():
+        before, after = max(stripe - 1, 0), min(stripe + 1, last)
+        # Between the two laser planes at the lowest or the highest height, or beyond them on opposite sides.
+        lost |= (low[:, before] != low[:, after]) | (high[:, before] != high[:, after])
+        lost |= low[:, before] != high[:, before]
+    not_looked_at = (hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED)) != 0
+    return _runs(lost.reshape(geometry.shape) & not_looked_at & in_view)
+
+
+def _runs(mask: Mask) -> list[list[int]]:
+    """Runs of marked cells down each column."""
+    padded = np.zeros((mask.shape[1], mask.shape[0] + 2), dtype=np.int8)
+    padded[:, 1:-1] = mask.T
+    change = np.diff(padded, axis=1)
+    column, first = np.nonzero(change == 1)
+    _, end = np.nonzero(change == -1)
+    return np.column_stack((column, first, end)).tolist()
+
+
+class OwnBody:
+    """The robot's shapes at one stance, asked in base_footprint."""
+
+    def __init__(
+        self, state: RobotState, transform_base_to_footprint: Float, sensor_origins: tuple[Float, ...]
+    ) -> None:
+        """Place the shapes.
+
+        Args:
+            state: state of the robot at the stance.
+            transform_base_to_footprint: (4, 4).
+            sensor_origins: positions (3,) of camera and laser in base_footprint.
+        """
+        self._filter = SelfFilter(state, transform_base_to_frame=transform_base_to_footprint)
+        self._sensor_origins = sensor_origins
+
+    def contains(self, points: Float) -> Mask:
+        """Which points (n, 3) lie on the robot; NaN points do not."""
+        return np.asarray(self._filter.contains(points))
+
+    def hides(self, points: Float) -> Mask:
+        """Which points (n, 3) the robot hides from its camera or its laser."""
+        hidden = np.zeros(len(points), dtype=bool)
+        for sensor_origin in self._sensor_origins:
+            hidden |= self._filter.blocks(sensor_origin, points)
+        return hidden

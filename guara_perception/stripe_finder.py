@@ -1,22 +1,28 @@
-"""Finds the stripes of one sweep in its frames: checks each frame, supplies a background, extracts by the method."""
+"""The stripes of one sweep from its frames: each frame checked, a background supplied, extraction by the method."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.frame_pair import FramePair
-from guara_perception.methods import METHODS
-from guara_perception.stripes.background import SweepBackground
-from guara_perception.stripes.band import Band, OffRows, SharedFrame
-from guara_perception.stripes.extract import unusable_frame
-from guara_perception.stripes.glance import is_raw_bayer
+from guara_perception.arrays import Image
+from guara_perception.exceptions import InvalidInput
+from guara_perception.ranging.paper.rangefinder import Literal
+from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, channel_of
+from guara_perception.stripes.extract import Extract, is_raw_bayer, unusable_frame
+from guara_perception.stripes.laser_light import judge
+from guara_perception.stripes.paper import extract_paper
+from guara_perception.stripes.precise import extract_precise
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
 SHARED_FROM = 4
+# Earlier stripes of the pattern, by how many before this one, that do not touch it in the picture; two, because each
+# hides what lies under itself.
+STRIPES_BEFORE = (3, 6)
 
 
 class StripeFinder:
@@ -26,7 +32,7 @@ class StripeFinder:
         """Prepare a sweep.
 
         Args:
-            method: one of `guara_perception.methods.METHODS`.
+            method: one of `guara_perception.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's pictures [px].
             stride: index difference of neighbouring stripes.
         """
@@ -74,3 +80,106 @@ class StripeFinder:
             return Band(on[first:end], OffRows(off[first:end], shared, first), first)
         background = self._background.add(pair.index, on, rows)
         return background.reason or Band.of(background.on, background.off, first)
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """What to subtract from a frame.
+
+    Attributes:
+        on: the rows of the band, reduced to the sweep's channel where `off` is.
+        off: background of the same shape, None: estimate it from the frame itself.
+        reason: why there is none although there should be, empty when all is well.
+    """
+
+    on: Image
+    off: Image | None = None
+    reason: str = ""
+
+
+class SweepBackground:
+    """Keeps one channel of the last few laser-on frames, so memory does not grow with the sweep.
+
+    Which frames serve a stripe depends on its index alone. When one of them was lost, the stripe is given up rather
+    than measured in another way: a lost frame may take knowledge away, never change it.
+    """
+
+    def __init__(self, stride: int) -> None:
+        """Start with nothing.
+
+        Args:
+            stride: index difference of neighbouring stripes.
+        """
+        self._stride = stride
+        self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._channel: int | None = None
+        self._first: int | None = None
+        self._last = -1
+
+    def add(self, index: int, on: Image, band: tuple[int, int]) -> Background:
+        """Take a good laser-on frame and give its background.
+
+        The channel is that in which the first stripe stands out most, and stays the same for the sweep. The first
+        stripes, and those that come out of order, are served by an estimate from their own frame.
+
+        Args:
+            index: index of the stripe.
+            on: whole laser-on frame.
+            band: first and end row between which the stripe can appear.
+        """
+        rows = slice(*band)
+        if self._channel is None or self._first is None:
+            self._channel = judge(on[rows], None).channel
+            self._first = index
+        kept = channel_of(on, self._channel)
+        if np.may_share_memory(kept, on):
+            # A camera of one channel may fill the same memory again.
+            kept = kept.copy()
+        out_of_order = index < self._last
+        self._kept[index] = kept
+        self._last = max(self._last, index)
+        if len(self._kept) > max(STRIPES_BEFORE) + 1:
+            self._kept.popitem(last=False)
+        needed = [index - before * self._stride for before in STRIPES_BEFORE]
+        if out_of_order or min(needed) < self._first:
+            return Background(on[rows])
+        missing = [other for other in needed if other not in self._kept]
+        if missing:
+            return Background(
+                on[rows], reason=f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
+            )
+        return Background(kept[rows], np.minimum(*(self._kept[other][rows] for other in needed)))
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One method.
+
+    Attributes:
+        extract: finds the stripes of some bands.
+        literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
+    """
+
+    extract: Extract
+    literal: Literal | None
+
+
+METHODS = {
+    # Matched filter, triangulation with the calibrated laser planes.
+    "precise": Method(extract_precise, None),
+    # The paper's chain, eqs. 7 to 21, corrected; with eq. 8 in one iteration; with eqs. 20, 21 about the image centre.
+    "paper": Method(extract_paper, Literal()),
+    "paper-literal-lens": Method(extract_paper, Literal(lens=True)),
+    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True)),
+}
+
+
+def check_method(name: str) -> str:
+    """The name itself when there is such a method.
+
+    Raises:
+        InvalidInput: no method of that name; the message lists them.
+    """
+    if name not in METHODS:
+        raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")
+    return name

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.arrays import Image
-from guara_perception.ranging.groups import in_groups
+from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.settings import Settings
 from guara_perception.simulation import Light, SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Patch, Pit, Ramp

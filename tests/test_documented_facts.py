@@ -11,11 +11,11 @@ import pytest
 import guara_perception as gp
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.settings import Settings
-from guara_perception.terrain.assessment.disc import disc_kernel
-from guara_perception.terrain.assessment.edges import (
+from guara_perception.terrain.assessment.disc import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
     LEAST_MARGIN_CELLS,
+    disc_kernel,
     half_cells,
 )
 

@@ -10,13 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Flags, Float32, Mask
+from guara_perception.arrays import Flags, Float32, Mask, readonly
 from guara_perception.exceptions import UnsafeGrid
-from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.gridded import Gridded
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.invariant import check_safe
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe
+from guara_perception.terrain.layers.layered_grid import Gridded
 from transport import TerrainMessage
 from transport.messages.map_origin import origin_of
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary

@@ -16,7 +16,7 @@ import numpy as np
 from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.invariant import check_invariant
+from guara_perception.terrain.layers.hazard import check_invariant
 from kinematics import Stance
 from transport import Health, ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
 

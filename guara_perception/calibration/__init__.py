@@ -5,8 +5,7 @@ Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it.
 
 from __future__ import annotations
 
-from guara_perception.calibration.calibration import Calibration, StripePlane
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
 from guara_perception.calibration.file import load_calibration, save_calibration
 
 __all__ = ["Calibration", "CameraModel", "StripePlane", "load_calibration", "save_calibration"]

@@ -8,8 +8,7 @@ from typing import Final, Self
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image, Index
-from guara_perception.readonly import readonly
+from guara_perception.arrays import Float, Grey, Image, Index, readonly
 
 CHECKERBOARD: Final = "checkerboard"
 CHARUCO: Final = "charuco"

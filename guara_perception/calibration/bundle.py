@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
-from guara_perception.readonly import readonly
 
 # Scale of the robust loss, in standard deviations: a corner further off counts less and less.
 ROBUST_SIGMAS = 3.0

@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor import to_floor
 from guara_perception.exceptions import CalibrationRefused
 

@@ -8,10 +8,9 @@ from itertools import product
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Grey
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.arrays import Float, Float32, Grey, readonly
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor import floor_pixels, to_floor
-from guara_perception.readonly import readonly
 
 # The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012

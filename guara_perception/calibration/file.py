@@ -10,8 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from guara_perception.calibration.calibration import VERDICTS, Calibration, StripePlane
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import VERDICTS, Calibration, CameraModel, StripePlane
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields, parse_json, read_json, refuse_not_finite
 from guara_perception.whole_file import whole_file

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 
 
 def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:

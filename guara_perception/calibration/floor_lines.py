@@ -8,8 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index, Mask
-from guara_perception.readonly import readonly
+from guara_perception.arrays import Float, Index, Mask, readonly
 
 # A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
 PARTS = 12

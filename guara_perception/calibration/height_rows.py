@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 
 # The line is sampled this far to both sides of the camera: well beyond any picture at half a metre.
 HALF_LENGTH_M = 1.2

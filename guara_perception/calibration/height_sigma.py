@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
-from guara_perception.readonly import readonly
 
 # The height field is a quadratic in the distance from a point of base_link: centre of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.board import BoardSpec, BoardView
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import CalibrationRefused
-from guara_perception.readonly import readonly
 
 MIN_VIEWS = 5
 # Largest angle between two boards below which focal length and distance cannot be separated.

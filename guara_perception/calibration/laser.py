@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Interval
+from guara_perception.arrays import Float, Interval, readonly
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance, plane_covariance
 from guara_perception.calibration.mirror_model import MirrorModel
@@ -17,7 +17,6 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
-from guara_perception.readonly import readonly
 
 # Where the height field is sampled: y, heights, and the number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.height_rows import plane_in_frame
-from guara_perception.readonly import readonly
 
 
 @dataclass(frozen=True, slots=True)

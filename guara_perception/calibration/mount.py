@@ -8,14 +8,13 @@ from itertools import permutations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey
+from guara_perception.arrays import Float, Grey, readonly
 from guara_perception.calibration.board import BoardSpec, BoardView
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.crosses import Mark, find_crosses
 from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.calibration.session import Fiducials
 from guara_perception.exceptions import CalibrationRefused
-from guara_perception.readonly import readonly
 
 # Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.arrays import Float, readonly
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor import floor_pixels, to_floor
 from guara_perception.calibration.height_rows import row_bands
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.session import Plate
 from guara_perception.exceptions import CalibrationMismatch
-from guara_perception.readonly import readonly
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.profile import StripeProfile
 

@@ -10,8 +10,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import StripePlane, format_indices
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel, StripePlane, format_indices
 from guara_perception.calibration.floor import to_floor
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image
+from guara_perception.arrays import Float, Image, readonly
 from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.charuco import marker_dictionary
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.scan import Scan
 
 if TYPE_CHECKING:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
-from guara_perception.readonly import readonly
 
 # A laser plane may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]

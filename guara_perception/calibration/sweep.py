@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.arrays import Float, readonly
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor import to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
-from guara_perception.readonly import readonly
 
 # Usual error of one position of the mirror's stepper [rad]: sigma of a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))

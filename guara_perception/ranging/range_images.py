@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Index
-from guara_perception.ranging.groups import in_groups
+from guara_perception.arrays import Array, Float, Float32, Index, readonly
 from guara_perception.ranging.lines import shares
+from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import EVERYWHERE, surface_keys, surface_lines
-from guara_perception.readonly import readonly
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 
 # Picture size of the paper: rows along x, columns along y.

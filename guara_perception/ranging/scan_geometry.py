@@ -1,20 +1,29 @@
-"""Predicts a scan before its first frame: in which rows of the picture each stripe can appear, and its laser plane."""
+"""The geometry of a scan, known before its first frame: rows and laser plane of each stripe, and its points by them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.height_rows import plane_in_frame, row_bands
+from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.ranging.locate import Locator
+from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.settings import Settings
+from guara_perception.stripes.profile import StripeProfile
 
 # Bands reach this far beyond the height limits, so that a stripe just outside of these is seen as such.
 LIMIT_MARGIN_M = 0.025
 # Rows added at the edges of a band, for smoothing and for the window about the centre.
 ROW_MARGIN_PX = 8
+Item = TypeVar("Item")
+# With more of them their arrays no longer stay in the processor's cache.
+TOGETHER = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,3 +102,70 @@ def laser_origin(planes: Float, near: Float) -> Float:
     axis = np.linalg.svd(normals)[2][-1]
     rows = np.vstack((normals, axis))
     return np.linalg.lstsq(rows, np.append(-offsets, axis @ near), rcond=None)[0]
+
+
+class StripeRanger:
+    """Turns the profiles of a scan's stripes into points."""
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        geometry: ScanGeometry,
+        locator: Locator,
+        height_limits: tuple[float, float],
+        on_robot: Callable[[Float], Mask],
+    ) -> None:
+        """Keep what does not depend on the frames.
+
+        Args:
+            calibration: calibration by which the points are located.
+            geometry: geometry of the scan.
+            locator: makes points of rows.
+            height_limits: lowest and highest height that counts as terrain [m].
+            on_robot: says which points (n, 3) in base_footprint lie on the robot itself.
+
+        Raises:
+            FileFormatError: the covariance of the calibration is not as documented.
+        """
+        self._calibration = calibration
+        self._geometry = geometry
+        self._locator = locator
+        self._height_limits = height_limits
+        self._on_robot = on_robot
+        self._uncertainty = HeightUncertainty.of(calibration)
+
+    def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
+        """Points of stripes by index; their frames must not be bad."""
+        found: dict[int, StripePoints] = {}
+        for group in in_groups(list(profiles)):
+            points = stripe_points(
+                [profiles[index] for index in group],
+                self._locator,
+                np.array([self._geometry.stripes[index].plane_in_camera for index in group]),
+                self._height_limits,
+                self._on_robot,
+                self._added_variance(group),
+            )
+            found.update(zip(group, points, strict=True))
+        return found
+
+    def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
+        """Variances (s, n) [m^2] of heights at points (3, s, n) that come from the uncertainty of the calibration.
+
+        None for a calibration without covariance (one made from a drawing).
+        """
+        uncertainty, calibration, geometry = self._uncertainty, self._calibration, self._geometry
+        if uncertainty is None:
+            return None
+        return lambda points: uncertainty.variance_of_scan(
+            indices,
+            np.array([geometry.stripes[index].plane_in_camera for index in indices]),
+            points,
+            geometry.transform_camera_to_footprint,
+            calibration.transform_camera_to_base,
+        )
+
+
+def in_groups(items: list[Item], size: int = TOGETHER) -> Iterator[list[Item]]:
+    """The items in their order, TOGETHER at a time; the last group may have fewer."""
+    return (items[begin : begin + size] for begin in range(0, len(items), size))

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.calibration import Calibration, StripePlane
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 

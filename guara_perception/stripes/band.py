@@ -1,4 +1,4 @@
-"""The rows of a pair of frames that can hold one stripe, and how their pixels are read."""
+"""The pictures of one stripe, the rows of them that can hold it, and access to their pixels."""
 
 from __future__ import annotations
 
@@ -11,6 +11,21 @@ from guara_perception.arrays import Image, Index
 
 # Rows and columns from one sample of a band's statistics to the next.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
+
+
+@dataclass(frozen=True, slots=True)
+class FramePair:
+    """The pictures of one stripe. They are not copied: nothing may write into them before they have been processed.
+
+    Attributes:
+        index: index of the stripe in the standard pattern.
+        on: picture with the laser on, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
+        off: picture with the laser off, or None: earlier frames of the sweep serve instead.
+    """
+
+    index: int
+    on: Image
+    off: Image | None = None
 
 
 class SharedFrame:

@@ -8,10 +8,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image, Index, Mask
+from guara_perception.arrays import Float, Grey, Image, Index, Mask, upper_median
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
-from guara_perception.stripes.median import upper_median
 from guara_perception.stripes.profile import StripeProfile, StripeStatus, bad_frame
 
 # Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.

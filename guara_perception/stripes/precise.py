@@ -1,20 +1,28 @@
-"""The `precise` method: detects the stripe of a band by its highest peaks, in any light where they are in doubt."""
+"""The `precise` method: the stripe of a band by its highest peaks, in any light where they are in doubt."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from guara_perception.arrays import Array, Float, Float32, Index, Mask, upper_median
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
 from guara_perception.stripes.band import Band, at_rows
-from guara_perception.stripes.centre import noise_gain, responses
-from guara_perception.stripes.choose import RIVAL_OF_PEAK, choose_peaks
 from guara_perception.stripes.laser_light import clipped_columns, laser_light
 from guara_perception.stripes.measure import DetectedStripe, distance_beside, measure, sigma_of_filter
-from guara_perception.stripes.median import upper_median
-from guara_perception.stripes.peaks import COLUMN_MEAN_PX, ROW_MEAN_PX, THRESHOLD_SIGMAS, FoundPeaks, find_peaks
+from guara_perception.stripes.peaks import (
+    COLUMN_MEAN_PX,
+    ROW_MEAN_PX,
+    THRESHOLD_SIGMAS,
+    FoundPeaks,
+    Peaks,
+    candidates,
+    find_peaks,
+    noise_gain,
+    responses,
+)
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # The highest peaks show the stripe where most of them stand this far above the noise, few jump by more than JUMP_PX
@@ -27,6 +35,25 @@ MOST_NOISE = 4.0
 MOST_UNEVEN_NOISE = 2.5
 # Peaks in fewer columns than this share are chance: a band without its stripe is not doubtful.
 LEAST_COLUMNS = 0.05
+# A second peak this strong is looked into.
+RIVAL_OF_PEAK = 0.35
+# Columns without a rival that lead in and out of every run of columns with one.
+CONTEXT_COLUMNS = 6
+# A run of columns with two peaks that is no longer than this is where the stripe jumps.
+EDGE_COLUMNS = 4
+# A choice is ambiguous when the cheapest other one costs less than this more.
+LEAST_MARGIN = 1.5
+# Peaks of one column nearer than this, in sigmas of the stripe, are one peak.
+APART_SIGMAS = 3.0
+APART_PX = 5
+# Cost of a peak per logarithm of how much weaker it is than the strongest of its column.
+WEAKNESS_COST = 2.0
+# Rows that cost one unit between neighbouring columns; a jump (an edge) never costs more than JUMP_COST.
+ROWS_PER_COST = 2.0
+JUMP_COST = 4.0
+# Saying that a column has no stripe although it has peaks, and entering or leaving that state.
+DROPOUT_COST = 3.0
+GAP_COST = 1.0
 
 
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
@@ -111,3 +138,101 @@ def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
     second = found.peaks.second[is_peak]
     rivals = (second > found.threshold) & (second > RIVAL_OF_PEAK * height)
     return bool(np.count_nonzero(jumps) > MOST_JUMPS * count or np.count_nonzero(rivals) > MOST_RIVALS * count)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The stripe's peak per column.
+
+    Attributes:
+        top: (columns,) row.
+        height: (columns,) float32 value there.
+        is_ambiguous: (columns,) bool, whether another peak would have been as good.
+    """
+
+    top: Index
+    height: Float32
+    is_ambiguous: Mask
+
+
+def choose_peaks(smooth: Array, peaks: Peaks, threshold: float, sigma: float) -> Choice:
+    """Keep the highest peak where it is alone; elsewhere follow the stripe from column to column.
+
+    Args:
+        smooth: (rows, columns) smoothed light.
+        peaks: the highest peak of each column.
+        threshold: least height of a peak.
+        sigma: width of the stripe [px].
+    """
+    top, height = peaks.top.copy(), peaks.height.copy()
+    ambiguous = np.zeros(top.size, dtype=bool)
+    rival = (peaks.second > RIVAL_OF_PEAK * height) & (peaks.second > threshold) & (height > threshold)
+    if not rival.any():
+        return Choice(top, height, ambiguous)
+    distance = max(int(np.ceil(APART_SIGMAS * sigma)), APART_PX)
+    for begin, end in _runs(rival):
+        if end - begin <= EDGE_COLUMNS:
+            # Where the stripe jumps, the mean of three columns holds light of both sides: no choice is right.
+            ambiguous[begin:end] = rival[begin:end]
+            continue
+        columns = np.arange(max(begin - CONTEXT_COLUMNS, 0), min(end + CONTEXT_COLUMNS, top.size))
+        rows, heights = candidates(smooth, columns, threshold, distance)
+        heights[heights < RIVAL_OF_PEAK * heights.max(axis=0)] = 0
+        chosen, margin = follow_candidates(rows, heights)
+        every = np.arange(columns.size)
+        use = chosen >= 0
+        top[columns[use]] = rows[chosen[use], every[use]]
+        height[columns[use]] = heights[chosen[use], every[use]]
+        several = (heights > 0).sum(axis=0) > 1
+        ambiguous[columns] |= several & (~use | (margin < LEAST_MARGIN))
+    return Choice(top, height, ambiguous)
+
+
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """First and end of the runs of True; runs that are closer than their context are joined."""
+    indices = np.flatnonzero(mask)
+    breaks = np.flatnonzero(np.diff(indices) > 2 * CONTEXT_COLUMNS)
+    first = indices[np.append(0, breaks + 1)]
+    last = indices[np.append(breaks, indices.size - 1)]
+    return [(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
+
+
+def follow_candidates(rows: Index, heights: Float32) -> tuple[Index, Float]:
+    """Choose one peak, or none, in each of a run of neighbouring columns: dynamic programming with explicit dropout.
+
+    Args:
+        rows: (k, n) rows of the candidates of each column.
+        heights: (k, n) their heights, 0 where a column has fewer than k.
+
+    Returns:
+        choice (n,): index of the chosen candidate, -1 for none; margin (n,): by how much the cheapest path that
+        chooses otherwise in this column costs more than the best path.
+    """
+    k, n = rows.shape
+    strongest = np.maximum(heights.max(axis=0), 1e-6)
+    own = np.full((k + 1, n), np.inf)
+    with np.errstate(divide="ignore"):
+        own[:k] = np.where(heights > 0, -WEAKNESS_COST * np.log(heights / strongest), np.inf)
+    own[k] = DROPOUT_COST
+    moves = _costs_of_moves(rows)
+    forward = own.copy()
+    for i in range(1, n):
+        forward[:, i] += (forward[:, i - 1, None] + moves[i - 1]).min(axis=0)
+    backward = np.zeros((k + 1, n))
+    for i in range(n - 2, -1, -1):
+        backward[:, i] = (moves[i] + (own[:, i + 1] + backward[:, i + 1])).min(axis=1)
+    total = forward + backward
+    best = total.argmin(axis=0)
+    ordered = np.sort(total, axis=0)
+    margin = np.where(np.isfinite(ordered[1]), ordered[1] - ordered[0], np.inf)
+    return np.where(best == k, -1, best), margin
+
+
+def _costs_of_moves(rows: Index) -> Float:
+    """Costs (n - 1, k + 1, k + 1) of going from each state of a column to each of the next; the last is the dropout."""
+    k, n = rows.shape
+    cost = np.full((n - 1, k + 1, k + 1), GAP_COST)
+    before, after = rows.T[:-1, :, None], rows.T[1:, None, :]
+    cost[:, :k, :k] = np.minimum(np.abs(before - after) / ROWS_PER_COST, JUMP_COST)
+    cost[:, k, k] = 0.0
+    return cost

@@ -7,8 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from guara_perception.arrays import Codes, Float32
-from guara_perception.readonly import readonly
+from guara_perception.arrays import Codes, Float32, readonly
 
 
 class StripeStatus(IntEnum):

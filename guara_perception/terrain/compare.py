@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells

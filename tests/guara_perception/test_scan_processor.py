@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.ranging.stripe_ranger import StripeRanger
+from guara_perception.ranging.scan_geometry import StripeRanger
 from tests.guara_perception.recordings import Frames, guara, recorded_scan, truth
 from tests.thorough import examples, further
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.ranging.groups import in_groups
+from guara_perception.ranging.scan_geometry import in_groups
 from testbed.grid_truth import figures, load_truth
 from tests.guara_perception.recordings import DATA, guara, recorded_scan, truth
 from tests.thorough import IS_THOROUGH, examples, further

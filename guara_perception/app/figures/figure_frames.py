@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Interval
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan

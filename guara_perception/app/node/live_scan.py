@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from drivers import DriverError, LightCheck, StripeCapture
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
-from guara_perception.frame_pair import FramePair
 from guara_perception.scan_processor import ScanProcessor
+from guara_perception.stripes.band import FramePair
 
 # Number of stripes still to come when the work on the grid begins ahead: they take longer than that work, even on a
 # computer three times slower than a desktop.

@@ -12,7 +12,7 @@ from guara_perception.app.robot_folder.readme_text import readme_text
 from guara_perception.app.robot_folder.srdf_text import srdf_text
 from guara_perception.app.robot_folder.toml_text import toml_text
 from guara_perception.exceptions import InvalidInput
-from kinematics.plain_urdf import plain_urdf
+from kinematics.description import plain_urdf
 from kinematics.read_urdf import read_urdf
 from kinematics.urdf_checks import check_urdf
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index
-from guara_perception.calibration.camera import CameraModel
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.height_rows import plane_in_frame
 from guara_perception.ranging.paper.equations import (
     StripeConstants,

@@ -10,16 +10,18 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.stripes.any_light.stripe_path import StripePath, find_path
 from guara_perception.stripes.band import Band, at_rows, channel_of
-from guara_perception.stripes.centre import noise_gain, responses, stripe_sigma
 from guara_perception.stripes.laser_light import clipped_columns, opening
 from guara_perception.stripes.measure import DetectedStripe, distance_beside, sigma_of_filter
 from guara_perception.stripes.peaks import (
     ROW_MEAN_PX,
     ROW_SMOOTHING_SIGMA_PX,
     WIDE_SIGMA_PX,
+    noise_gain,
     noise_of_columns,
+    responses,
     smooth_light,
     smooth_wide,
+    stripe_sigma,
 )
 
 # Distance of the columns in which the stripe's width is measured.

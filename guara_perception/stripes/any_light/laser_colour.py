@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Index, Mask
-from guara_perception.stripes.median import upper_median, upper_medians
+from guara_perception.arrays import Float, Float32, Index, Mask, upper_median, upper_medians
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0

@@ -5,9 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Index, Mask
+from guara_perception.arrays import Float, Float32, Index, Mask, robust_sigma
 from guara_perception.stripes.any_light.laser_colour import CLIPPED
-from guara_perception.stripes.median import robust_sigma
 
 # A piece of the path ends where it moves by more rows than this from one column to the next.
 PIECE_JUMP_PX = 4

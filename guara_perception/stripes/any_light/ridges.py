@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float32, Index, Mask
-from guara_perception.stripes.median import robust_sigma
+from guara_perception.arrays import Float32, Index, Mask, robust_sigma
 
 # Widths of ridges [px]; neighbours overlap, together they cover stripes of 1 to 15 px.
 SIGMAS_PX = (1.2, 2.4, 4.8)

@@ -1,4 +1,4 @@
-"""Rasterises stripes: samples, and the lines between neighbouring stripes, into the cells of a grid."""
+"""Rasterisation: samples, and the lines between neighbouring stripes, on the cells of a grid."""
 
 from __future__ import annotations
 
@@ -271,3 +271,21 @@ def pool_flags(flags: Flags, factor: int) -> Flags:
     ny, nx = (n // factor for n in flags.shape)
     blocks = flags.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
     return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)
+
+
+def changed_columns(now: Array, before: Array) -> Mask:
+    """Columns (nx,) of a layer (ny, nx) in which any bit differs from another layer of its type."""
+    whole = np.dtype(f"u{now.itemsize}")
+    return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
+
+
+def widened(columns: Mask, cells: int) -> Mask:
+    """The same columns (nx,) and those within this many cells of one."""
+    padded = np.pad(columns, cells)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
+
+
+def runs(columns: Mask) -> list[slice]:
+    """The columns (nx,) as runs of neighbours, in order."""
+    ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
+    return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

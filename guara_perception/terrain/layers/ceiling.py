@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float32
+from guara_perception.arrays import Float32, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 
 
 @dataclass(frozen=True, slots=True, eq=False)

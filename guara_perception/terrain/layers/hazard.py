@@ -1,12 +1,17 @@
-"""Why a foot should not go there: the hazard flags of a cell, values that never change."""
+"""The hazard flags of a cell, values that never change, and the safety invariant: what no grid may ever claim."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntFlag
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
-from guara_perception.arrays import Flags
+from guara_perception.arrays import Array, Flags, Float32, Mask
+from guara_perception.exceptions import UnsafeGrid
+from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
@@ -41,6 +46,7 @@ class Hazard(IntFlag):
 
 
 UNKNOWN_MASK = np.uint16(0x00FF)
+
 ALL_BUT_EDGE = np.uint16(0xFFFF & ~Hazard.EDGE)
 
 MEANING = {
@@ -76,3 +82,60 @@ def cells_by_flag(hazard: Flags) -> dict[str, int]:
         for flag in Hazard
         if flag and flag.name
     }
+
+
+def check_invariant(layers: Mapping[str, Array]) -> None:
+    """Refuse a grid that could call something safe that was not seen (docs/safety.md).
+
+    Raises:
+        UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message says which rule,
+            in how many cells and where the first is.
+    """
+    shape = layers["elevation"].shape if "elevation" in layers else None
+    for layer in LAYERS:
+        array = layers.get(layer.name)
+        if array is None or array.shape != shape or array.dtype != layer.dtype or array.ndim != 2:
+            given = "missing" if array is None else f"{array.dtype} {array.shape}"
+            raise UnsafeGrid(f"layer {layer.name} is {given}, it must be {np.dtype(layer.dtype)} {shape}")
+    check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
+    variance = layers["variance"]
+    _refuse(((layers["hazard"] & UNKNOWN_MASK) == 0) & ~(variance >= 0), "variance of a known cell is NaN or negative")
+
+
+def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:
+    """The rules of `check_invariant` for the three layers that say where a foot may go.
+
+    Args:
+        elevation: (ny, nx) [m], NaN where unknown.
+        hazard: (ny, nx) flags.
+        traversability: (ny, nx), 0 never.
+
+    Raises:
+        UnsafeGrid: a rule is broken.
+    """
+    traversability = np.asarray(traversability, np.float32)
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    _refuse(np.isinf(elevation), "elevation is infinite")
+    _refuse(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
+    _refuse(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
+    _refuse((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
+    occupancy = occupancy_values(traversability, hazard)
+    _refuse((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
+    # A safe cell has a window of known cells around it; the nearest ring of it can be judged without any limits.
+    beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
+    _refuse((hazard == 0) & beside, "a cell beside an unknown one is traversable")
+
+
+def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:
+    """Occupancy as nav_msgs/OccupancyGrid counts it: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
+    free = np.rint(99 * (1 - traversability.astype(np.float64))).astype(np.int8)
+    values = np.where(hazard == 0, free, np.int8(100))
+    if unknown != 100:
+        values[(hazard & UNKNOWN_MASK) != 0] = unknown
+    return values
+
+
+def _refuse(broken: Mask, rule: str) -> None:
+    if broken.any():
+        iy, ix = (int(i[0]) for i in np.nonzero(broken))
+        raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is not published")

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.polygon import inside_polygon
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.look import LOOKED_AT

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index
+from guara_perception.arrays import Float, Index, readonly
 from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields
-from guara_perception.readonly import readonly
 
 # Pauses that are kept; what was seen before the first of them is treated as seen then, and has long been stale.
 MOST_PAUSES = 256

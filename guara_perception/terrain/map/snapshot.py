@@ -10,8 +10,7 @@ import numpy as np
 from guara_perception.arrays import Array, Flags, Float
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.disc import disc_kernel
-from guara_perception.terrain.assessment.edges import LARGEST_DRIFT_CELLS, beyond_border
+from guara_perception.terrain.assessment.disc import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
-from guara_perception.terrain.layers.gridded import look_up
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
 from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Float32
+from guara_perception.arrays import Float, Float32, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.limits_of import limits_of

@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Float, Mask
-from guara_perception.readonly import readonly
+from guara_perception.arrays import Array, Float, Mask, readonly
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.disc import disc_kernel
-from guara_perception.terrain.assessment.edges import widest_window
-from guara_perception.terrain.layers.gridded import coordinates, look_up
+from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground

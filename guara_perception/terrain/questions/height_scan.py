@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Mask
+from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
-from guara_perception.terrain.layers.gridded import look_up
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
 
 FRAMES = ("base_footprint", "base_link")
 

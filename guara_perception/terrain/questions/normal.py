@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
-from guara_perception.terrain.layers.gridded import coordinates
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates
 from guara_perception.terrain.layers.limits_of import limits_of
 
 

@@ -1,4 +1,4 @@
-"""`obstacles`: each connected thing that stands above the floor, or lies below it, as an object."""
+"""`obstacles`: each connected thing above or below the floor as an object; the floor as a robustly fitted plane."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Flags, Float, Index, Mask
-from guara_perception.plane_fit import fit_plane
-from guara_perception.readonly import readonly
-from guara_perception.terrain.assessment.quantile import quantile
+from guara_perception.arrays import Flags, Float, Index, Mask, readonly
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.questions.floor_plane import FloorPlane, fit_floor
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -25,6 +21,24 @@ LEAST_AREA_M2 = 1e-4
 TOP_QUANTILE = 0.9
 # Cells this near to the top surface (and three sigmas) make up the top plane.
 TOP_DEPTH_M = 0.004
+# With 45 % of the cells on the floor, three random cells all lie on it in at least one of 100 trials with probability
+# 1 - (1 - 0.45^3)^100.
+TRIALS = 100
+# The floor is the plane to which this share of the heights lies nearest: boxes may cover more than half of the view.
+FLOOR_SHARE = 0.35
+# One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the sigma that follows too large: it
+# is refined.
+QUANTILE_TO_SIGMA = 1 / 0.4538
+# Largest number of cells, evenly distributed, to which a floor is fitted: it is off by a thirtieth of their noise.
+CELLS = 2000
+# About this many of them judge the trials.
+JUDGES = 250
+# Within three of their robust standard deviations, and at least this much, heights belong to the floor.
+LEAST_TOLERANCE_M = 0.002
+REFINEMENTS = 10
+SEED = 2024
+# Points nearer than this to one line [m] give no plane.
+LEAST_WIDTH_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,3 +182,120 @@ def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
     is_counter_clockwise = cv2.contourArea(contour, oriented=True) > 0
     points = np.asarray(terrain.origin) + (contour[:, 0] + first) * terrain.resolution
     return points if is_counter_clockwise else points[::-1]
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlane:
+    """A plane z = a x + b y + c in base_footprint.
+
+    Attributes:
+        a, b: slopes along x and y.
+        c: height at the origin [m].
+        sigma: standard deviation of the floor's heights about it [m].
+    """
+
+    a: float
+    b: float
+    c: float
+    sigma: float
+
+    def height_at(self, x: Float | float, y: Float | float) -> Float:
+        """Height of the floor [m]."""
+        return np.asarray(self.a * x + self.b * y + self.c)
+
+
+def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
+    """Find the floor among points (n,) by least quantile of squares, then least squares over those that agree.
+
+    Deterministic: the trials are the same every time. None with fewer than three points, or all on a line.
+    """
+    if z.size > CELLS:
+        some = np.arange(CELLS) * z.size // CELLS
+        x, y, z = x.take(some), y.take(some), z.take(some)
+    if z.size < 3:
+        return None
+    mean_x, mean_y = float(x.mean()), float(y.mean())
+    terms = np.stack((x - mean_x, y - mean_y, np.ones(z.size)))
+    if solve_plane(terms, z) is None:
+        return None
+    plane, sigma = _best_trial(terms, z)
+    residual = z - plane @ terms
+    for _ in range(REFINEMENTS):
+        near = np.flatnonzero(np.abs(residual) <= max(3 * sigma, LEAST_TOLERANCE_M))
+        refined = solve_plane(terms.take(near, axis=1), z.take(near))
+        if refined is None:
+            break
+        has_settled = bool(np.abs(refined - plane).max() < 1e-9)
+        plane = refined
+        residual = z - plane @ terms
+        on_floor = residual.take(near)
+        sigma = float(np.sqrt(on_floor @ on_floor / near.size))
+        if has_settled:
+            break
+    a, b = float(plane[0]), float(plane[1])
+    return FloorPlane(a, b, float(plane[2] - a * mean_x - b * mean_y), sigma)
+
+
+def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
+    """Factors (3,) of `terms` (3, n) to which FLOOR_SHARE of the heights (n,) lies nearest, and a first sigma."""
+    triples = np.random.default_rng(SEED).integers(0, z.size, (TRIALS, 3))
+    matrices = terms.T[triples]
+    usable = np.abs(np.linalg.det(matrices)) > 1e-9
+    trials = np.linalg.solve(matrices[usable], z[triples[usable]][..., None])[..., 0]
+    judges = slice(None, None, max(z.size // JUDGES, 1))
+    level = np.array([0.0, 0.0, float(quantile(z[judges], 0.5))])
+    trials = np.vstack((level, trials))
+    distances = np.abs(z[judges] - trials @ terms[:, judges])
+    rank = int(FLOOR_SHARE * (distances.shape[1] - 1))
+    misses = np.partition(distances, rank, axis=1)[:, rank]
+    return trials[int(misses.argmin())], QUANTILE_TO_SIGMA * float(misses.min())
+
+
+def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None:
+    """Plane (a, b, c) through points (n,); None for fewer than three, or all of them (almost) on a line."""
+    if z.size < 3:
+        return None
+    mean_x, mean_y = float(x.sum()) / z.size, float(y.sum()) / z.size
+    terms = np.ones((3, z.size))
+    terms[0], terms[1] = x - mean_x, y - mean_y
+    solved = solve_plane(terms, z)
+    if solved is None:
+        return None
+    a, b, c = (float(value) for value in solved)
+    return a, b, c - a * mean_x - b * mean_y
+
+
+def solve_plane(terms: Float, z: Float) -> Float | None:
+    """Factors (3,) of `terms` (3, n) that give z (n,), by the normal equations: well conditioned about the mean.
+
+    The terms are x and y about (almost) their mean, and ones. None for fewer than three points, or points on a line.
+    """
+    if len(z) < 3:
+        return None
+    # Products of rows: for few of them matrix products take five times as long.
+    normal = np.vecdot(terms[:, None], terms)
+    (xx, xy), (_, yy) = normal[:2, :2]
+    smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
+    if smallest < len(z) * LEAST_WIDTH_M**2:
+        return None
+    return np.asarray(np.linalg.solve(normal, np.vecdot(terms, z)))
+
+
+def quantile(values: Float, share: float) -> Float:
+    """The value below which a share of each row lies, linear between neighbours; the last bit is numpy's too.
+
+    Args:
+        values: (..., n) finite, n >= 1.
+        share: 0 ... 1.
+
+    Returns:
+        (...) of values' type.
+    """
+    ordered = np.sort(values, axis=-1)
+    rank = share * (ordered.shape[-1] - 1)
+    below = int(np.floor(rank))
+    above = min(below + 1, ordered.shape[-1] - 1)
+    weight = rank - below
+    low, high = ordered[..., below], ordered[..., above]
+    # From the nearer side, so that the ends are met exactly.
+    return np.asarray(low + (high - low) * weight if weight < 0.5 else high - (high - low) * (1 - weight))

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Mask
+from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.rounding import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.readonly import readonly
 from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.reason import Reason

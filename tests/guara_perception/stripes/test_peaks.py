@@ -7,7 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.stripes.peaks import SCALE, candidates, highest_peaks, smooth_light, smooth_wide, sums_of_columns
+from guara_perception.stripes.peaks import (
+    SCALE,
+    candidates,
+    centres,
+    highest_peaks,
+    noise_gain,
+    responses,
+    smooth_light,
+    smooth_wide,
+    stripe_sigma,
+    sums_of_columns,
+)
 from tests.thorough import examples
 
 
@@ -45,3 +56,44 @@ def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
     np.testing.assert_array_equal(
         sums_of_columns(light, 8, 24)[1], [light[8, :3].sum(), light[8, 24:27].sum(), light[8, 48:51].sum()]
     )
+
+
+def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the centres about these tops, and their standard deviation for noise of one grey level."""
+    from_top, slope = centres(responses(light, top, np.arange(top.size), sigma))
+    return top + from_top, noise_gain(sigma) / slope
+
+
+@given(centre=st.floats(28.6, 31.4), sigma=st.floats(1.0, 4.0), background=st.floats(-50, 50))
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
+def test_centre_of_a_gaussian_on_a_constant_background(centre: float, sigma: float, background: float) -> None:
+    """The filter finds the centre, and a constant background does not move it."""
+    light = gaussian(centre, sigma) + np.float32(background)
+    top = np.full(5, int(round(centre)))
+    rows, noise = centred(light, top, round(sigma, 1))
+    np.testing.assert_allclose(rows, centre, atol=0.02)
+    assert (noise > 0).all()
+
+
+def test_centre_of_a_clipped_stripe_is_that_of_its_plateau() -> None:
+    """A clipped core is symmetrical: its shoulders give the centre."""
+    light = np.minimum(gaussian(30.4, 3.0), 40)
+    rows, _ = centred(light, np.full(5, 30), 3.0)
+    np.testing.assert_allclose(rows, 30.4, atol=0.05)
+
+
+def test_noise_of_a_centre_is_that_of_monte_carlo() -> None:
+    """The stated standard deviation per grey level is what noise of one grey level does."""
+    random = np.random.default_rng(5)
+    n = 4000
+    light = gaussian(30.2, 2.0, columns=n) + random.normal(0, 2.0, (60, n)).astype(np.float32)
+    rows, per_level = centred(light, np.full(n, 30), 2.0)
+    assert np.std(rows) == pytest.approx(2.0 * float(np.median(per_level)), rel=0.1)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 2.5, 4.0])
+def test_width_of_the_stripe(sigma: float) -> None:
+    """The width above half the peak gives the sigma back, as well as a width in whole pixels can."""
+    light = gaussian(30.0, sigma)
+    found = stripe_sigma(light, np.full(5, 30), np.arange(5), light.max(axis=0))
+    assert found == pytest.approx(sigma, abs=0.45)

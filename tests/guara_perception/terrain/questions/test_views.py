@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.questions.floor_plane import fit_floor
+from guara_perception.terrain.questions.obstacles import fit_floor
 from tests.thorough import examples
 
 PROPERTY = settings(max_examples=examples(30), deadline=None, derandomize=True)

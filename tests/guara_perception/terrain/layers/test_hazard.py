@@ -12,8 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.invariant import check_invariant
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_invariant
 from tests.thorough import examples
 
 # Three cells of disc, two by one cells of sole: windows small enough for small grids.

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.calibration.camera import BLOCK
+from guara_perception.calibration.calibration import BLOCK
 from tests.thorough import examples
 
 MATRIX = np.array([[590.0, 0, 323], [0, 588, 252], [0, 0, 1]])
