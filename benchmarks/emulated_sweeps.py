@@ -20,7 +20,7 @@ from drivers import (
     prepare,
     timing,
 )
-from drivers.camera import Camera, CameraSettings
+from drivers.cameras.camera import Camera, CameraSettings
 from drivers.emulator import (
     EmulatedBackend,
     EmulatedBoard,

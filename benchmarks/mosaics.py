@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from drivers.bayer import mosaic, red_pixels
+from drivers.cameras.bayer import mosaic, red_pixels
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration

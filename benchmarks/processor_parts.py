@@ -45,11 +45,11 @@ class ProcessorParts:
 @contextmanager
 def parts_of_the_node() -> Iterator[ProcessorParts]:
     """Put clocks on the parts of a node while the block lasts; costs about 3 microseconds a call."""
-    from drivers.acquisition import StripeStream
     from drivers.emulator.bus import LocalBus
-    from drivers.emulator.camera import EmulatedCamera
-    from drivers.light_check import LightCheck
-    from drivers.scan_worker import ScanWorker
+    from drivers.emulator.emulated_camera import EmulatedCamera
+    from drivers.sweep.acquisition import StripeStream
+    from drivers.sweep.light_check import LightCheck
+    from drivers.sweep.scan_worker import ScanWorker
     from guara_perception.app.node import pause_scanner
     from guara_perception.app.node.rangefinder import Rangefinder
     from guara_perception.scan_processor import ScanProcessor

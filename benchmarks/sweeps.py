@@ -18,7 +18,7 @@ from benchmarks.emulated_sweeps import FLASH, Triggered, emulated, free_running,
 from benchmarks.section import Section
 from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
 from drivers import AcquireOptions, Image, SweepOptions
-from drivers.camera import CameraSettings
+from drivers.cameras.camera import CameraSettings
 from drivers.emulator import ExposureView
 from testbed import scenes
 from testbed.triggered_camera import EmulatedTriggeredCamera

@@ -21,11 +21,12 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.emulated_sweeps import FIRMWARE
-from drivers import CameraSettings, StripeCapture, usb_link
-from drivers.acquisition import StripeStream
-from drivers.aravis_camera import AravisCamera
+from drivers import CameraSettings, StripeCapture
+from drivers.board import usb_link
+from drivers.cameras.aravis_camera import AravisCamera
 from drivers.emulator import EmulatedBackend
 from drivers.emulator.shutter import Opening
+from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
 from guara_perception.app.messages import terrain_to_message

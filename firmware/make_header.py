@@ -1,4 +1,4 @@
-"""Prints `protocol.h`: the numbers of `drivers/protocol.py` for the firmware. Needs nothing but Python."""
+"""Prints `protocol.h`: the numbers of `drivers/board/protocol.py` for the firmware. Needs nothing but Python."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import runpy
 import sys
 from pathlib import Path
 
-PROTOCOL = Path(__file__).resolve().parents[1] / "drivers" / "protocol.py"
+PROTOCOL = Path(__file__).resolve().parents[1] / "drivers" / "board" / "protocol.py"
 NUMBERS = (
     "PROTOCOL_MAJOR PROTOCOL_MINOR VENDOR_ID PRODUCT_ID INTERFACE REPORT_ENDPOINT REQUEST_IN IDENTITY_SIZE STATUS_SIZE "
     "STRIPE_SIZE MOTION_SIZE REPORT_SIZE STRIPE_MARK SWEEP_STRIPES SWEEP_PLACES FLASH_SHORTEST_US FLASH_LONGEST_US "
@@ -26,7 +26,12 @@ ENUMS = {
 def header() -> str:
     """Return the text of the C header."""
     protocol = runpy.run_path(str(PROTOCOL))
-    lines = ["/* Made by make_header.py from drivers/protocol.py: change it there. */", "#pragma once", "", "enum {"]
+    lines = [
+        "/* Made by make_header.py from drivers/board/protocol.py: change it there. */",
+        "#pragma once",
+        "",
+        "enum {",
+    ]
     lines += [f"    {name} = {protocol[name]:#x}," for name in NUMBERS]
     for prefix, members in ENUMS.items():
         lines.append("")

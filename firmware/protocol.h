@@ -1,4 +1,4 @@
-/* Made by make_header.py from drivers/protocol.py: change it there. */
+/* Made by make_header.py from drivers/board/protocol.py: change it there. */
 #pragma once
 
 enum {

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraNotOpen, CameraTimeout

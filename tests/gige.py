@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.aravis_library import load_aravis
+from drivers.cameras.aravis_library import load_aravis
 from drivers.errors import CameraBackendMissing
 from testbed.gige import FakeGigeCamera
 

@@ -167,9 +167,34 @@ def test_subpackages_of_the_transport_import_little(graph: dict[str, set[str]], 
             assert outside <= beside, f"{name} imports {sorted(outside - beside)}"
 
 
+DRIVERS_MAY_IMPORT = {
+    "board": set(),
+    "cameras": set(),
+    "sweep": {"board", "cameras"},
+    "emulator": {"board", "cameras"},
+}
+
+
+def test_rooms_of_the_drivers_import_in_one_direction(graph: dict[str, set[str]]):
+    """Board and cameras know nothing of each other, nor of scans with both; the files beside the rooms know no room."""
+    rooms = {
+        name: name.split(".")[1] if name.count(".") == 2 else None for name in graph if name.startswith("drivers.")
+    }
+    assert set(rooms.values()) == {None, *DRIVERS_MAY_IMPORT}
+    for name, room in rooms.items():
+        if room or name.removeprefix("drivers.") not in DRIVERS_MAY_IMPORT:
+            allowed = {None, room, *DRIVERS_MAY_IMPORT.get(room or "", set())}
+            above = {other for other in graph[name] if rooms.get(other) not in allowed}
+            assert not above, f"{name} imports {sorted(above)}"
+
+
 @pytest.mark.parametrize(
     "path",
-    sorted(path for package in ("guara_perception", "transport") for path in (ROOT / package).rglob("*/__init__.py")),
+    sorted(
+        path
+        for package in ("guara_perception", "transport", "drivers")
+        for path in (ROOT / package).rglob("*/__init__.py")
+    ),
     ids=lambda p: p.parent.name,
 )
 def test_each_folder_says_what_lives_there_and_who_imports_it(path: Path):

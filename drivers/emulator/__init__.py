@@ -1,15 +1,15 @@
 """An emulated laser board at the USB level, and a camera that looks at it.
 
-`emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`.
+`emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `board` and `cameras`.
 """
 
 from __future__ import annotations
 
 from drivers.emulator.backend import EmulatedBackend, emulated_backend
 from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.camera import CameraFault, EmulatedCamera
 from drivers.emulator.clock import EmulatedClock
 from drivers.emulator.config import EmulatorConfig
+from drivers.emulator.emulated_camera import CameraFault, EmulatedCamera
 from drivers.emulator.faults import Fault, FaultKind
 from drivers.emulator.laser import Switching
 from drivers.emulator.shutter import Shutter

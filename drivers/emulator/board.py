@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers import timing
+from drivers.board.board_records import pack_status
+from drivers.board.protocol import PROTOCOL_MAJOR, REQUESTS, SWEEP_PLACES, BoardFault, BoardFlag, Request, Result
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import Fault, FaultKind, FaultPlan
 from drivers.emulator.laser import Switching
@@ -16,8 +18,6 @@ from drivers.emulator.mirror import MirrorUnit
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.sweep import SweepUnit
 from drivers.emulator.views import BoardView, ExposureView
-from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, SWEEP_PLACES, BoardFault, BoardFlag, Request, Result
-from drivers.records import pack_status
 
 REPORTS_KEPT = 4
 

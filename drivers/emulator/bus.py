@@ -8,10 +8,10 @@ import threading
 from typing import Protocol
 
 from drivers import timing
+from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, join_argument
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.descriptors import descriptor
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, join_argument
 
 # Standard requests of USB: bmRequestType, and bRequest.
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from drivers.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
-from drivers.records import BoardIdentity
+from drivers.board.board_records import BoardIdentity
+from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
 # A 1.8 degree stepper with 256 microsteps that turns the mirror directly: 0.00703 degrees a step. The travel,
 # 40 degrees of mirror with zero 15 degrees above its low end, covers the scan of the Guara (-8 ... 19 degrees).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from types import SimpleNamespace
 
-from drivers.protocol import INTERFACE, MANUFACTURER, PRODUCT, PRODUCT_ID, REPORT_ENDPOINT, REPORT_SIZE, VENDOR_ID
+from drivers.board.protocol import INTERFACE, MANUFACTURER, PRODUCT, PRODUCT_ID, REPORT_ENDPOINT, REPORT_SIZE, VENDOR_ID
 
 DEVICE, CONFIGURATION, STRING = 1, 2, 3
 INTERFACE_KIND, ENDPOINT_KIND = 4, 5

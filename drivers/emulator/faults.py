@@ -7,7 +7,7 @@ import threading
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from drivers.protocol import Request
+from drivers.board.protocol import Request
 
 
 class FaultKind(enum.Enum):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from drivers.board.board_records import BoardIdentity
+from drivers.board.protocol import BoardFault, BoardFlag
 from drivers.emulator.faults import FaultKind, FaultPlan
 from drivers.emulator.laser import Laser
-from drivers.protocol import BoardFault, BoardFlag
-from drivers.records import BoardIdentity
 
 BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 # Degrees Celsius.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from drivers.board.protocol import BoardFault, BoardFlag, Request, Result
+from drivers.board.sweep_records import MotionProfile
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import FaultKind, FaultPlan
 from drivers.emulator.motion import Motor
-from drivers.protocol import BoardFault, BoardFlag, Request, Result
-from drivers.sweep_records import MotionProfile
 
 # Period of a stepper's error: 8 full steps of 256 microsteps.
 PERIODIC_STEPS = 8 * 256

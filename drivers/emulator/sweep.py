@@ -7,10 +7,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from drivers.emulator.light import LightUnit
-from drivers.emulator.mirror import MirrorUnit
-from drivers.emulator.shutter import Opening, Shutter
-from drivers.protocol import (
+from drivers.board.protocol import (
     FLASH_LONGEST_US,
     FLASH_SHORTEST_US,
     PERIOD_LONGEST_US,
@@ -22,7 +19,10 @@ from drivers.protocol import (
     Shot,
     SweepOffFrames,
 )
-from drivers.sweep_records import StripeRecord
+from drivers.board.sweep_records import StripeRecord
+from drivers.emulator.light import LightUnit
+from drivers.emulator.mirror import MirrorUnit
+from drivers.emulator.shutter import Opening, Shutter
 
 # Seconds after a trigger in which an exposure must begin, and after the last one in which surplus ones are counted.
 EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from drivers import Image
-from drivers.camera import CameraSettings
-from drivers.emulator.camera import EmulatedCamera
+from drivers.cameras.camera import CameraSettings
+from drivers.emulator.emulated_camera import EmulatedCamera
 from drivers.emulator.views import ExposureView
 
 if TYPE_CHECKING:
-    from drivers.emulator.camera import Exposes
+    from drivers.emulator.emulated_camera import Exposes
     from guara_perception.simulation.rangefinder import SimulatedRangefinder
 
 # The exposure for which the simulated light is set [s].

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from drivers.bayer import mosaic
+from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
 from guara_perception.simulation.light import Light
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from drivers.board.board_records import BoardIdentity
 from drivers.emulator.views import ExposureView
-from drivers.records import BoardIdentity
 from testbed.chip.usb_host import UsbHost
 from testbed.chip.world import Wiring, World
 

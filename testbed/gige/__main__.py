@@ -9,7 +9,7 @@ import tempfile
 import threading
 from typing import Any, BinaryIO
 
-from drivers.aravis_library import load_aravis
+from drivers.cameras.aravis_library import load_aravis
 from testbed.gige import genicam
 from testbed.gige.wire import EXPOSE, REQUEST, STATE, read_exactly
 

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from drivers.bayer import PATTERNS, mosaic
+from drivers.cameras.bayer import PATTERNS, mosaic
 from drivers.errors import CameraNotFound
 from drivers.frame import Image
 from testbed.gige.genicam import FORMATS
@@ -79,7 +79,7 @@ class FakeGigeCamera:
             CameraBackendMissing: Aravis is not installed.
             CameraNotFound: its process cannot start.
         """
-        from drivers.aravis_library import load_aravis
+        from drivers.cameras.aravis_library import load_aravis
 
         load_aravis()
         self._process = subprocess.Popen(

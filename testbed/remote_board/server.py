@@ -7,10 +7,10 @@ import threading
 from dataclasses import asdict
 from typing import Any
 
+from drivers.board.protocol import Request
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.bus import BusError, LocalBus
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.protocol import Request
 from testbed.remote_board.wire import Channel, listen
 
 

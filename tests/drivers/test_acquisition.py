@@ -13,9 +13,9 @@ from drivers import (
     prepare,
     timing,
 )
+from drivers.board.protocol import BoardFault, Request
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
 from drivers.errors import AcquisitionNotEntered, BadFiringOrder, CameraEnded, MirrorOutOfRange
-from drivers.protocol import BoardFault, Request
 from tests.drivers.scan_options import ALL_MODES, options
 
 pytestmark = pytest.mark.usefixtures("emulated_time")

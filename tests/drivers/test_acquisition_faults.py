@@ -3,6 +3,7 @@
 import pytest
 
 from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire
+from drivers.board.protocol import Request
 from drivers.emulator import (
     CameraFault,
     EmulatedBoard,
@@ -12,7 +13,6 @@ from drivers.emulator import (
     emulated_backend,
 )
 from drivers.errors import BoardError, CameraTimeout, LaserDead, LaserRefused, LaserStuckOn
-from drivers.protocol import Request
 
 FIRING_ORDER = [(index, -0.1 + 0.02 * index) for index in range(12)]
 PHASES = {  # where in the scan a transfer fails: which command, how many pass first

@@ -5,9 +5,9 @@ import threading
 import pytest
 
 from drivers import AcquireOptions, LaserBoard, OffFrames, StripeStream, acquire, timing
+from drivers.board.protocol import Request
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind
 from drivers.errors import BoardUnplugged
-from drivers.protocol import Request
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.bayer import PATTERNS, mosaic, red_pixels
+from drivers.cameras.bayer import PATTERNS, mosaic, red_pixels
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)

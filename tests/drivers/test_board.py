@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from drivers import BoardConfig, LaserBoard
+from drivers.board.protocol import BoardFault, Request
 from drivers.emulator import EmulatedBoard, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BoardNotOpen,
@@ -18,7 +19,6 @@ from drivers.errors import (
     MirrorOutOfRange,
     MirrorTimeout,
 )
-from drivers.protocol import BoardFault, Request
 
 
 def test_laser_obeys(board: LaserBoard, emulated: EmulatedBoard) -> None:

@@ -4,8 +4,8 @@ import pytest
 import usb.core
 import usb.util
 
+from drivers.board.protocol import INTERFACE, PRODUCT_ID, REPORT_ENDPOINT, VENDOR_ID
 from drivers.emulator import EmulatedBoard, EmulatorConfig, emulated_backend
-from drivers.protocol import INTERFACE, PRODUCT_ID, REPORT_ENDPOINT, VENDOR_ID
 
 
 @pytest.fixture

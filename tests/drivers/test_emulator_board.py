@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
+from drivers.board.board_records import BoardStatus
+from drivers.board.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind
-from drivers.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
-from drivers.records import BoardStatus
 
 HELLO = PROTOCOL_MAJOR << 8
 

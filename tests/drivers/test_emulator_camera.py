@@ -69,7 +69,7 @@ class FakeTime:
 @pytest.fixture
 def slow_motion(monkeypatch: pytest.MonkeyPatch, scene) -> EmulatedCamera:
     fake = FakeTime()
-    monkeypatch.setattr("drivers.emulator.camera.timing", fake)
+    monkeypatch.setattr("drivers.emulator.emulated_camera.timing", fake)
     camera = EmulatedCamera(EmulatedBoard(clock=fake.monotonic), scene, fps=30.0, exposure=0.002)
     camera.open()
     return camera

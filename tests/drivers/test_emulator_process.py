@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from drivers import BoardConfig, LaserBoard
+from drivers.board.protocol import Request
 from drivers.emulator import EmulatedBoard, Fault, FaultKind
 from drivers.errors import BoardInUse, BoardStalled, BoardUnplugged
-from drivers.protocol import Request
 from testbed.remote_board import RemoteBoard, remote_backend
 from testbed.remote_board.__main__ import main
 from testbed.remote_board.server import EmulatorServer, decode_fault, encode_fault

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.errors import BadFiringOrder
-from drivers.firing_order import check_firing_order
+from drivers.sweep.firing_order import check_firing_order
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import pytest
 
 from drivers import AcquireOptions, Camera, CameraSettings, Frame, LaserBoard
 from drivers.errors import CameraTimeout
-from drivers.frame_grabber import FrameGrabber
-from drivers.laser_switch import ScanStopped
+from drivers.sweep.frame_grabber import FrameGrabber
+from drivers.sweep.laser_switch import ScanStopped
 
 
 class Script(Camera):

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers import guard
-from drivers.protocol import BoardFault
+from drivers.board import guard
+from drivers.board.protocol import BoardFault
 from testbed.remote_board import RemoteBoard
 from tests.drivers.conftest import PATIENCE
 from tests.forked import ForkedProcess

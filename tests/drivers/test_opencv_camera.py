@@ -224,7 +224,7 @@ def test_a_read_that_never_returns_does_not_keep_the_program(
     live: LiveCapture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Closing gives up on a driver that hangs, and does not release what is still being read."""
-    monkeypatch.setattr("drivers.opencv_camera.LONGEST_READ", 0.05)
+    monkeypatch.setattr("drivers.cameras.opencv_camera.LONGEST_READ", 0.05)
     camera = OpenCvCamera(0)
     camera.open()
     camera.close()

@@ -4,8 +4,8 @@ import cv2
 import pytest
 
 from drivers import CameraSettings
+from drivers.cameras.opencv_settings import held_settings, lock_settings
 from drivers.errors import CameraSettingRefused
-from drivers.opencv_settings import held_settings, lock_settings
 
 
 class Capture:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers import ProofLimits, StripeVerdict
-from drivers.proof import StripeProof, _SampleGrid
+from drivers.sweep.proof import StripeProof, _SampleGrid
 from tests.thorough import examples
 
 HEIGHT, WIDTH = 200, 320

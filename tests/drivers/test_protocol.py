@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import drivers
-from drivers import protocol
-from drivers.protocol import BoardFault, BoardFlag, Request, Result
+from drivers.board import protocol
+from drivers.board.protocol import BoardFault, BoardFlag, Request, Result
 from tests.thorough import examples
 
 DOCUMENT = (Path(drivers.__file__).parent / "PROTOCOL.md").read_text()

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.board.board_records import BoardIdentity, BoardStatus
+from drivers.board.protocol import BoardFault, BoardFlag, Request, Result, checksum
 from drivers.errors import BadReply
-from drivers.protocol import BoardFault, BoardFlag, Request, Result, checksum
-from drivers.records import BoardIdentity, BoardStatus
 from tests.thorough import examples
 
 IDENTITY = BoardIdentity((1, 0), (2, 7), 0.000122718, 64, 5753, 2197, 0.5, 10.0, 0.05)

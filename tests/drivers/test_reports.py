@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import pytest
 
 from drivers import BoardConfig, LaserBoard
+from drivers.board.board_records import BoardStatus
+from drivers.board.protocol import PROTOCOL_MAJOR, BoardFault, Request
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
-from drivers.protocol import PROTOCOL_MAJOR, BoardFault, Request
-from drivers.records import BoardStatus
 from testbed.remote_board import remote_backend
 
 SETTLE = 0.003

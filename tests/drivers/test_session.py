@@ -6,6 +6,7 @@ import time
 import pytest
 
 from drivers import BoardConfig, LaserBoard, timing
+from drivers.board.protocol import Request, Result
 from drivers.emulator import EmulatedBoard, EmulatedClock, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BadReply,
@@ -18,7 +19,6 @@ from drivers.errors import (
     LaserStuckOn,
     ProtocolMismatch,
 )
-from drivers.protocol import Request, Result
 
 TRANSIENT = [
     (FaultKind.TIMEOUT, BoardTimeout, "did not answer the command STATUS within 50 ms"),

@@ -20,6 +20,7 @@ from drivers import (
     acquire,
     timing,
 )
+from drivers.board.protocol import BoardFault, Request
 from drivers.emulator import (
     CameraFault,
     EmulatedBoard,
@@ -32,7 +33,6 @@ from drivers.emulator import (
     emulated_backend,
 )
 from drivers.errors import LaserRefused, MirrorTimeout
-from drivers.protocol import BoardFault, Request
 from tests.drivers.conftest import Scene, patient_config
 
 FIRING_ORDER = [(index, -0.1 + 0.012 * index) for index in range(24)]

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.arrays import Float
-from drivers.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
+from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 from tests.thorough import further
 
 TOLERANCE = 0.001

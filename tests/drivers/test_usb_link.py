@@ -6,6 +6,9 @@ import pytest
 import usb.core
 
 from drivers import BoardConfig, LaserBoard
+from drivers.board.protocol import Request
+from drivers.board.udev import udev_rule
+from drivers.board.usb_link import UsbLink, default_backend
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BadReply,
@@ -16,9 +19,6 @@ from drivers.errors import (
     BoardTransferFailed,
     NoUsbBackend,
 )
-from drivers.protocol import Request
-from drivers.udev import udev_rule
-from drivers.usb_link import UsbLink, default_backend
 
 
 def test_real_libusb_loads_and_finds_no_board() -> None:

@@ -7,9 +7,9 @@ from typing import Protocol
 
 import pytest
 
+from drivers.board.board_records import BoardIdentity, BoardStatus
+from drivers.board.protocol import IDENTITY_SIZE, PROTOCOL_MAJOR, PROTOCOL_MINOR, REQUEST_IN, Request, split_argument
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind
-from drivers.protocol import IDENTITY_SIZE, PROTOCOL_MAJOR, PROTOCOL_MINOR, REQUEST_IN, Request, split_argument
-from drivers.records import BoardIdentity, BoardStatus
 from testbed.chip import Chip, ChipBus
 
 HELLO = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR

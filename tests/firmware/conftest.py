@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.protocol import Request
+from drivers.board.protocol import Request
 from testbed.chip import Chip, ChipMissing, load_firmware
 from tests.firmware.boards import HELLO, Bench, ChipBoard, HostBoard, PythonBoard
 

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers import BoardConfig, BoardFault, LaserBoard
+from drivers.board.protocol import MICROSOFT_REQUEST, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request
 from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.bus import BusError
 from drivers.errors import BoardInUse, BoardStalled, HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
-from drivers.protocol import MICROSOFT_REQUEST, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request
 from testbed.chip import Chip, ChipBus, ChipClock
 
 pytestmark = pytest.mark.chip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.protocol import PROTOCOL_MAJOR, REQUESTS, BoardFault, BoardFlag, Request, Result
+from drivers.board.protocol import PROTOCOL_MAJOR, REQUESTS, BoardFault, BoardFlag, Request, Result
 
 HELLO = PROTOCOL_MAJOR << 8
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.protocol import BoardFault, Request, Result
+from drivers.board.protocol import BoardFault, Request, Result
 
 
 def test_home_is_found_before_anything_else_moves(session) -> None:

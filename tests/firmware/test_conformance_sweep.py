@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.protocol import BoardFault, BoardFlag, Request, Result, Shot, SweepOffFrames
-from drivers.records import BoardStatus
-from drivers.sweep_records import MotionProfile, StripeRecord
+from drivers.board.board_records import BoardStatus
+from drivers.board.protocol import BoardFault, BoardFlag, Request, Result, Shot, SweepOffFrames
+from drivers.board.sweep_records import MotionProfile, StripeRecord
 from tests.firmware.boards import HELLO
 
 FLASH_US = 2000

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from drivers.protocol import FLASH_LONGEST_US, REQUESTS, Request
-from drivers.records import BoardStatus
+from drivers.board.board_records import BoardStatus
+from drivers.board.protocol import FLASH_LONGEST_US, REQUESTS, Request
 from tests.firmware.boards import HELLO, HostBoard
 
 MILLISECONDS = 1_000_000

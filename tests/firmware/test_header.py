@@ -1,11 +1,11 @@
-"""Names and numbers of the protocol stand once, in drivers/protocol.py."""
+"""Names and numbers of the protocol stand once, in drivers/board/protocol.py."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 
-from drivers import protocol
+from drivers.board import protocol
 from tests.firmware.conftest import FIRMWARE
 
 

@@ -22,7 +22,7 @@ from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance, load_robot
 
 if TYPE_CHECKING:
-    from drivers.camera import CameraSettings
+    from drivers.cameras.camera import CameraSettings
     from drivers.emulator.views import ExposureView
 
 Scene = Callable[["ExposureView", "CameraSettings"], Image]
@@ -70,7 +70,7 @@ class SimulatedWorkshop:
         """Set it up: the robot stands in its scan posture on a flat floor."""
         from drivers import LaserBoard
         from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
-        from drivers.emulator.camera import EmulatedCamera
+        from drivers.emulator.emulated_camera import EmulatedCamera
 
         self.robot: RobotModel = load_robot(robot)
         self.truth = specimen(self.robot, size, seed)

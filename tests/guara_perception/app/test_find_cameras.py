@@ -45,7 +45,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
 
 def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """It is said so, with exit 1, and which kind of camera could not be searched for."""
-    from drivers import aravis_library
+    from drivers.cameras import aravis_library
 
     monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (tmp_path,))
     monkeypatch.setitem(__import__("sys").modules, "gi", None)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.board import LaserBoard
-from drivers.camera import CameraSettings
+from drivers.board.laser_board import LaserBoard
+from drivers.cameras.camera import CameraSettings
 from drivers.emulator import EmulatedBoard, emulated_backend
 from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.rangefinder import SimulatedRangefinder

@@ -11,8 +11,8 @@ import pytest
 
 import guara_perception as gp
 from drivers import CameraSettings
+from drivers.board.protocol import Request
 from drivers.emulator import Fault, FaultKind
-from drivers.protocol import Request
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.recorder import ScanRecorder

@@ -15,7 +15,7 @@ import pytest
 import guara_perception as gp
 from drivers import CameraSettings
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
-from drivers.emulator.camera import CameraFault
+from drivers.emulator.emulated_camera import CameraFault
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
@@ -137,7 +137,7 @@ def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.M
     module = types.ModuleType("emulated_rig")
     module.RigCamera = RigCamera  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "emulated_rig", module)
-    monkeypatch.setattr("drivers.usb_link.default_backend", lambda: emulated_backend(board))
+    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: emulated_backend(board))
     kept = replace(load_devices(recorded / "devices.toml"), source="emulated_rig:RigCamera")
     save_devices(kept, tmp_path / "devices.toml")
     return tmp_path / "devices.toml"
@@ -163,7 +163,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert scan.code == 0, scan.err
     assert "locked" not in scan.err and "light" not in scan.err
 
-    monkeypatch.setattr("drivers.usb_link.default_backend", lambda: emulated_backend())
+    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: emulated_backend())
     said = guara(*arguments)
     found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
     assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"

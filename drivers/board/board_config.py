@@ -1,0 +1,51 @@
+"""What is to be known of a laser board before it is opened: its ids and how long to wait for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.board.protocol import PRODUCT_ID, VENDOR_ID
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardConfig:
+    """Configuration of a `LaserBoard`; checks itself.
+
+    Attributes:
+        vendor_id: USB vendor id, 0 ... 0xFFFF.
+        product_id: USB product id, 0 ... 0xFFFF.
+        serial: serial number, needed only when several boards are plugged in.
+        timeout: time one transfer may take [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
+            repeated for longer than half of these 0.4 s.
+        attempts: how many times in all a transfer is tried that times out, stalls or comes back damaged.
+        motion_timeout: time a motion may take [s].
+        home_timeout: time homing may take [s].
+        handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is
+            open. Signals for which the program has its own handler are left alone.
+
+    Raises:
+        ValueError: a value outside what is allowed.
+    """
+
+    vendor_id: int = VENDOR_ID
+    product_id: int = PRODUCT_ID
+    serial: str | None = None
+    timeout: float = 0.1
+    attempts: int = 3
+    motion_timeout: float = 2.0
+    home_timeout: float = 5.0
+    handle_signals: bool = True
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name in ("vendor_id", "product_id"):
+            value = getattr(self, name)
+            if not 0 <= value <= 0xFFFF:
+                raise ValueError(f"{name} is {value}, allowed: 0 ... 65535 (0xFFFF)")
+        for name in ("timeout", "motion_timeout", "home_timeout"):
+            seconds = getattr(self, name)
+            if not (math.isfinite(seconds) and seconds > 0):
+                raise ValueError(f"{name} is {seconds} s, it must be finite and above 0")
+        if not 1 <= self.attempts <= 10:
+            raise ValueError(f"attempts is {self.attempts}, allowed: 1 ... 10")

@@ -1,0 +1,245 @@
+"""The two records the board sends, identity and status, to and from bytes as `PROTOCOL.md` lays them down."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from drivers.board.protocol import (
+    IDENTITY_MAGIC,
+    IDENTITY_SIZE,
+    STATUS_SIZE,
+    BoardFault,
+    BoardFlag,
+    Result,
+    checksum,
+)
+from drivers.errors import BadReply
+
+IDENTITY = struct.Struct("<4sBBHIiiiHHHH")
+STATUS = struct.Struct("<BBHHHiHhhHIH")
+
+
+@dataclass(frozen=True, slots=True)
+class BoardIdentity:
+    """What the board says of itself in the handshake.
+
+    Attributes:
+        protocol: (major, minor) of the protocol the firmware speaks.
+        firmware: (major, minor) of the firmware.
+        step_angle: turn of the mirror per step [rad].
+        min_step: lowest step that may be commanded, counted from the home switch.
+        max_step: highest step that may be commanded.
+        zero_step: step at which `mirror_angle` is zero.
+        watchdog: silence of the host after which the laser is put out [s].
+        laser_limit: longest time the laser may be on without a rest [s].
+        laser_rest: time the laser must be off before that time is counted from 0 again [s].
+    """
+
+    protocol: tuple[int, int]
+    firmware: tuple[int, int]
+    step_angle: float
+    min_step: int
+    max_step: int
+    zero_step: int
+    watchdog: float
+    laser_limit: float
+    laser_rest: float
+
+    def angle_of(self, step: int) -> float:
+        """The mirror angle [rad] at `step`."""
+        return (step - self.zero_step) * self.step_angle
+
+    def step_of(self, angle: float) -> int:
+        """The step nearest to a mirror angle [rad]."""
+        return self.zero_step + round(angle / self.step_angle)
+
+    def pack(self) -> bytes:
+        """The record as the board sends it."""
+        head = IDENTITY.pack(
+            IDENTITY_MAGIC,
+            *self.protocol,
+            self.firmware[0] << 8 | self.firmware[1],
+            round(self.step_angle * 1e9),
+            self.min_step,
+            self.max_step,
+            self.zero_step,
+            round(self.watchdog * 1e3),
+            round(self.laser_limit * 1e3),
+            round(self.laser_rest * 1e3),
+            0,
+        )
+        return seal(head)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> BoardIdentity:
+        """Read the record.
+
+        Raises:
+            BadReply: wrong length, wrong magic or damaged.
+        """
+        fields = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
+        if fields[0] != IDENTITY_MAGIC:
+            raise BadReply(
+                f"the identity begins with {fields[0]!r}, a laser board's with {IDENTITY_MAGIC!r}: "
+                "another device uses this vendor and product id; give the board's serial number"
+            )
+        if fields[4] == 0:
+            raise BadReply("the identity says 0 nanoradians per step, at least 1 is due: mend the firmware")
+        return cls(
+            protocol=(fields[1], fields[2]),
+            firmware=(fields[3] >> 8, fields[3] & 0xFF),
+            step_angle=fields[4] * 1e-9,
+            min_step=fields[5],
+            max_step=fields[6],
+            zero_step=fields[7],
+            watchdog=fields[8] * 1e-3,
+            laser_limit=fields[9] * 1e-3,
+            laser_rest=fields[10] * 1e-3,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BoardStatus:
+    """The answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
+
+    Attributes:
+        result: whether the command was carried out, or why not.
+        request: the command this answers (echo), 0 in a report.
+        sequence: count of requests served since power-up, modulo 65536.
+        flags: what the board is doing.
+        faults: what is wrong.
+        step: step at which the board believes the mirror to be, counted from the home switch.
+        motion: count of motions begun since power-up, modulo 65536.
+        temperature: temperature of the board [degrees Celsius].
+        home_error: steps by which the count was wrong when the home switch was last met.
+        laser_time: how long the laser has been on without a rest [s].
+        device_time: the board's clock [s] since power-up.
+    """
+
+    result: Result
+    request: int
+    sequence: int
+    flags: BoardFlag
+    faults: BoardFault
+    step: int
+    motion: int
+    temperature: float
+    home_error: int
+    laser_time: float
+    device_time: float
+
+    @property
+    def laser_commanded(self) -> bool:
+        """Whether the board drives the laser."""
+        return BoardFlag.LASER_COMMANDED in self.flags
+
+    @property
+    def laser_sensed(self) -> bool:
+        """Whether the board's photodiode sees the laser; without a sensor, whether it is driven."""
+        wanted = BoardFlag.LASER_SENSED if BoardFlag.HAS_SENSOR in self.flags else BoardFlag.LASER_COMMANDED
+        return wanted in self.flags
+
+    @property
+    def moving(self) -> bool:
+        """Whether the mirror moves or still settles."""
+        return BoardFlag.MOVING in self.flags
+
+    @property
+    def homed(self) -> bool:
+        """Whether the home switch was met since power-up."""
+        return BoardFlag.HOMED in self.flags
+
+    def pack(self) -> bytes:
+        """The record as the board sends it."""
+        return pack_status(
+            self.result,
+            self.request,
+            self.sequence,
+            self.flags,
+            self.faults,
+            self.step,
+            self.motion,
+            self.temperature,
+            self.home_error,
+            self.laser_time,
+            self.device_time,
+        )
+
+    @classmethod
+    def unpack(cls, data: bytes) -> BoardStatus:
+        """Read the record.
+
+        Raises:
+            BadReply: wrong length, damaged, or with a result that the protocol does not know.
+        """
+        fields = STATUS.unpack(checked(data, STATUS_SIZE, "status"))
+        try:
+            result = Result(fields[0])
+        except ValueError:
+            raise BadReply(
+                f"the status carries result {fields[0]}, allowed: 0 ... {max(Result)}: update the driver"
+            ) from None
+        return cls(
+            result,
+            fields[1],
+            fields[2],
+            BoardFlag(fields[3]),
+            BoardFault(fields[4]),
+            fields[5],
+            fields[6],
+            fields[7] / 10,
+            fields[8],
+            fields[9] * 1e-3,
+            fields[10] * 1e-3,
+        )
+
+
+def pack_status(
+    result: int,
+    request: int,
+    sequence: int,
+    flags: int,
+    faults: int,
+    step: int,
+    motion: int,
+    temperature: float,
+    home_error: int,
+    laser_time: float,
+    device_time: float,
+) -> bytes:
+    """The record of a status as the board sends it; arguments as the attributes of `BoardStatus`."""
+    head = STATUS.pack(
+        result,
+        request,
+        sequence & 0xFFFF,
+        flags,
+        faults,
+        step,
+        motion & 0xFFFF,
+        round(temperature * 10),
+        max(-32768, min(32767, home_error)),
+        min(65535, round(laser_time * 1e3)),
+        round(device_time * 1e3) & 0xFFFFFFFF,
+        0,
+    )
+    return seal(head)
+
+
+def seal(record: bytes) -> bytes:
+    """Return a record with its checksum in the last two bytes."""
+    body = record[:-2]
+    return body + checksum(body).to_bytes(2, "little")
+
+
+def checked(data: bytes, size: int, what: str) -> bytes:
+    """Return the record if its length and its checksum are right.
+
+    Raises:
+        BadReply: they are not; `what` names the record.
+    """
+    if len(data) != size:
+        raise BadReply(f"the {what} has {len(data)} bytes, {size} are due: check cable and firmware")
+    if int.from_bytes(data[-2:], "little") != checksum(data[:-2]):
+        raise BadReply(f"the {what} is damaged (its checksum is wrong): check cable and firmware")
+    return data

@@ -1,0 +1,249 @@
+"""A session with the laser board: open, handshake, commands with bounded retries, reconnect, close."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from drivers import timing
+from drivers.board import guard
+from drivers.board.board_config import BoardConfig
+from drivers.board.board_records import BoardIdentity, BoardStatus
+from drivers.board.protocol import (
+    IDENTITY_SIZE,
+    MOTION_SIZE,
+    PROTOCOL_MAJOR,
+    PROTOCOL_MINOR,
+    STATUS_SIZE,
+    STRIPE_SIZE,
+    BoardFault,
+    Request,
+)
+from drivers.board.refusals import check_version, raise_refusal
+from drivers.board.sweep_records import MotionProfile, StripeRecord
+from drivers.board.usb_link import UsbLink
+from drivers.errors import (
+    BadReply,
+    BoardError,
+    BoardNotFound,
+    BoardNotOpen,
+    BoardStalled,
+    BoardTimeout,
+    BoardTransferFailed,
+    BoardUnplugged,
+    LaserStuckOn,
+)
+
+_Record = TypeVar("_Record")
+logger = logging.getLogger(__name__)
+WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
+# Share of the watchdog's time for which a command is repeated.
+WATCHDOG_SHARE = 0.5
+SWEEPS_SINCE = (1, 1)
+HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
+# Seconds between two searches of the bus while reconnecting.
+SEARCH_PERIOD = 0.1
+
+
+class BoardSession:
+    """The connection side of the laser board's driver, a context manager; thread-safe."""
+
+    def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
+        """Prepare the board; nothing is opened yet.
+
+        Args:
+            config: ids and timeouts; None for the defaults.
+            backend: a pyusb backend, for example that of an emulated board; None for libusb.
+        """
+        self.config = config or BoardConfig()
+        self._link = UsbLink(
+            self.config.vendor_id, self.config.product_id, self.config.serial, self.config.timeout, backend
+        )
+        self._identity: BoardIdentity | None = None
+        self.sweep_table: dict[int, int] = {}
+        """What this session has put into the board's table of steps: arguments of SWEEP_STEP by place."""
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> Self:
+        """Open the board."""
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the laser out and close; a failure to do so never hides an error that is under way."""
+        try:
+            self.close()
+        except BoardError as failure:
+            if error is None:
+                raise
+            logger.error("while closing after %r: %s", error, failure)
+
+    @property
+    def identity(self) -> BoardIdentity:
+        """What the board reports of itself.
+
+        Raises:
+            BoardNotOpen: before `open`.
+        """
+        if self._identity is None:
+            raise BoardNotOpen("the laser board is not open: use `with LaserBoard() as board:`")
+        return self._identity
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the open board, empty before."""
+        return self._link.serial
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the board is held."""
+        return self._link.is_open
+
+    def open(self) -> None:
+        """Find the board, agree on the protocol and begin a session with the laser off.
+
+        Raises:
+            BoardError: see `UsbLink.open`; ProtocolMismatch when the versions do not fit.
+        """
+        if self._link.is_open:
+            return
+        self._link.open()
+        guard.watch(self, self.config.handle_signals)
+        try:
+            identity = self._repeat(Request.IDENTIFY, 0, IDENTITY_SIZE, BoardIdentity.unpack)
+            check_version(identity)
+            self._identity = identity
+            self._begin_session()
+        except BaseException:
+            guard.release(self)
+            self._link.close()
+            raise
+        logger.info(
+            "laser board %s speaks protocol %d.%d, %s",
+            self._link.serial,
+            *identity.protocol,
+            "with sweeps of its own" if identity.protocol >= SWEEPS_SINCE else "without sweeps of its own",
+        )
+
+    def close(self) -> None:
+        """Put the laser out, end the session and give the device back; does nothing when closed.
+
+        Raises:
+            LaserStuckOn: the laser still shines.
+            BoardError: the board did not take the command; the device is given back nevertheless.
+        """
+        if not self._link.is_open:
+            return
+        try:
+            status = self._command(Request.GOODBYE)
+            raise_if_stuck_on(status)
+        except BoardUnplugged:
+            logger.warning("the laser board is gone; without USB power its laser is out")
+        finally:
+            guard.release(self)
+            self._link.close()
+
+    def reconnect(self, timeout: float = 5.0) -> None:
+        """Give the device back and look for it for `timeout` [s]; the mirror may then not be homed.
+
+        Raises:
+            BoardNotFound: it did not come back.
+            BoardError: it came back but cannot be used.
+        """
+        try:
+            self.close()
+        except BoardError as failure:
+            logger.warning("closing before reconnecting: %s", failure)
+        deadline = timing.monotonic() + timeout
+        while True:
+            try:
+                self.open()
+                return
+            except (BoardNotFound, BoardUnplugged):
+                if timing.monotonic() >= deadline:
+                    raise
+            timing.sleep(SEARCH_PERIOD)
+
+    def status(self) -> BoardStatus:
+        """Ask for the status; this also feeds the watchdog."""
+        return self._command(Request.STATUS)
+
+    def command(self, request: Request, argument: int = 0) -> BoardStatus:
+        """Carry out a command that has no method of its own; refusals are raised as errors."""
+        return self._command(request, argument)
+
+    def motion_profile(self) -> MotionProfile:
+        """Ask how the motor moves.
+
+        Raises:
+            BoardStalled: the board speaks protocol 1.0, which does not report it.
+        """
+        return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
+
+    def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
+        """Wait for whatever the board reports next; None when nothing came in time, or nothing readable.
+
+        Args:
+            timeout: longest wait [s].
+        """
+        try:
+            data = self._link.read_report(timeout)
+            if data is None:
+                return None
+            return StripeRecord.unpack(data) if len(data) == STRIPE_SIZE else BoardStatus.unpack(data)
+        except (BadReply, BoardStalled, BoardTransferFailed) as failure:
+            logger.warning("report unusable: %s", failure)
+            return None
+
+    def _begin_session(self) -> BoardStatus:
+        self.sweep_table.clear()
+        return self._command(Request.HELLO, HOST_VERSION)
+
+    def _read_report(self, timeout: float) -> BoardStatus | None:
+        record = self.read_record(timeout)
+        return record if isinstance(record, BoardStatus) else None
+
+    def _command(self, request: Request, argument: int = 0) -> BoardStatus:
+        with self._lock:
+            status = self._repeat(request, argument, STATUS_SIZE, lambda data: _answer(request, data))
+        raise_refusal(status, argument, self._identity)
+        return status
+
+    def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
+        # A bad cable must raise an error before the watchdog puts the laser out.
+        patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
+        deadline = timing.monotonic() + patience
+        attempt = 1
+        while True:
+            try:
+                return read(self._link.request(request, argument, size, deadline - timing.monotonic()))
+            except WORTH_REPEATING as failure:
+                if attempt >= self.config.attempts or timing.monotonic() >= deadline:
+                    raise type(failure)(f"{failure} (asked {attempt} times)") from failure
+                logger.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
+            attempt += 1
+
+
+def raise_if_stuck_on(status: BoardStatus) -> None:
+    """Raise when the laser did not obey "off".
+
+    Raises:
+        LaserStuckOn: it still shines, or the board had to open its supply to put it out.
+    """
+    if status.laser_sensed:
+        raise LaserStuckOn("the laser still shines after it was switched off: cut its power by hand")
+    if BoardFault.LASER_STUCK_ON in status.faults:
+        raise LaserStuckOn("the laser did not go out on command, the board opened its supply: mend its driver")
+
+
+def _answer(request: Request, data: bytes) -> BoardStatus:
+    status = BoardStatus.unpack(data)
+    if status.request != request:
+        raise BadReply(f"the answer to {request.name} is that of request 0x{status.request:02x}: check the firmware")
+    return status

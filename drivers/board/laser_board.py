@@ -1,0 +1,221 @@
+"""The laser board: laser on and off, mirror home and to an angle; however the program ends, the laser is out."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+from drivers import timing
+from drivers.board.board_config import BoardConfig
+from drivers.board.board_records import BoardStatus
+from drivers.board.board_session import BoardSession, raise_if_stuck_on
+from drivers.board.protocol import BoardFault, BoardFlag, Request, describe_faults
+from drivers.errors import (
+    BoardNotOpen,
+    BoardTimeout,
+    BoardTransferFailed,
+    BoardUnplugged,
+    HomeNotFound,
+    LaserDead,
+    LaserRefused,
+    MirrorOutOfRange,
+    MirrorTimeout,
+)
+
+logger = logging.getLogger(__name__)
+EVERY_FAULT = 0xFFFF
+# Seconds; a lost report costs at most this before the status is asked for.
+REPORT_SLICE = 0.02
+# Milliseconds.
+CLOCK_WRAP = 1 << 32
+# Resolution of the board's clock [s], and share by which it may be slow.
+CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
+
+
+class LaserBoard(BoardSession):
+    """Driver of the laser board, a context manager. Its methods may be called from any thread.
+
+    Nothing here keeps the laser alight behind the caller's back: after 0.4 s without a command the
+    board's watchdog puts it out. Whoever wants it longer calls `status()` meanwhile.
+    """
+
+    def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
+        """Prepare the board; nothing is opened yet.
+
+        Args:
+            config: ids and timeouts; None for the defaults.
+            backend: a pyusb backend, for example that of an emulated board; None for libusb.
+        """
+        super().__init__(config, backend=backend)
+        self._motion = 0
+        self._moving = False
+        self._board_time = self._host_time = 0.0
+
+    def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
+        """Make the board fit for a scan: reconnect if it is lost, clear faults, find home if unknown.
+
+        Args:
+            timeout: how long to look for a board that is gone [s].
+
+        Returns:
+            The status afterwards, homed and without fault.
+
+        Raises:
+            LaserRefused: a fault whose cause is still there.
+            BoardError: it cannot be reached or homed.
+        """
+        try:
+            status = self.status()
+        except (BoardUnplugged, BoardNotOpen, BoardTimeout, BoardTransferFailed) as failure:
+            logger.warning("reconnecting to the laser board: %s", failure)
+            self.reconnect(timeout)
+            status = self.status()
+        if BoardFlag.SESSION not in status.flags:
+            status = self._begin_session()
+        if status.faults:
+            logger.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
+            status = self.clear_faults()
+        if status.faults:
+            raise LaserRefused(f"the laser board cannot work: {describe_faults(status.faults)}")
+        if not status.homed:
+            self.home()
+            status = self.status()
+        return status
+
+    def clear_faults(self) -> BoardStatus:
+        """Clear every fault whose cause is gone and return the status, with those that remain."""
+        return self._command(Request.CLEAR_FAULTS, EVERY_FAULT)
+
+    def laser_on(self) -> BoardStatus:
+        """Switch the laser on and check that it shines.
+
+        Raises:
+            LaserRefused: the board refuses; the message names the fault.
+            LaserDead: it does not shine.
+        """
+        status = self._command(Request.LASER, 1)
+        if not status.laser_sensed:
+            self._command(Request.LASER, 0)
+            raise LaserDead("the laser was switched on but the board senses no light: check the diode")
+        return status
+
+    def laser_off(self) -> BoardStatus:
+        """Switch the laser off and check that it is dark.
+
+        Raises:
+            LaserStuckOn: it did not go out on command.
+        """
+        status = self._command(Request.LASER, 0)
+        raise_if_stuck_on(status)
+        return status
+
+    def home(self) -> int:
+        """Find the home switch and wait; return the steps that were lost since it was last found (0: none).
+
+        Raises:
+            HomeNotFound: the switch was not met.
+            MirrorTimeout: it took too long.
+        """
+        self._begin_motion(self._command(Request.HOME))
+        status = self.wait_until_still(self.config.home_timeout)
+        if BoardFault.HOME_NOT_FOUND in status.faults or not status.homed:
+            raise HomeNotFound("the mirror met no home switch in its whole travel: check switch and cable")
+        return status.home_error
+
+    def go_to_angle(self, angle: float, *, wait: bool = True) -> float:
+        """Turn the mirror to `angle` [rad] and return the angle of the nearest step, where it really goes.
+
+        Args:
+            angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.
+            wait: return only when the mirror has come to rest.
+
+        Raises:
+            MirrorOutOfRange: outside the travel, or not finite.
+            MirrorNotHomed: home first.
+            MirrorTimeout: it took too long.
+        """
+        return self.go_to_step(self.step_at(angle), wait=wait)
+
+    def step_at(self, angle: float) -> int:
+        """The step nearest to a mirror angle [rad].
+
+        Raises:
+            MirrorOutOfRange: outside the travel, or not finite.
+        """
+        identity = self.identity
+        low, high = identity.angle_of(identity.min_step), identity.angle_of(identity.max_step)
+        half_step = 0.5 * identity.step_angle
+        if not (math.isfinite(angle) and low - half_step <= angle <= high + half_step):
+            raise MirrorOutOfRange(
+                f"mirror angle {math.degrees(angle):.3f} degrees, the board's travel is "
+                f"{math.degrees(low):.3f} ... {math.degrees(high):.3f} degrees"
+            )
+        return min(max(identity.step_of(angle), identity.min_step), identity.max_step)
+
+    def go_to_step(self, step: int, *, wait: bool = True) -> float:
+        """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
+
+        Raises:
+            MirrorOutOfRange: outside the travel.
+            MirrorNotHomed: home first.
+            MirrorTimeout: it took too long.
+        """
+        self._begin_motion(self._command(Request.GO_TO, step))
+        if wait:
+            self.wait_until_still()
+        return self.identity.angle_of(step)
+
+    def begin_sweep(self, argument: int) -> BoardStatus:
+        """Let the board sweep by itself; `drivers.sweep.board_sweep` knows what goes into the argument.
+
+        Raises:
+            MirrorNotHomed: home first.
+            LaserRefused: a fault forbids the laser.
+            BoardError: the board refuses.
+        """
+        status = self._command(Request.SWEEP, argument)
+        self._begin_motion(status)
+        return status
+
+    def halt(self) -> BoardStatus:
+        """Stop the mirror where it is."""
+        return self._command(Request.HALT)
+
+    def wait_until_still(self, timeout: float | None = None) -> BoardStatus:
+        """Wait until the motion last commanded has ended and settled.
+
+        Args:
+            timeout: longest wait [s]; None for the configured one.
+
+        Raises:
+            MirrorTimeout: it still moves.
+        """
+        return self.still_since(timeout)[0]
+
+    def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
+        """Wait as `wait_until_still`; return the status, and an instant before which the motion ended [s, host].
+
+        Called late, this does not wait: a report that was not fetched yet says when the motion ended. The clocks of
+        board and host need not agree: the answer to the command carried the board's time and came at a known time.
+
+        Args:
+            timeout: longest wait [s]; None for the configured one.
+
+        Raises:
+            MirrorTimeout: it still moves.
+        """
+        patience = self.config.motion_timeout if timeout is None else timeout
+        deadline = timing.monotonic() + patience
+        status = None if self._moving else self.status()
+        while status is None or status.moving or status.motion != self._motion:
+            if timing.monotonic() > deadline:
+                raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
+            status = self._read_report(REPORT_SLICE) or self.status()
+        self._moving = False
+        taken = round((status.device_time - self._board_time) / 1e-3) % CLOCK_WRAP * 1e-3
+        return status, min(timing.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_RESOLUTION)
+
+    def _begin_motion(self, status: BoardStatus) -> None:
+        self._motion, self._moving = status.motion, status.moving
+        self._board_time, self._host_time = status.device_time, timing.monotonic()

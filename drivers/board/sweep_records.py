@@ -1,0 +1,143 @@
+"""The two records of protocol 1.1, stripe and motion, to and from bytes as `PROTOCOL.md` lays them down."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+from drivers.board.board_records import checked, seal
+from drivers.board.protocol import MOTION_SIZE, STRIPE_MARK, STRIPE_SIZE, BoardFault, Shot
+from drivers.errors import BadReply
+
+STRIPE = struct.Struct("<BBHHHIHHHHHiIH")
+MOTION = struct.Struct("<IIIIH12xH")
+
+
+@dataclass(frozen=True, slots=True)
+class StripeRecord:
+    """What the board reports after each frame of a sweep.
+
+    Attributes:
+        shot: what the camera was triggered for.
+        motion: count of motions at the beginning of the sweep.
+        place: place of the stripe in the table of steps.
+        left: stripes still to come.
+        clock: the board's clock at the trigger [s], modulo 2^32 us.
+        exposures: number of exposures until the next trigger; 0 where they are not counted.
+        delay: time from the trigger to the exposure [s].
+        exposure: its length [s].
+        lit: how long the laser was on [s].
+        faults: what was wrong then.
+        step: motor step at which the mirror stood.
+    """
+
+    shot: Shot
+    motion: int
+    place: int
+    left: int
+    clock: float
+    exposures: int
+    delay: float
+    exposure: float
+    lit: float
+    faults: BoardFault
+    step: int
+
+    def pack(self) -> bytes:
+        """Return the record as the board sends it."""
+        return seal(
+            STRIPE.pack(
+                STRIPE_MARK,
+                self.shot,
+                self.motion & 0xFFFF,
+                self.place,
+                self.left,
+                round(self.clock * 1e6) & 0xFFFFFFFF,
+                self.exposures,
+                *(min(65535, round(seconds * 1e6)) for seconds in (self.delay, self.exposure, self.lit)),
+                self.faults,
+                self.step,
+                0,
+                0,
+            )
+        )
+
+    @classmethod
+    def unpack(cls, data: bytes) -> StripeRecord:
+        """Read the record.
+
+        Raises:
+            BadReply: wrong length, damaged, or not that of a stripe.
+        """
+        fields = STRIPE.unpack(checked(data, STRIPE_SIZE, "stripe record"))
+        if fields[0] != STRIPE_MARK or fields[1] not in (Shot.OFF, Shot.STRIPE):
+            raise BadReply(f"a record of 32 bytes begins with {data[:2].hex()}: update the driver")
+        return cls(
+            shot=Shot(fields[1]),
+            motion=fields[2],
+            place=fields[3],
+            left=fields[4],
+            clock=fields[5] * 1e-6,
+            exposures=fields[6],
+            delay=fields[7] * 1e-6,
+            exposure=fields[8] * 1e-6,
+            lit=fields[9] * 1e-6,
+            faults=BoardFault(fields[10]),
+            step=fields[11],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MotionProfile:
+    """How the board's motor moves, as the board reports it.
+
+    Attributes:
+        start_speed: speed at which it starts, and at which it stops [steps/s].
+        top_speed: highest speed [steps/s].
+        acceleration: acceleration between the two speeds [steps/s^2].
+        settle: rest after a motion before the mirror is still [s].
+        overshoot: steps by which a downward move goes too far.
+    """
+
+    start_speed: float
+    top_speed: float
+    acceleration: float
+    settle: float
+    overshoot: int
+
+    def pack(self) -> bytes:
+        """Return the record as the board sends it."""
+        speeds = (round(value) for value in (self.start_speed, self.top_speed, self.acceleration))
+        return seal(MOTION.pack(*speeds, round(self.settle * 1e6), self.overshoot, 0))
+
+    @classmethod
+    def unpack(cls, data: bytes) -> MotionProfile:
+        """Read the record.
+
+        Raises:
+            BadReply: wrong length or damaged.
+        """
+        start, top, acceleration, settle, overshoot, _ = MOTION.unpack(checked(data, MOTION_SIZE, "motion record"))
+        return cls(start, top, acceleration, settle * 1e-6, overshoot)
+
+    def time(self, steps: int) -> float:
+        """Return how long a motion over a number of steps takes, without settling [s].
+
+        Args:
+            steps: signed number of steps; a downward motion goes too far and comes back.
+        """
+        if steps < 0:
+            return self._one_way(self.overshoot - steps) + self._one_way(self.overshoot)
+        return self._one_way(steps)
+
+    def _one_way(self, steps: int) -> float:
+        # One interval for each step, at the speed that constant acceleration from the nearer end allows.
+        squared = self.start_speed**2
+        ramp = round(min(max(0.0, (self.top_speed**2 - squared) / (2 * self.acceleration)), steps))
+        half = min(ramp + 1, steps // 2)
+        total = 0.0
+        for step in range(half):
+            total += 2 / min(self.top_speed, math.sqrt(squared + 2 * self.acceleration * step))
+        peak_speed = min(self.top_speed, math.sqrt(squared + 2 * self.acceleration * half))
+        return total + (steps - 2 * half) / peak_speed

@@ -1,0 +1,230 @@
+"""Finds the board on USB, opens it and makes single transfers, turning every USB error into a typed one."""
+
+from __future__ import annotations
+
+import errno
+import math
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from drivers.board.protocol import INTERFACE, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request, split_argument
+from drivers.board.udev import udev_instructions
+from drivers.errors import (
+    BadReply,
+    BoardError,
+    BoardInUse,
+    BoardNotFound,
+    BoardNotOpen,
+    BoardPermissionDenied,
+    BoardStalled,
+    BoardTimeout,
+    BoardTransferFailed,
+    BoardUnplugged,
+    NoUsbBackend,
+)
+
+_T = TypeVar("_T")
+
+
+def default_backend() -> Any:
+    """Pyusb's libusb-1.0 backend over the library that `libusb-package` carries.
+
+    Raises:
+        NoUsbBackend: the library does not load on this machine.
+    """
+    import libusb_package
+
+    backend = libusb_package.get_libusb1_backend()
+    if backend is None:
+        raise NoUsbBackend(
+            "libusb-1.0 could not be loaded from the package libusb-package: "
+            "reinstall it (pip install --force-reinstall libusb-package)"
+        )
+    return backend
+
+
+class UsbLink:
+    """One open board: its control endpoint and its interrupt endpoint. Usable from several threads."""
+
+    def __init__(
+        self, vendor_id: int, product_id: int, serial: str | None, timeout: float, backend: Any = None
+    ) -> None:
+        """Prepare the link; nothing is opened yet.
+
+        Args:
+            vendor_id: USB vendor id.
+            product_id: USB product id.
+            serial: serial number the board must have, or None for the only one present.
+            timeout: time a single control transfer may take [s].
+            backend: a pyusb backend; None for libusb.
+        """
+        self._ids = (vendor_id, product_id)
+        self._serial = serial
+        self._timeout_ms = max(1, round(timeout * 1e3))
+        self._backend = backend
+        self._device: Any = None
+        self._control_lock = threading.Lock()
+        self.serial = ""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a device is held."""
+        return self._device is not None
+
+    def open(self) -> None:
+        """Find the board, configure it and claim its interface.
+
+        Raises:
+            NoUsbBackend: no libusb.
+            BoardNotFound: none, or not the wanted serial number, or several to choose from.
+            BoardPermissionDenied: this user may not open it.
+            BoardInUse: another program has it.
+            BoardUnplugged: it went away in the meantime.
+        """
+        import usb.core
+        import usb.util
+
+        if self._backend is None:
+            self._backend = default_backend()
+        vendor_id, product_id = self._ids
+        found = self._call(
+            lambda: list(usb.core.find(find_all=True, backend=self._backend, idVendor=vendor_id, idProduct=product_id))
+        )
+        device, serial = self._choose(found)
+        try:
+            self._call(lambda: self._configure(device))
+            self._call(lambda: usb.util.claim_interface(device, INTERFACE))
+        except BoardError:
+            usb.util.dispose_resources(device)
+            raise
+        self._device, self.serial = device, serial
+
+    def close(self) -> None:
+        """Give the device back; does nothing when closed."""
+        import usb.util
+
+        device, self._device = self._device, None
+        if device is not None:
+            usb.util.dispose_resources(device)
+
+    def request(self, request: Request, argument: int, size: int, timeout: float = math.inf) -> bytes:
+        """Make one command transfer and return the data stage.
+
+        Args:
+            request: the command.
+            argument: its argument, signed 32 bits.
+            size: length of the answer.
+            timeout: longest wait [s]; the configured one when that is shorter.
+
+        Raises:
+            BoardNotOpen: no device is held.
+            BoardError: the transfer failed; its type says how.
+        """
+        device = self._held()
+        value, index = split_argument(argument)
+        timeout_ms = self._timeout_ms if timeout * 1e3 >= self._timeout_ms else max(1, round(timeout * 1e3))
+        with self._control_lock:
+            data = self._call(
+                lambda: device.ctrl_transfer(REQUEST_IN, request, value, index, size, timeout_ms),
+                request,
+            )
+        return bytes(data)
+
+    def read_report(self, timeout: float) -> bytes | None:
+        """Wait for a report on the interrupt endpoint; None when none came in time.
+
+        Args:
+            timeout: longest wait [s].
+
+        Raises:
+            BoardNotOpen: no device is held.
+            BoardStalled: the endpoint stalled; its halt has been cleared, so the next read works.
+            BoardError: the transfer failed; its type says how.
+        """
+        device = self._held()
+        try:
+            data = self._call(
+                lambda: device.read(REPORT_ENDPOINT, REPORT_SIZE, max(1, round(timeout * 1e3))),
+                "a report",
+            )
+        except BoardTimeout:
+            return None
+        except BoardStalled:
+            self._call(lambda: device.clear_halt(REPORT_ENDPOINT), "clearing a stall")
+            raise
+        return bytes(data)
+
+    def _held(self) -> Any:
+        device = self._device
+        if device is None:
+            raise BoardNotOpen("the laser board is not open: use `with LaserBoard()`, or reconnect()")
+        return device
+
+    def _choose(self, found: list[Any]) -> tuple[Any, str]:
+        vendor_id, product_id = self._ids
+        wanted = f"{vendor_id:04x}:{product_id:04x}"
+        if not found:
+            raise BoardNotFound(
+                f"no laser board {wanted} on USB: check its cable and power; `lsusb -d {wanted}` must list it"
+            )
+        serials = [self._call(lambda device=device: device.serial_number or "") for device in found]  # type: ignore[misc]
+        if self._serial is not None:
+            for device, serial in zip(found, serials, strict=True):
+                if serial == self._serial:
+                    return device, serial
+            raise BoardNotFound(
+                f"no laser board {wanted} with serial number {self._serial!r}; present: {', '.join(serials)}"
+            )
+        if len(found) > 1:
+            raise BoardNotFound(
+                f"{len(found)} laser boards {wanted} are plugged in ({', '.join(serials)}): "
+                "say which by its serial number"
+            )
+        return found[0], serials[0]
+
+    def _configure(self, device: Any) -> None:
+        import usb.core
+
+        try:
+            device.get_active_configuration()
+        except usb.core.USBError as error:
+            # pyusb's own "not set" carries no errno; only then may the configuration be set again, since
+            # setting it resets a board that another program may hold.
+            if error.errno is not None:
+                raise
+            device.set_configuration()
+
+    def _call(self, transfer: Callable[[], _T], what: str | Request = "opening") -> _T:
+        try:
+            return transfer()
+        except OSError as error:  # every error of pyusb is one
+            raise self._typed(error, f"the command {what.name}" if isinstance(what, Request) else what) from error
+        except ValueError as error:
+            # pyusb says "The device has no langid" when a string cannot be read for want of permission.
+            if "langid" in str(error):
+                raise self._denied() from error
+            raise BadReply(f"{what}: the board's descriptors are unreadable ({error})") from error
+
+    def _denied(self) -> BoardPermissionDenied:
+        return BoardPermissionDenied(
+            "the laser board is plugged in, but this user may not open it. Install the udev rule:\n"
+            + udev_instructions(*self._ids)
+        )
+
+    def _typed(self, error: Exception, what: str) -> BoardError:
+        number = getattr(error, "errno", None)
+        milliseconds = self._timeout_ms
+        if number in (errno.EACCES, errno.EPERM):
+            return self._denied()
+        if number == errno.EBUSY:
+            return BoardInUse(
+                "another program holds the laser board: end it (`guara run` and `guara scan` take it whole)"
+            )
+        if number in (errno.ENODEV, errno.ENOENT, errno.ESHUTDOWN):
+            return BoardUnplugged(f"the laser board left the bus during {what}: check its cable, then reconnect()")
+        if number == errno.ETIMEDOUT:
+            return BoardTimeout(f"the laser board did not answer {what} within {milliseconds} ms")
+        if number == errno.EPIPE:
+            return BoardStalled(f"the laser board stalled {what}: its firmware does not know the request")
+        return BoardTransferFailed(f"{what} failed on the bus ({error}): check cable and hub")

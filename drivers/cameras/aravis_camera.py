@@ -1,0 +1,320 @@
+"""GigE Vision and USB3 Vision cameras of any maker through Aravis: triggered by the board, raw frames, device times."""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+
+from drivers import timing
+from drivers.cameras.aravis_library import glib_error, load_aravis
+from drivers.cameras.aravis_settings import held_settings, lock_settings
+from drivers.cameras.bayer import PATTERNS, red_pixels
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.errors import CameraEnded, CameraNotFound, CameraNotOpen, CameraSettingRefused, CameraTimeout
+from drivers.frame import Frame, Image
+
+logger = logging.getLogger(__name__)
+# Pictures that may wait, so that a host that is busy for a fifth of a second loses none.
+BUFFERS = 24
+# Formats of one byte a pixel, in the order in which they are chosen; names of the Pixel Format Naming Convention.
+MONO = "Mono8"
+BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
+PIXEL_FORMATS = (MONO, *BAYER)
+# Block ids of GigE Vision 1.x are 1 ... 65535 and begin again at 1.
+SHORT_IDS = 65535
+# Seconds after an exposure before which no other may begin, where the camera reports no highest frame rate.
+READ_OUT = 0.0002
+
+
+class AravisCamera(Camera):
+    """A camera of the GenICam family. Its frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
+
+    The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone; filling in
+    what lies between, or making colour, costs more work and gives larger errors (`python -m benchmarks.mosaics`).
+
+    Frames arrive in the order of exposure, none is skipped; one whose packets did not all come shows as a gap in the
+    counter.
+    """
+
+    counts_frames = True
+
+    def __init__(
+        self,
+        device: str = "",
+        *,
+        trigger: str | None = None,
+        exposure_output: str | None = None,
+        pixel_format: str | None = None,
+        size: tuple[int, int] | None = None,
+        fps: float | None = None,
+        lag: float | None = None,
+        raw: bool = False,
+    ) -> None:
+        """Prepare the camera; nothing is opened yet.
+
+        Args:
+            device: name as `drivers.cameras.aravis_devices` gives it, or a network address; "" is the first one found.
+            trigger: line on which the board's TRIGGER arrives ("Line1"), exposure begins at its rising edge; None: the
+                camera runs freely.
+            exposure_output: line that shows when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
+                None leaves the lines as they are.
+            pixel_format: one of PIXEL_FORMATS; None: grey where the camera has it, otherwise its mosaic.
+            size: (width, height) of the frames, from the sensor's centre; None for the whole sensor.
+            fps: frames per second of a camera that runs freely; None for its own.
+            lag: see `Camera`.
+            raw: deliver every pixel of a mosaic, not the red ones alone.
+
+        Raises:
+            ValueError: a pixel format that is not known here.
+        """
+        if pixel_format is not None and pixel_format not in PIXEL_FORMATS:
+            raise ValueError(f"pixel format is {pixel_format!r}, allowed: {', '.join(PIXEL_FORMATS)}")
+        self.name = f"camera aravis:{device}" if device else "camera aravis"
+        self.triggered = trigger is not None
+        self.lag = lag
+        self._wanted, self._trigger, self._exposure_output = device, trigger, exposure_output
+        self._wanted_format, self._size, self._fps = pixel_format, size, fps
+        self._raw = raw
+        self._aravis: Any = None
+        self._camera: Any = None
+        self._stream: Any = None
+        self._exposure = 0.0
+        self._counter, self._last_id = -1, 0
+        self.pixel_format = ""
+        """Pixel format of the frames; empty before `open`."""
+
+    def open(self) -> None:
+        """Find the camera, set it up and begin to take pictures; does nothing when open.
+
+        Raises:
+            CameraBackendMissing: Aravis is not installed.
+            CameraNotFound: no such camera, or another program holds it.
+            CameraSettingRefused: it has no such line, size or pixel format.
+        """
+        if self._camera is not None:
+            return
+        self._aravis = load_aravis()
+        try:
+            self._camera = self._find()
+            self._set_up(self._camera)
+        except glib_error() as error:
+            self.close()
+            raise CameraSettingRefused(f"{self.name} cannot be set up: {_text_of(error)}") from None
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stop and give the camera back."""
+        camera, self._camera = self._camera, None
+        if camera is not None and self._stream is not None:
+            try:
+                camera.stop_acquisition()
+            except glib_error() as error:
+                logger.warning("%s: %s", self.name, _text_of(error))
+        self._stream = None
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Fix exposure, gain and gamma, automatics off, and read them back; see `aravis_settings`."""
+        camera = self._opened()
+        held = lock_settings(camera, self._aravis, settings, self.name)
+        self._learn_period(camera)
+        return held
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Read exposure, gain and gamma, and whether an automatic is on again.
+
+        Raises:
+            CameraEnded: the camera does not answer.
+            CameraNotOpen: open it first.
+        """
+        camera = self._opened()
+        try:
+            return held_settings(camera, self._aravis, locked)
+        except glib_error() as error:
+            raise CameraEnded(
+                f"{self.name} does not answer ({_text_of(error)}): check its cable and power, then open it again"
+            ) from None
+
+    def grab(self, timeout: float) -> Frame:
+        """The oldest whole frame not yet returned.
+
+        Raises:
+            CameraTimeout: none came.
+            CameraEnded: the camera is gone.
+            CameraNotOpen: open it first.
+        """
+        self._opened()
+        deadline = time.monotonic() + timeout
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            buffer = self._stream.timeout_pop_buffer(round(left * 1e6)) if left else self._stream.try_pop_buffer()
+            if buffer is None:
+                if self._is_gone():
+                    raise CameraEnded(f"{self.name} is gone: check its cable and power, then open it again")
+                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            frame = self._frame(buffer)
+            self._stream.push_buffer(buffer)
+            if frame is not None:
+                return frame
+
+    @property
+    def waiting(self) -> int:
+        """Frames that have arrived, whole or not, and were not fetched yet."""
+        self._opened()
+        return int(self._stream.get_n_buffers()[1])
+
+    def flush(self) -> None:
+        """Forget frames that have already arrived."""
+        self._opened()
+        while (buffer := self._stream.try_pop_buffer()) is not None:
+            self._stream.push_buffer(buffer)
+
+    def _opened(self) -> Any:
+        if self._camera is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        return self._camera
+
+    def _find(self) -> Any:
+        self._aravis.update_device_list()
+        try:
+            camera = self._aravis.Camera.new(self._wanted or None)
+        except glib_error() as error:
+            raise self._not_there(_text_of(error)) from None
+        if camera.is_gv_device() and not camera.get_device().is_controller():
+            raise self._not_there("it gives no control")
+        return camera
+
+    def _not_there(self, reason: str) -> CameraNotFound:
+        return CameraNotFound(
+            f"{self.name} cannot be opened ({reason}): `guara cameras` lists what is there; check cable, power and "
+            "network address, and that no other program holds it"
+        )
+
+    def _set_up(self, camera: Any) -> None:
+        if camera.get_device_id():
+            self.name = f"camera aravis:{camera.get_device_id()}"
+        camera.set_acquisition_mode(self._aravis.AcquisitionMode.CONTINUOUS)
+        self._choose_format(camera)
+        self._choose_region(camera)
+        if self._exposure_output is not None:
+            _set_choices(
+                camera,
+                ("LineSelector", self._exposure_output),
+                ("LineMode", "Output"),
+                ("LineSource", "ExposureActive"),
+                name=self.name,
+            )
+        if self._trigger is None:
+            camera.clear_triggers()
+            if self._fps is not None:
+                camera.set_frame_rate(self._fps)
+        else:
+            _check_choice("trigger", self._trigger, camera.dup_available_trigger_sources(), self.name)
+            camera.set_trigger(self._trigger)
+        self._learn_period(camera)
+        self._begin(camera)
+
+    def _choose_format(self, camera: Any) -> None:
+        there = camera.dup_available_pixel_formats_as_strings()
+        usable = [name for name in PIXEL_FORMATS if name in there]
+        if self._wanted_format is not None:
+            _check_choice("pixel format", self._wanted_format, usable, self.name)
+        elif not usable:
+            raise CameraSettingRefused(
+                f"{self.name} has the pixel formats {', '.join(there)}, one of {', '.join(PIXEL_FORMATS)} is needed"
+            )
+        self.pixel_format = self._wanted_format or usable[0]
+        camera.set_pixel_format_from_string(self.pixel_format)
+
+    @property
+    def _takes_red(self) -> bool:
+        return self.pixel_format in PATTERNS and not self._raw
+
+    def _choose_region(self, camera: Any) -> None:
+        sensor = tuple(camera.get_sensor_size())
+        scale = 2 if self._takes_red else 1
+        width, height = sensor if self._size is None else (scale * self._size[0], scale * self._size[1])
+        # A mosaic cut at an odd row or column would be another mosaic.
+        left, top = ((sensor[axis] - (width, height)[axis]) // 2 // 2 * 2 for axis in (0, 1))
+        if left < 0 or top < 0:
+            raise CameraSettingRefused(
+                f"{self.name} was asked for {width} x {height} pixels and its sensor has {sensor[0]} x {sensor[1]}"
+            )
+        camera.set_region(left, top, width, height)
+        got = tuple(camera.get_region())[2:]
+        if got != (width, height):
+            raise CameraSettingRefused(
+                f"{self.name} was asked for {width} x {height} pixels and delivers {got[0]} x {got[1]}"
+            )
+
+    def _learn_period(self, camera: Any) -> None:
+        self._exposure = camera.get_exposure_time() * 1e-6 if camera.is_exposure_time_available() else 0.0
+        fastest = 0.0
+        if camera.is_frame_rate_available():
+            fastest = float(camera.get_frame_rate_bounds()[1])
+        self.trigger_period = max(self._exposure + READ_OUT, 1.0 / fastest if fastest > 0 else 0.0)
+
+    def _begin(self, camera: Any) -> None:
+        self._counter, self._last_id = -1, 0
+        self._stream = camera.create_stream(None, None)
+        payload = camera.get_payload()
+        for _ in range(BUFFERS):
+            self._stream.push_buffer(self._aravis.Buffer.new_allocate(payload))
+        camera.start_acquisition()
+
+    def _is_gone(self) -> bool:
+        """Whether a network camera does not answer its heartbeat any more."""
+        # Aravis' own signal comes on a thread that closing joins while it holds Python's lock.
+        return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
+
+    def _frame(self, buffer: Any) -> Frame | None:
+        """The frame in a buffer, None when its packets did not all come."""
+        if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
+            logger.info("%s: a frame is %s", self.name, buffer.get_status().value_nick)
+            return None
+        stamp = timing.monotonic()
+        if not self.triggered:
+            # The frame may have waited here for a caller.
+            stamp -= max(0.0, time.time() - buffer.get_system_timestamp() * 1e-9)
+        shape = (buffer.get_image_height(), buffer.get_image_width())
+        # `get_data` copies, so this is the frame's own and may be relied on never to change.
+        image: Image = np.frombuffer(buffer.get_data(), np.uint8, count=shape[0] * shape[1]).reshape(shape)
+        if self._takes_red:
+            image = red_pixels(image, self.pixel_format)
+            image.setflags(write=False)
+        self._count(buffer.get_frame_id())
+        taken = buffer.get_timestamp()
+        return Frame(image, self._counter, stamp, taken * 1e-9 if taken else None)
+
+    def _count(self, number: int) -> None:
+        """Continue the camera's own counting past the wrap of its short numbers."""
+        if self._counter < 0:
+            self._counter = 0
+        elif number > self._last_id:
+            self._counter += number - self._last_id
+        else:
+            self._counter += (number - self._last_id) % SHORT_IDS
+        self._last_id = number
+
+
+def _set_choices(camera: Any, *choices: tuple[str, str], name: str) -> None:
+    for feature, value in choices:
+        if not camera.is_feature_available(feature):
+            raise CameraSettingRefused(
+                f"{name} has no {feature}: wire its exposure output by hand, see docs/cameras.md"
+            )
+        _check_choice(feature, value, camera.dup_available_enumerations_as_strings(feature), name)
+        camera.set_string(feature, value)
+
+
+def _check_choice(what: str, value: str, allowed: list[str], name: str) -> None:
+    if value not in allowed:
+        raise CameraSettingRefused(f"{name} was asked for {what} {value!r}, it has {', '.join(allowed)}")
+
+
+def _text_of(error: Exception) -> str:
+    return str(getattr(error, "message", error))

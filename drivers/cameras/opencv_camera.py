@@ -1,0 +1,229 @@
+"""Cameras, video files and image sequences through OpenCV's VideoCapture (V4L2, GStreamer, FFmpeg, images).
+
+The OpenCV of the Python package index has no FireWire backend (DC1394) and none for GenICam (Aravis): a FireWire
+camera, like the one of the original robot, needs another way in; see docs/drivers.md, "FireWire cameras".
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from pathlib import Path
+from typing import Any
+
+from drivers import timing
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.opencv_settings import held_settings, lock_settings
+from drivers.errors import (
+    CameraBackendMissing,
+    CameraEnded,
+    CameraNotFound,
+    CameraNotOpen,
+    CameraSettingRefused,
+    CameraTimeout,
+)
+from drivers.frame import Frame
+
+logger = logging.getLogger(__name__)
+# Seconds; V4L2 gives a read up after 10 s.
+LONGEST_READ = 15.0
+BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
+BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
+FIREWIRE_HELP = (
+    "this OpenCV has no FireWire backend (no pip wheel has one): see docs/drivers.md, 'FireWire cameras', "
+    "for the ways around"
+)
+
+
+class OpenCvCamera(Camera):
+    """A camera or file that OpenCV can read.
+
+    A live camera is read by a thread of its own which keeps only the newest frame: so `grab` keeps its timeout
+    although OpenCV's read has none, and never returns a frame that waited in a queue of the driver. A file is read in
+    `grab` itself, frame by frame, dropping nothing.
+    """
+
+    def __init__(
+        self,
+        source: int | str | Path,
+        *,
+        backend: str = "any",
+        size: tuple[int, int] | None = None,
+        fps: float | None = None,
+        lag: float | None = None,
+    ) -> None:
+        """Prepare the camera; nothing is opened yet.
+
+        Args:
+            source: number of a camera, path of a device ("/dev/video0"), of a video file or of an image sequence
+                ("frame_%03d.png"), or a GStreamer pipeline.
+            backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire".
+            size: (width, height) a live camera must deliver, None for its own.
+            fps: frames per second to ask of a live camera, None for its own.
+            lag: see `Camera`; 0 for files.
+
+        Raises:
+            ValueError: unknown backend.
+        """
+        if backend not in BACKENDS:
+            raise ValueError(f"unknown backend {backend!r}, allowed: {', '.join(BACKENDS)}")
+        self.name = f"camera {source}"
+        self._source = source
+        self._backend, self._size, self._fps = backend, size, fps
+        self._is_file = _is_file(source, backend)
+        self.lag = 0.0 if self._is_file and lag is None else lag
+        self._capture: Any = None
+        self._counter = 0
+        self._newest: Frame | None = None
+        self._failed = False
+        self._changed = threading.Condition()
+        self._reader: threading.Thread | None = None
+        self._stop = threading.Event()
+
+    def open(self) -> None:
+        """Open the source; does nothing when open.
+
+        Raises:
+            CameraBackendMissing: the installed OpenCV lacks the backend.
+            CameraNotFound: the source cannot be opened.
+            CameraSettingRefused: it does not deliver the wanted size.
+        """
+        if self._capture is not None:
+            return
+        import cv2
+
+        number = getattr(cv2, BACKENDS[self._backend])
+        self._check_backend(cv2, number)
+        capture = cv2.VideoCapture()
+        source = self._source if isinstance(self._source, int) else str(self._source)
+        if not capture.open(source, number):
+            raise CameraNotFound(
+                f"{self.name} cannot be opened (backend {self._backend}): check path, cable and that your user is in "
+                "the group `video`"
+            )
+        self._capture = capture
+        try:
+            self._request_format(cv2, capture)
+        except CameraSettingRefused:
+            self.close()
+            raise
+        self._counter, self._failed, self._newest = 0, False, None
+        if not self._is_file:
+            self._stop.clear()
+            self._reader = threading.Thread(target=self._read_forever, name=self.name, daemon=True)
+            self._reader.start()
+
+    def close(self) -> None:
+        """Stop reading and give the source back."""
+        self._stop.set()
+        if self._reader is not None:
+            self._reader.join(LONGEST_READ)
+            if self._reader.is_alive():
+                # Releasing a capture that another thread still reads crashes the process.
+                logger.error("%s does not return from a read; its thread goes on until the program ends", self.name)
+                self._capture = None
+            self._reader = None
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Fix exposure, gain, white balance and gamma; see `lock_settings`."""
+        capture = self._opened()
+        if self._is_file and settings != CameraSettings():
+            raise CameraSettingRefused(f"{self.name} is a file: its frames are taken, {settings} cannot be set")
+        return lock_settings(capture, settings, self.name)
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """What the camera holds now; see `held_settings`."""
+        return held_settings(self._opened(), locked)
+
+    def grab(self, timeout: float) -> Frame:
+        """The next frame of a file, or the newest not yet returned of a live camera."""
+        capture = self._opened()
+        if self._is_file:
+            frame = self._read(capture)
+            if frame is None:
+                raise CameraEnded(f"{self.name} has no frame after the {self._counter} read")
+            return frame
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._failed, timeout)
+            frame, self._newest = self._newest, None
+            failed = self._failed
+        if frame is None and failed:
+            raise CameraEnded(f"{self.name} stopped delivering frames: check its cable, then open it again")
+        if frame is None:
+            raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+        return frame
+
+    def flush(self) -> None:
+        """Forget the frame that waits; a file has none waiting."""
+        self._opened()
+        with self._changed:
+            self._newest = None
+
+    def _opened(self) -> Any:
+        if self._capture is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        return self._capture
+
+    def _read(self, capture: Any) -> Frame | None:
+        if not capture.grab():
+            return None
+        stamp = timing.monotonic()
+        good, image = capture.retrieve()
+        if not good:
+            return None
+        # The array was made for this frame alone: with itself frozen, not only a view of it, it never changes.
+        image.setflags(write=False)
+        frame = Frame(image, self._counter, stamp)
+        self._counter += 1
+        return frame
+
+    def _read_forever(self) -> None:
+        capture = self._capture
+        while not self._stop.is_set():
+            try:
+                frame = self._read(capture)
+            except Exception:
+                logger.exception("%s: OpenCV failed to read", self.name)
+                frame = None
+            with self._changed:
+                self._newest = frame
+                self._failed = frame is None
+                self._changed.notify_all()
+            if frame is None:
+                return
+
+    def _check_backend(self, cv2: Any, number: int) -> None:
+        if self._backend == "firewire" and not cv2.videoio_registry.hasBackend(number):
+            raise CameraBackendMissing(FIREWIRE_HELP)
+        if self._backend != "any" and not cv2.videoio_registry.hasBackend(number):
+            raise CameraBackendMissing(
+                f"the installed OpenCV {cv2.__version__} was built without {self._backend}: choose another backend, or "
+                "install an OpenCV that has it (a Linux distribution's usually has GStreamer)"
+            )
+
+    def _request_format(self, cv2: Any, capture: Any) -> None:
+        if self._is_file:
+            return
+        if self._size is not None:
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+            got = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+            if got != tuple(self._size):
+                raise CameraSettingRefused(
+                    f"{self.name} was asked for {self._size[0]} x {self._size[1]} pixels and delivers "
+                    f"{got[0]} x {got[1]}: ask for a size it has (`v4l2-ctl --list-formats-ext`)"
+                )
+        if self._fps is not None:
+            capture.set(cv2.CAP_PROP_FPS, self._fps)
+
+
+def _is_file(source: int | str | Path, backend: str) -> bool:
+    if isinstance(source, int) or backend in ("v4l2", "gstreamer", "firewire"):
+        return False
+    if backend in ("images", "ffmpeg"):
+        return True
+    path = str(source)
+    return not path.startswith("/dev/") and "!" not in path and "://" not in path

@@ -1,0 +1,226 @@
+"""V4L2 cameras, grey or YUYV (no MJPEG), with the kernel's own frame numbers and times. Needs linuxpy."""
+
+from __future__ import annotations
+
+import importlib
+import select
+from typing import Any
+
+import numpy as np
+
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.errors import (
+    CameraBackendMissing,
+    CameraEnded,
+    CameraNotFound,
+    CameraNotOpen,
+    CameraSettingRefused,
+    CameraTimeout,
+)
+from drivers.frame import Frame, Image
+
+BUFFERS = 8
+# In order of preference. Every second byte of YUYV is the brightness.
+PIXEL_FORMATS = ("GREY", "YUYV")
+# Bit of a buffer's flags that says that its picture is damaged; frame numbers wrap after 32 bits.
+DAMAGED, NUMBERS = 0x40, 1 << 32
+# Unit of the exposure control [s], and relative difference allowed between a value and what the driver rounds it to.
+EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
+MANUAL_EXPOSURE = 1
+# Setting -> its control, the control's unit, the control that switches its automatic, and the value that switches it
+# off.
+CONTROLS: dict[str, tuple[str, float, str, int]] = {
+    "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
+    "gain": ("gain", 1.0, "", 0),
+    "white_balance": ("white_balance_temperature", 1.0, "white_balance_automatic", 0),
+    "gamma": ("gamma", 1.0, "", 0),
+}
+
+
+class V4l2Camera(Camera):
+    """A camera of Linux's own video interface. Frames are (height, width) uint8, in order, none skipped.
+
+    Their numbers and monotonic stamps are the kernel's, so that a lost frame shows as a gap.
+    """
+
+    counts_frames = True
+
+    def __init__(
+        self,
+        path: str = "/dev/video0",
+        *,
+        pixel_format: str | None = None,
+        size: tuple[int, int] | None = None,
+        fps: float | None = None,
+        lag: float | None = None,
+        video: Any = None,
+    ) -> None:
+        """Prepare the camera; nothing is opened yet.
+
+        Args:
+            path: path of the device.
+            pixel_format: one of PIXEL_FORMATS; None for the first that the camera has.
+            size: (width, height); None for the camera's own.
+            fps: frames per second; None for the camera's own.
+            lag: see `Camera`.
+            video: module to use in place of `linuxpy.video.device`; None: that one.
+
+        Raises:
+            ValueError: the pixel format is not one of PIXEL_FORMATS.
+        """
+        if pixel_format is not None and pixel_format not in PIXEL_FORMATS:
+            raise ValueError(f"pixel format is {pixel_format!r}, allowed: {', '.join(PIXEL_FORMATS)}")
+        self.name = f"camera v4l2:{path}"
+        self.lag = lag
+        self._path, self._wanted, self._size, self._fps, self._video = path, pixel_format, size, fps, video
+        self._device: Any = None
+        self._capture: Any = None
+        self._format: Any = None
+        self._counter, self._last = -1, 0
+
+    def open(self) -> None:
+        """Open the device and begin to take pictures; does nothing when open.
+
+        Raises:
+            CameraBackendMissing: linuxpy is not installed.
+            CameraNotFound: there is no such device, or it is held by another program.
+            CameraSettingRefused: it has none of the pixel formats, or not the size.
+        """
+        if self._capture is not None:
+            return
+        video = self._video or _load()
+        try:
+            self._device = video.Device(self._path)
+            self._device.open()
+            capture = video.VideoCapture(self._device, size=BUFFERS)
+            self._set_format(capture)
+            capture.open()
+        except OSError as error:
+            self.close()
+            raise CameraNotFound(
+                f"{self.name} cannot be opened ({error.strerror}): check path, cable, that your user is in the group "
+                "`video`, and that no other program holds it"
+            ) from None
+        except BaseException:
+            self.close()
+            raise
+        self._capture, self._counter = capture, -1
+
+    def close(self) -> None:
+        """Stop and give the device back; does nothing when closed."""
+        capture, self._capture = self._capture, None
+        device, self._device = self._device, None
+        if capture is not None:
+            capture.close()
+        if device is not None:
+            device.close()
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Switch the automatics off, set what was asked for and read it back."""
+        self._opened()
+        held = {}
+        for name, (control, unit, switch, off) in CONTROLS.items():
+            wanted = getattr(settings, name)
+            if wanted is None:
+                continue
+            if switch:
+                self._set(switch, off)
+            held[name] = self._set(control, wanted / unit) * unit
+        return CameraSettings(**held)
+
+    def held(self, locked: CameraSettings) -> HeldSettings:
+        """Read the controls of what was locked, and whether an automatic is on again."""
+        self._opened()
+        controls = self._device.controls
+        values, automatic = {}, []
+        try:
+            for name, (control, unit, switch, off) in CONTROLS.items():
+                if getattr(locked, name) is None:
+                    continue
+                values[name] = float(controls[control].value) * unit
+                if switch and int(controls[switch].value) != off:
+                    automatic.append(name)
+        except OSError as error:
+            raise self._ended(error) from None
+        return HeldSettings(values=values, automatic=tuple(automatic))
+
+    def grab(self, timeout: float) -> Frame:
+        """The oldest frame not yet returned; a damaged one is left out and shows as a gap."""
+        capture = self._opened()
+        while True:
+            if not select.select([self._device], [], [], timeout)[0]:
+                raise CameraTimeout(f"{self.name} brought no frame within {timeout:g} s")
+            try:
+                taken = capture.buffer.raw_read()
+            except OSError as error:
+                raise self._ended(error) from None
+            if taken.buff.flags & DAMAGED:
+                continue
+            self._counter = 0 if self._counter < 0 else self._counter + (taken.frame_nb - self._last) % NUMBERS
+            self._last = taken.frame_nb
+            return Frame(self._grey(taken.data), self._counter, taken.timestamp)
+
+    def flush(self) -> None:
+        """Forget frames that have already arrived."""
+        capture = self._opened()
+        while select.select([self._device], [], [], 0)[0]:
+            capture.buffer.raw_read()
+
+    def _opened(self) -> Any:
+        if self._capture is None:
+            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        return self._capture
+
+    def _ended(self, error: OSError) -> CameraEnded:
+        return CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again")
+
+    def _set_format(self, capture: Any) -> None:
+        names = [entry.pixel_format.name for entry in capture.formats()]
+        usable = [name for name in PIXEL_FORMATS if name in names and self._wanted in (None, name)]
+        if not usable:
+            raise CameraSettingRefused(
+                f"{self.name} has the pixel formats {', '.join(names)}, {self._wanted or ' or '.join(PIXEL_FORMATS)} "
+                "is needed: OpenCV reads others (give the device path alone)"
+            )
+        current = capture.get_format()
+        size = self._size or (current.width, current.height)
+        capture.set_format(*size, usable[0])
+        self._format = capture.get_format()
+        got = (self._format.width, self._format.height)
+        if got != size or self._format.pixel_format.name != usable[0]:
+            raise CameraSettingRefused(
+                f"{self.name} was asked for {size[0]} x {size[1]} pixels of {usable[0]} and delivers "
+                f"{got[0]} x {got[1]} of {self._format.pixel_format.name}: see `v4l2-ctl --list-formats-ext`"
+            )
+        if self._fps is not None:
+            capture.set_fps(self._fps)
+
+    def _grey(self, data: bytes) -> Image:
+        width, height = self._format.width, self._format.height
+        pixel_bytes = 2 if self._format.pixel_format.name == "YUYV" else 1
+        line = self._format.bytes_per_line or pixel_bytes * width
+        rows = np.frombuffer(data, np.uint8, count=line * height).reshape(height, line)
+        image: Image = rows[:, : pixel_bytes * width : pixel_bytes].copy()
+        image.setflags(write=False)
+        return image
+
+    def _set(self, name: str, value: float) -> float:
+        try:
+            control = self._device.controls[name]
+        except KeyError:
+            raise CameraSettingRefused(
+                f"{self.name} has no setting {name} (asked for {value:g}): leave it out (`v4l2-ctl -L` lists them)"
+            ) from None
+        control.value = round(value)
+        held = float(control.value)
+        # One unit of rounding is always allowed: controls are whole numbers.
+        if abs(held - value) > max(TOLERANCE * abs(value), 0.5):
+            raise CameraSettingRefused(f"{self.name} was asked for {name} {value:g} and holds {held:g}")
+        return held
+
+
+def _load() -> Any:
+    try:
+        return importlib.import_module("linuxpy.video.device")
+    except ImportError:
+        raise CameraBackendMissing("V4L2 with the kernel's numbers needs linuxpy: pip install linuxpy") from None

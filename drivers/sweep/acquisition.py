@@ -1,0 +1,230 @@
+"""Takes a scan: stripes arrive one by one, proved to be in step, while the mirror already turns to the next."""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from types import TracebackType
+
+import numpy as np
+
+from drivers.arrays import Image
+from drivers.board.laser_board import LaserBoard
+from drivers.cameras.camera import Camera
+from drivers.errors import AcquisitionNotEntered, DriverError
+from drivers.frame import Frame
+from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
+from drivers.sweep.firing_order import PlannedStripe, RowRangeOf, check_firing_order
+from drivers.sweep.options import AcquireOptions
+from drivers.sweep.proof import StripeProof
+from drivers.sweep.raw_stripe import RawStripe
+from drivers.sweep.scan_report import write_report
+from drivers.sweep.scan_worker import ScanWorker
+from drivers.sweep.sweep_worker import SweepWorker
+
+logger = logging.getLogger(__name__)
+# Seconds between two checks that the scan's thread still lives.
+POLL = 1.0
+# Seconds; more than a camera may take to return from a grab slice.
+JOIN = 2.0
+
+
+def acquire(
+    board: LaserBoard,
+    camera: Camera,
+    firing_order: Iterable[tuple[int, float]],
+    options: AcquireOptions | None = None,
+    *,
+    band: RowRangeOf | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> StripeStream:
+    """A scan to be taken in a `with` block, whose stripes are iterated.
+
+    ```python
+    with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:
+        for stripe in stripes:
+            processor.add(stripe.index, stripe.on, stripe.off)
+    report = stripes.report
+    ```
+
+    With `options.together`, `stripes.groups()` gives the stripes that are handed over together as a tuple.
+
+    The laser is off when the block is left, whatever happened in it.
+
+    Args:
+        board: an open board.
+        camera: an open camera.
+        firing_order: pairs (index, mirror angle [rad]) in the order to be taken.
+        options: None for the defaults (one off frame).
+        band: gives the rows (first, end) in which the stripe of an index can be; None: anywhere.
+        should_stop: asked often, from the scan's own thread; True ends the scan early.
+
+    Raises:
+        BadFiringOrder: the order is empty, repeats an index, or holds an angle that is not finite.
+    """
+    return StripeStream(board, camera, check_firing_order(firing_order), options or AcquireOptions(), band, should_stop)
+
+
+def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int:
+    """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
+
+    Returns:
+        Steps that the mirror had lost when it came home; if not 0, the scans since then are doubtful.
+
+    Raises:
+        BoardError: the board cannot be reached, or found no home.
+    """
+    first = check_firing_order(firing_order)[0]
+    board.ensure_ready()
+    lost = board.home()
+    board.clear_faults()
+    board.go_to_angle(first.mirror_angle)
+    return lost
+
+
+class StripeStream:
+    """One scan under way; made by `acquire`."""
+
+    def __init__(
+        self,
+        board: LaserBoard,
+        camera: Camera,
+        firing_order: tuple[PlannedStripe, ...],
+        options: AcquireOptions,
+        band: RowRangeOf | None,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        """Prepare; see `acquire`."""
+        self._board, self._band = board, band
+        self._firing_order = firing_order
+        kind = ScanWorker if options.sweep is None else SweepWorker
+        self._worker: ScanWorker | SweepWorker = kind(board, camera, self._firing_order, options, should_stop)
+        self._proof = StripeProof(options.limits)
+        self._verdicts: list[tuple[int, StripeVerdict]] = []
+        self._on_before: Image | None = None
+        self._waiting: deque[RawStripe] = deque()
+        self._entered = self._ended = False
+
+    def __enter__(self) -> StripeStream:
+        """Make the board ready (home, clear faults) and begin.
+
+        Raises:
+            MirrorOutOfRange: an angle is outside the board's travel.
+            BoardError: the board cannot work.
+        """
+        for stripe in self._firing_order:
+            self._board.step_at(stripe.mirror_angle)
+        self._board.ensure_ready()
+        self._entered = True
+        self._worker.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the laser out and end the scan."""
+        try:
+            self._worker.cancel()
+        except DriverError as failure:
+            # What ended the scan was raised while iterating; closing must not raise it again.
+            if error is None and not (self._ended and self._worker.failure is not None):
+                raise
+            logger.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
+        finally:
+            self._worker.join(JOIN)
+            if self._worker.is_alive():
+                logger.error("the camera does not return from a grab; the laser is off")
+
+    def __iter__(self) -> Iterator[StripeCapture]:
+        """Iterate over the stripes, each as it is handed over.
+
+        Raises:
+            AcquisitionNotEntered: outside the `with` block.
+            DriverError: what ended the scan; `report` says how many stripes came before.
+        """
+        while self._await_group():
+            while self._waiting:
+                yield self._judged(self._waiting.popleft())
+
+    def groups(self) -> Iterator[tuple[StripeCapture, ...]]:
+        """Iterate over the groups of stripes that are handed over together, for a caller that works on them at once.
+
+        Raises:
+            AcquisitionNotEntered: outside the `with` block.
+            DriverError: what ended the scan, after the last group; `report` says how many stripes came before.
+        """
+        while self._await_group():
+            yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))
+
+    @property
+    def report(self) -> ScanReport:
+        """The result of the scan, so far or at its end."""
+        return write_report(self._firing_order, self._worker, tuple(self._verdicts))
+
+    def _await_group(self) -> bool:
+        """Wait for stripes when none are waiting; False at the end of the scan."""
+        if not self._entered:
+            raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
+        if not self._waiting and not self._ended:
+            group = self._next_group()
+            if group is None:
+                self._ended = True
+                if self._worker.failure is not None:
+                    raise self._worker.failure
+            else:
+                self._waiting.extend(group)
+        return bool(self._waiting)
+
+    def _next_group(self) -> tuple[RawStripe, ...] | None:
+        """The next stripes from the scan's thread, None at its end."""
+        while True:
+            try:
+                return self._worker.items.get(timeout=POLL)
+            except queue.Empty:
+                if not self._worker.is_alive() and self._worker.items.empty():
+                    return None
+
+    def _judged(self, raw: RawStripe) -> StripeCapture:
+        verdict, evidence = self._verdict(raw)
+        self._verdicts.append((raw.stripe.index, verdict))
+        on = None if verdict is StripeVerdict.RESIZED else raw.on
+        if on is not None:
+            self._on_before = on.image
+        return StripeCapture(
+            index=raw.stripe.index,
+            mirror_angle=raw.stripe.mirror_angle,
+            mirror_angle_reached=raw.reached,
+            on=None if on is None else on.image,
+            off=None if raw.off is None else raw.off.image,
+            on_stamp=_stamp(on),
+            off_stamp=_stamp(raw.off),
+            verdict=verdict,
+            evidence=evidence,
+        )
+
+    def _verdict(self, raw: RawStripe) -> tuple[StripeVerdict, StripeEvidence | None]:
+        if raw.on is None:
+            return StripeVerdict.LOST, None
+        image = raw.on.image
+        reference = self._on_before if raw.off is None else raw.off.image
+        if reference is None:
+            return StripeVerdict.UNPROVED, None
+        before = self._on_before if self._on_before is not None else reference
+        if any(image.shape != other.shape or image.dtype != other.dtype for other in (reference, before)):
+            return StripeVerdict.RESIZED, None
+        band = None if self._band is None else self._band(raw.stripe.index)
+        verdict, evidence = self._proof.judge(
+            raw.stripe.mirror_angle, image, reference, reference_is_off=raw.off is not None, band=band
+        )
+        if verdict in (StripeVerdict.DARK, StripeVerdict.NOT_MOVED) and (
+            np.array_equal(image, reference) or (before is not reference and np.array_equal(image, before))
+        ):
+            verdict = StripeVerdict.REPEATED
+        return verdict, evidence
+
+
+def _stamp(frame: Frame | None) -> float:
+    return math.nan if frame is None else frame.stamp

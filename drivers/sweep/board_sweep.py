@@ -1,0 +1,95 @@
+"""The board's own sweep as the host sees it: fill the table, begin, receive a record of every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.board.board_records import BoardStatus
+from drivers.board.laser_board import LaserBoard
+from drivers.board.protocol import SWEEP_PLACES, SWEEP_STRIPES, WAIT_UNITS, BoardFlag, Request, SweepOffFrames
+from drivers.board.sweep_records import StripeRecord
+from drivers.errors import BoardTooOld
+from drivers.sweep.options import OffFrames
+
+OFF_FRAMES = {
+    OffFrames.NONE: SweepOffFrames.NONE,
+    OffFrames.ONE: SweepOffFrames.ONE,
+    OffFrames.PER_STRIPE: SweepOffFrames.PER_STRIPE,
+}
+NUMBERS = 128
+CLOCK_WRAP = (1 << 32) * 1e-6
+
+
+class BoardSweep:
+    """Sweeps of one open board."""
+
+    def __init__(self, board: LaserBoard) -> None:
+        """Take over the board.
+
+        Raises:
+            BoardTooOld: it speaks protocol 1.0.
+        """
+        status = board.status()
+        if BoardFlag.HAS_SWEEP not in status.flags:
+            major, minor = board.identity.protocol
+            raise BoardTooOld(
+                f"the laser board speaks protocol {major}.{minor} and cannot sweep by itself (1.1 can): flash "
+                "firmware/guara_board.uf2, or scan without AcquireOptions.sweep"
+            )
+        self.counts_exposures = BoardFlag.COUNTS_EXPOSURES in status.flags
+        self._board = board
+        self._number = status.motion % NUMBERS
+        self._first_clock: float | None = None
+
+    def prepare(self, flash: float, period: float, off: OffFrames) -> None:
+        """Set what holds for all sweeps of a scan.
+
+        Args:
+            flash: how long the laser shines for a stripe at most [s].
+            period: shortest time between two triggers [s].
+            off: which frames are taken in the dark.
+        """
+        self._board.command(Request.SWEEP_FLASH, round(flash * 1e6))
+        self._board.command(Request.SWEEP_PERIOD, round(period * 1e6))
+        self.set_off_frames(off)
+
+    def set_off_frames(self, off: OffFrames) -> None:
+        """Set which frames are taken in the dark."""
+        self._board.command(Request.SWEEP_OFF_FRAMES, int(OFF_FRAMES[off]))
+
+    def begin(self, steps: Sequence[int], waits: Sequence[int], first: int = 0) -> BoardStatus:
+        """Fill the table and begin; return the status, whose `motion` marks this sweep's records.
+
+        Args:
+            steps: mirror's motor steps of the stripes, in order, at most 256.
+            waits: wait before each stripe's trigger, in units of 0.5 ms.
+            first: place of the table where they begin; what stands there already is not sent again.
+
+        Raises:
+            BoardError: the board refuses.
+        """
+        if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
+            raise ValueError(f"{len(steps)} stripes with {len(waits)} waits, allowed are 1 ... {SWEEP_STRIPES} of each")
+        if not all(0 <= wait <= WAIT_UNITS for wait in waits):
+            raise ValueError(f"waits {min(waits)} ... {max(waits)}, allowed are 0 ... {WAIT_UNITS}")
+        table = self._board.sweep_table
+        for place, (step, wait) in enumerate(zip(steps, waits, strict=True), first):
+            argument = _signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF)
+            if table.get(place) != argument:
+                self._board.command(Request.SWEEP_STEP, argument)
+                table[place] = argument
+        self._board.wait_until_still()
+        while self._board.read_record(0.001) is not None:
+            pass
+        self._number = (self._number + 1) % NUMBERS
+        return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
+
+    def clock_of(self, record: StripeRecord) -> float:
+        """Return the trigger's time [s] since this object's first record, past the wrap of the board's clock."""
+        if self._first_clock is None:
+            self._first_clock = record.clock
+        return (record.clock - self._first_clock + 0.5 * CLOCK_WRAP) % CLOCK_WRAP - 0.5 * CLOCK_WRAP
+
+
+def _signed(argument: int) -> int:
+    return argument - (1 << 32) if argument >= 1 << 31 else argument

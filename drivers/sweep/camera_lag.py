@@ -1,0 +1,150 @@
+"""Measures a camera's lag: how old the oldest light in a frame is when the frame arrives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers import timing
+from drivers.arrays import Float32, Image
+from drivers.board.laser_board import LaserBoard
+from drivers.cameras.camera import Camera
+from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
+from drivers.frame import Frame
+
+# Share of the laser's light at which a frame counts as wholly lit, or wholly dark.
+FULL, NONE = 0.9, 0.1
+GOLDEN = 0.618034
+# Largest share of the stripe's pixels that may be clipped.
+MAX_CLIPPED = 0.1
+# Frames after which any pipeline shows the new state.
+SETTLE_FRAMES = 6
+# Frames to wait for a change before the camera is taken not to see the laser.
+MOST_FRAMES = 20
+
+
+@dataclass(frozen=True, slots=True)
+class LagMeasurement:
+    """The lag of a camera.
+
+    Attributes:
+        lag: a frame stamped t shows nothing older than t - lag [s], except for at most a tenth of its light, which
+            noise hides; the upper end of what was measured.
+        uncertainty: by how much the true lag may be shorter [s].
+        period: time between frames [s].
+        toggles: how often the laser was switched.
+    """
+
+    lag: float
+    uncertainty: float
+    period: float
+    toggles: int
+
+
+def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
+    """Switch the laser at all phases of the frame and see which frames show it.
+
+    The camera is not changed: set its `lag` to the result yourself. The stripe must not be clipped: meter the
+    exposure first. The laser is off afterwards, whatever happens.
+
+    Args:
+        board: an open board, mirror at rest where the camera sees the stripe.
+        camera: an open camera.
+        toggles: how often to switch, at least 4; the uncertainty falls with it.
+        timeout: longest wait for a frame [s].
+
+    Raises:
+        ValueError: too few toggles.
+        LaserNotSeen: the pictures do not depend on the laser, or contradict one another.
+        StripeClipped: the stripe is too bright to tell a partial exposure from a whole one.
+        CameraTimeout: no frame came.
+    """
+    if toggles < 4:
+        raise ValueError(f"toggles is {toggles}, at least 4 are needed")
+    shortest, longest = 0.0, math.inf
+    try:
+        board.laser_off()
+        dark, _ = _settled(board, camera, timeout)
+        board.laser_on()
+        lit, period = _settled(board, camera, timeout)
+        share = _ShareOfLight(dark.image, lit.image)
+        on = True
+        for turn in range(toggles):
+            on = not on
+            # Multiples of the golden section distribute the switchings evenly over the period.
+            timing.sleep(turn * GOLDEN % 1.0 * period)
+            board.status()
+            before = timing.monotonic()
+            board.laser_on() if on else board.laser_off()
+            after = timing.monotonic()
+            for _ in range(MOST_FRAMES):
+                frame = camera.grab(timeout)
+                board.status()
+                value = share.of(frame.image) if on else 1.0 - share.of(frame.image)
+                if frame.stamp <= before:
+                    continue
+                if value >= FULL:
+                    longest = min(longest, max(0.0, frame.stamp - before))
+                    break
+                shortest = max(shortest, frame.stamp - after)
+            else:
+                raise LaserNotSeen(
+                    f"{MOST_FRAMES} frames after the laser was switched {'on' if on else 'off'}, "
+                    f"{camera.name} does not show it: does anything else light the scene?"
+                )
+    finally:
+        board.laser_off()
+    if longest < shortest:
+        raise LaserNotSeen(
+            f"{camera.name}: some frames show the laser {(shortest - longest) * 1e3:.1f} ms earlier than others allow: "
+            "is the stripe clipped, does anything else light the scene?"
+        )
+    return LagMeasurement(longest, longest - shortest, period, toggles)
+
+
+class _ShareOfLight:
+    """Says how much of the laser's light a frame holds, 0 ... 1, from a dark and a lit one."""
+
+    def __init__(self, dark: Image, lit: Image) -> None:
+        self._dark = dark
+        difference = _flat(lit) - _flat(dark)
+        noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
+        full = float(np.iinfo(lit.dtype).max)
+        threshold = max(0.05 * full, 8.0 * noise, 0.3 * float(difference.max(initial=0.0)))
+        self._where = np.nonzero(difference > threshold)
+        brightest = lit.max(axis=2) if lit.ndim == 3 else lit
+        clipped = float(np.mean(brightest[self._where] >= 0.99 * full)) if len(self._where[0]) else 0.0
+        if clipped > MAX_CLIPPED:
+            raise StripeClipped(
+                f"{clipped:.0%} of the stripe is clipped, at most {MAX_CLIPPED:.0%} may be: meter_exposure() first, "
+                "so that a partial exposure looks different from a whole one"
+            )
+        self._whole = float(difference[self._where].sum())
+        if len(self._where[0]) < difference.shape[1] // 50 + 1:
+            raise LaserNotSeen(
+                "the pictures with the laser on and off do not differ: is it covered, does the camera see it?"
+            )
+
+    def of(self, image: Image) -> float:
+        """The share of light in `image`."""
+        return float((_flat(image) - _flat(self._dark))[self._where].sum()) / self._whole
+
+
+def _flat(image: Image) -> Float32:
+    values = image.astype(np.float32)
+    return values.sum(axis=2) if values.ndim == 3 else values
+
+
+def _settled(board: LaserBoard, camera: Camera, timeout: float) -> tuple[Frame, float]:
+    camera.flush()
+    frames = []
+    for _ in range(SETTLE_FRAMES):
+        frames.append(camera.grab(timeout))
+        board.status()
+    span = frames[-1].stamp - frames[0].stamp
+    count = frames[-1].counter - frames[0].counter
+    if span <= 0 or count <= 0:
+        raise CameraTimeout(f"{camera.name} delivers frames without rhythm: a replay has no lag to measure")
+    return frames[-1], span / count

@@ -1,0 +1,168 @@
+"""Meters the exposure before a scan: the stripe bright, but not clipped, and says when it cannot be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers import timing
+from drivers.arrays import Image
+from drivers.board.laser_board import LaserBoard
+from drivers.cameras.camera import Camera, CameraSettings
+from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
+from drivers.sweep.frame_grabber import FrameGrabber
+from drivers.sweep.options import AcquireOptions
+
+# Sampled columns.
+SAMPLES = 160
+
+
+@dataclass(frozen=True, slots=True)
+class MeteringResult:
+    """What metering found.
+
+    Attributes:
+        exposure: the exposure that was set last [s]; None when the camera's exposure cannot be set.
+        stripe_level: brightness of the stripe's ridge, median over the columns that show it, 0 ... 1 of full scale.
+        background_level: median brightness with the laser off, 0 ... 1.
+        clipped_fraction: share of those columns whose ridge is clipped.
+        settled: whether the brightness of the ridge is within the wanted range.
+        advice: what to do when it is not; empty otherwise.
+    """
+
+    exposure: float | None
+    stripe_level: float
+    background_level: float
+    clipped_fraction: float
+    settled: bool
+    advice: str
+
+
+def meter_exposure(
+    board: LaserBoard,
+    camera: Camera,
+    mirror_angle: float,
+    *,
+    exposure: float | None = None,
+    limits: tuple[float, float] = (0.0005, 0.03),
+    levels: tuple[float, float] = (0.5, 0.9),
+    max_rounds: int = 8,
+) -> MeteringResult:
+    """Look at one stripe and set the exposure so that its ridge lies within `levels` of the full scale.
+
+    The laser is off afterwards, whatever happens.
+
+    Args:
+        board: an open board, ready for a scan.
+        camera: an open camera.
+        mirror_angle: mirror angle of the stripe to look at [rad]; the centre of the sweep is a good choice.
+        exposure: the first exposure to try [s]; None leaves the camera's exposure alone and only measures.
+        limits: shortest and longest exposure allowed [s].
+        levels: wanted brightness of the ridge, 0 ... 1.
+        max_rounds: exposures tried at most.
+
+    Raises:
+        ValueError: limits or levels not in rising order.
+        CameraSettingRefused: the camera does not take an exposure.
+        LaserNotSeen: no column shows the laser at any exposure tried.
+        CameraTimeout: no frame came.
+    """
+    for name, (low, high) in (("limits", limits), ("levels", levels)):
+        if not 0 < low < high:
+            raise ValueError(f"{name} are {low} ... {high}, they must rise and be above 0")
+    grabber = FrameGrabber(camera, board, AcquireOptions(), _never)
+    board.go_to_angle(mirror_angle)
+    held = exposure
+    for _ in range(max_rounds):
+        if held is not None:
+            held = camera.lock(CameraSettings(exposure=min(max(held, limits[0]), limits[1]))).exposure
+        measured = _measure(board, camera, grabber)
+        factor = measured.factor(levels)
+        if held is None or factor == 1.0 or _at_limit(held, factor, limits):
+            break
+        held *= factor
+    if math.isnan(measured.ridge):
+        raise LaserNotSeen(
+            "no column of the picture shows the laser: is it covered, does the camera look at the stripe, is the "
+            f"exposure ({'unknown' if held is None else f'{held * 1e3:g} ms'}) too short?"
+        )
+    settled = measured.factor(levels) == 1.0
+    return MeteringResult(
+        exposure=held,
+        stripe_level=measured.ridge,
+        background_level=measured.background,
+        clipped_fraction=measured.clipped,
+        settled=settled,
+        advice="" if settled else _advice(measured, levels),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Brightness:
+    ridge: float
+    background: float
+    clipped: float
+
+    def factor(self, levels: tuple[float, float]) -> float:
+        """The factor by which to change the exposure; 1 when it is right."""
+        if math.isnan(self.ridge):
+            return 2.0 if self.background < levels[1] else 0.5
+        if levels[0] <= self.ridge <= levels[1]:
+            return 1.0
+        wanted = 0.5 * (levels[0] + levels[1])
+        return min(4.0, max(0.25, wanted / max(self.ridge, 1e-3)))
+
+
+def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Brightness:
+    board.laser_off()
+    grabber.restart()
+    off = grabber.after(timing.monotonic())
+    try:
+        board.laser_on()
+        on = grabber.after(timing.monotonic())
+    finally:
+        board.laser_off()
+    if on is None or off is None:
+        raise CameraTimeout(f"{camera.name} brought no frame while the exposure was metered: check its cable")
+    if on.image.shape != off.image.shape:
+        raise CameraError(f"{camera.name} changed its picture from {off.image.shape} to {on.image.shape}")
+    return brightness_of(on.image, off.image)
+
+
+def brightness_of(on: Image, off: Image) -> _Brightness:
+    """The brightness of ridge and background, and the share of clipped columns."""
+    full = float(np.iinfo(on.dtype).max)
+    stride = max(1, on.shape[1] // SAMPLES)
+    bright, dark = (_strongest(image[:, ::stride]) / full for image in (on, off))
+    difference = bright - dark
+    rows = difference.argmax(axis=0)[None, :]
+    rise = np.take_along_axis(difference, rows, axis=0)[0]
+    ridge = np.take_along_axis(bright, rows, axis=0)[0]
+    noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
+    lit = rise - np.median(difference) > max(0.02, 8.0 * noise)
+    background = float(np.median(dark))
+    if lit.mean() < 0.02:
+        return _Brightness(math.nan, background, 0.0)
+    return _Brightness(float(np.median(ridge[lit])), background, float(np.mean(ridge[lit] >= 0.996)))
+
+
+def _strongest(image: Image) -> np.ndarray:
+    values = image.astype(np.float32)
+    return values.max(axis=2) if values.ndim == 3 else values
+
+
+def _at_limit(held: float, factor: float, limits: tuple[float, float]) -> bool:
+    return (factor < 1 and held <= limits[0] * 1.01) or (factor > 1 and held >= limits[1] * 0.99)
+
+
+def _advice(measured: _Brightness, levels: tuple[float, float]) -> str:
+    what = f"the stripe's ridge is at {measured.ridge:.2f} of full scale, wanted {levels[0]:g} ... {levels[1]:g}"
+    if measured.ridge > levels[1] or measured.clipped > 0.5:
+        return f"{what}: close the iris or shade the scene, the exposure cannot go lower"
+    return f"{what}: open the iris or raise the gain, the exposure cannot go higher"
+
+
+def _never() -> None:
+    """Never give up: metering takes a few frames only."""

@@ -1,0 +1,62 @@
+"""How a scan is taken: which off frames, how long to wait, how much to buffer."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+from drivers.sweep.proof import ProofLimits
+from drivers.sweep.sweep_options import SweepOptions
+
+
+class OffFrames(enum.Enum):
+    """Frames with the laser off, against which the others are compared."""
+
+    PER_STRIPE = "per stripe"
+    """One after each on frame, while the mirror turns: safe in changing light, twice the frames."""
+    ONE = "one"
+    """One before the first stripe, shared by all: for light that does not change during a scan."""
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcquireOptions:
+    """Options of `acquire`; checks itself.
+
+    Attributes:
+        off: which off frames are taken.
+        frame_timeout: how long to wait for a frame of a stripe before it counts as lost [s].
+        max_lost: lost frames in a row that end the scan.
+        flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
+        queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when the queue is
+            full, the scan waits with the laser off.
+        together: stripes that are handed to the caller in one group, once the last of them has come. Towards the end
+            groups become smaller, at most twice as large as the number of stripes still to come, and the last stripe
+            comes alone: it need not wait if the caller takes at most half a frame's time for a stripe. Work in bursts
+            finds its code and data in the processor's caches: on a machine that is idle between frames it takes over
+            a third less time. Each stripe costs the memory of a frame.
+        limits: when a difference between frames counts.
+        sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
+            mirror and the camera runs freely. A sweep does not wait for a slow caller: all of its frames may queue up.
+
+    Raises:
+        ValueError: a value outside what is allowed.
+    """
+
+    off: OffFrames = OffFrames.ONE
+    frame_timeout: float = 1.0
+    max_lost: int = 2
+    flush_frames: int = 2
+    queue_size: int = 4
+    together: int = 1
+    limits: ProofLimits = field(default_factory=ProofLimits)
+    sweep: SweepOptions | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not (math.isfinite(self.frame_timeout) and self.frame_timeout > 0):
+            raise ValueError(f"frame_timeout is {self.frame_timeout} s, it must be finite and above 0")
+        for name, lowest in (("max_lost", 1), ("flush_frames", 0), ("queue_size", 1), ("together", 1)):
+            if getattr(self, name) < lowest:
+                raise ValueError(f"{name} is {getattr(self, name)}, it must be {lowest} or more")

@@ -1,0 +1,144 @@
+"""The thread of a scan: turns the mirror, switches the laser, takes the frames, hands the stripes over."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable
+
+from drivers import timing
+from drivers.board.laser_board import LaserBoard
+from drivers.cameras.camera import Camera
+from drivers.errors import CameraTimeout
+from drivers.frame import Frame
+from drivers.sweep.firing_order import PlannedStripe
+from drivers.sweep.frame_grabber import FrameGrabber
+from drivers.sweep.options import AcquireOptions, OffFrames
+from drivers.sweep.raw_stripe import RawStripe
+from drivers.sweep.stripe_worker import StripeWorker
+
+# Seconds between two checks whether to stop, while the caller is slow.
+QUEUE_SLICE = 0.05
+
+
+class ScanWorker(StripeWorker):
+    """Takes one scan stripe by stripe, with a camera that runs freely; the queue to the caller is bounded.
+
+    Attributes:
+        grabber: takes the frames from the camera, and counts them.
+    """
+
+    def __init__(
+        self,
+        board: LaserBoard,
+        camera: Camera,
+        firing_order: tuple[PlannedStripe, ...],
+        options: AcquireOptions,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        """Prepare; `start` begins."""
+        groups = -(-options.queue_size // options.together)
+        super().__init__("scan", board, camera, firing_order, options, should_stop, groups)
+        self._lost_in_row = 0
+        self._group: list[RawStripe] = []
+        self._steps: list[int] = []
+        self.grabber = FrameGrabber(camera, board, options, self._check)
+
+    def _take(self) -> None:
+        self.grabber.restart()
+        # All at once, not one between frames: after a sleep each call costs many times as much.
+        self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
+        if self._options.off is OffFrames.PER_STRIPE:
+            self._take_pairs()
+        else:
+            self._take_sweep()
+
+    def _end(self) -> None:
+        if self._group:
+            self._put(tuple(self._group))
+        self._put(None)
+
+    def _take_pairs(self) -> None:
+        reached = self._board.go_to_step(self._steps[0], wait=False)
+        for number, stripe in enumerate(self._firing_order):
+            self._board.wait_until_still()
+            self._check()
+            self.switch.on()
+            self.fired.append(stripe.index)
+            on = self._frame()
+            self.switch.off()
+            dark = timing.monotonic()
+            here, reached = reached, self._move_on(number, reached)
+            # The off frame does not care where the mirror is, so the mirror turns meanwhile.
+            off = self._off_frame(dark)
+            self._collect(number, RawStripe(stripe, here, on, off))
+
+    def _take_sweep(self) -> None:
+        self.switch.off()
+        reached = self._board.go_to_step(self._steps[0], wait=False)
+        off = self._off_frame(timing.monotonic()) if self._options.off is OffFrames.ONE else None
+        for number, stripe in enumerate(self._firing_order):
+            # A camera that runs freely, with the laser on anyway, takes its next frame meanwhile: one wait instead of
+            # two, and the board says afterwards whether the mirror was still. A replay (lag 0) or a camera
+            # of unknown lag is asked only after the mirror is still.
+            self._check()
+            ahead = bool(self._camera.lag) and self.switch.may_stay_on
+            if not ahead:
+                self.switch.keep_on(self._board.wait_until_still().laser_commanded)
+            self.fired.append(stripe.index)
+            on = self._frame(self._lit_and_still if ahead else None)
+            here, reached = reached, self._move_on(number, reached)
+            if number + 1 == len(self._firing_order):
+                self.switch.off()
+            self._collect(number, RawStripe(stripe, here, on, off))
+
+    def _move_on(self, number: int, reached: float) -> float:
+        if number + 1 < len(self._firing_order):
+            return self._board.go_to_step(self._steps[number + 1], wait=False)
+        return reached
+
+    def _off_frame(self, dark_since: float) -> Frame | None:
+        frame = self.grabber.after(dark_since)
+        self.off_frames_lost += frame is None
+        return frame
+
+    def _lit_and_still(self) -> float:
+        """Wait until the mirror is still; return since when it is still with the laser on [s]."""
+        status, since = self._board.still_since()
+        if status.laser_commanded:
+            return since
+        self.switch.keep_on(False)
+        return timing.monotonic()
+
+    def _frame(self, proved: Callable[[], float] | None = None) -> Frame | None:
+        frame = self.grabber.after(timing.monotonic(), proved)
+        self._lost_in_row = 0 if frame is not None else self._lost_in_row + 1
+        if self._lost_in_row >= self._options.max_lost:
+            raise CameraTimeout(
+                f"{self._camera.name} brought no frame for {self._lost_in_row} stripes in a row "
+                f"({self._options.frame_timeout:g} s each): check its cable and whether its exposure fits"
+            )
+        return frame
+
+    def _collect(self, number: int, stripe: RawStripe) -> None:
+        """Hand a group over when it is full, or too large for what is still to come."""
+        self._group.append(stripe)
+        left = len(self._firing_order) - 1 - number
+        if len(self._group) < min(self._options.together, 2 * left - 2):
+            return
+        must_wait = self.items.full()
+        if must_wait:
+            self.switch.off()
+        if self._put(tuple(self._group)):
+            self._group.clear()
+            if must_wait:
+                self.grabber.restart()
+
+    def _put(self, item: tuple[RawStripe, ...] | None) -> bool:
+        """Wait for room in the queue; False when the scan was cancelled instead."""
+        while not self._cancelled.is_set():
+            try:
+                self.items.put(item, timeout=QUEUE_SLICE)
+                return True
+            except queue.Full:
+                continue
+        return False

@@ -1,0 +1,247 @@
+"""The thread of a scan that the board sweeps by itself: reads records, takes frames, hands over proved stripes."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers import timing
+from drivers.arrays import Float
+from drivers.board.laser_board import LaserBoard
+from drivers.board.protocol import SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
+from drivers.board.sweep_records import StripeRecord
+from drivers.cameras.camera import Camera
+from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
+from drivers.frame import Frame
+from drivers.sweep.board_sweep import BoardSweep
+from drivers.sweep.firing_order import PlannedStripe
+from drivers.sweep.options import AcquireOptions, OffFrames
+from drivers.sweep.raw_stripe import RawStripe
+from drivers.sweep.stripe_worker import StripeWorker
+from drivers.sweep.sweep_options import SweepOptions
+from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
+
+logger = logging.getLogger(__name__)
+# Seconds for a frame, for a report, and between two questions that feed the board's watchdog.
+FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
+# Seconds after the last trigger in which frames may still arrive.
+LAST_FRAMES = 0.1
+NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
+
+
+@dataclass
+class FrameCounts:
+    """Counts of frames, named as those of `FrameGrabber`."""
+
+    used: int = 0
+    skipped: int = 0
+    dropped: int = 0
+    repeated: int = 0
+    last_stamp: float = 0.0
+
+
+@dataclass
+class Sweep:
+    """One sweep under way: its stripes by place, its records, its frames."""
+
+    stripes: Sequence[PlannedStripe]
+    motion: int
+    first: int = 0
+    records: list[StripeRecord] = field(default_factory=list)
+    clocks: list[float] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    done: set[int] = field(default_factory=set)
+    ended_at: float | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every stripe was handed over."""
+        return len(self.done) == len(self.stripes)
+
+
+class SweepWorker(StripeWorker):
+    """Takes one scan as `ScanWorker` does, with the same attributes; a frame that is not proved is a lost stripe."""
+
+    def __init__(
+        self,
+        board: LaserBoard,
+        camera: Camera,
+        firing_order: tuple[PlannedStripe, ...],
+        options: AcquireOptions,
+        should_stop: Callable[[], bool] | None,
+    ) -> None:
+        """Prepare; `start` begins."""
+        # A sweep waits for nobody, so the queue has no bound but the number of stripes.
+        super().__init__("sweep", board, camera, firing_order, options, should_stop, 0)
+        self._sweep_options = options.sweep or SweepOptions()
+        self._match = ClockMatch(self._sweep_options.tolerance)
+        self._counted = False
+        self._period = 0.0
+        self._off: Frame | None = None
+        self._off_settled = options.off is not OffFrames.ONE
+        self._fed = 0.0
+        self._last_counter: int | None = None
+        self.grabber = FrameCounts(last_stamp=timing.monotonic())
+
+    def _take(self) -> None:
+        if not self._camera.triggered:
+            raise CameraNotTriggered(
+                f"{self._camera.name} runs freely: a sweep needs a camera that waits for the board's trigger and gives "
+                "its own time; scan without AcquireOptions.sweep"
+            )
+        sweeps = BoardSweep(self._board)
+        self._counted = sweeps.counts_exposures
+        if not self._counted:
+            self.notes.append("exposures not counted: frames are proved by their times alone")
+        self._camera.flush()
+        self._period = max(self._sweep_options.period, self._camera.trigger_period)
+        sweeps.prepare(self._sweep_options.flash, self._period, self._options.off)
+        missing: Sequence[PlannedStripe] = self._firing_order
+        for attempt in range(1 + self._sweep_options.repeats):
+            if attempt:
+                logger.warning("%d stripes were not proved and are taken again", len(missing))
+                self.notes.append(f"{len(missing)} stripes were taken again")
+                if self._off is not None:
+                    sweeps.set_off_frames(OffFrames.NONE)
+            missing = self._take_sweep(sweeps, missing, SWEEP_STRIPES if attempt else 0)
+            if not missing:
+                break
+        if self._options.off is OffFrames.ONE and self._off is None:
+            self.off_frames_lost += 1
+        for stripe in missing:
+            angle = self._board.identity.angle_of(self._board.step_at(stripe.mirror_angle))
+            self.items.put((RawStripe(stripe, angle, None, None),))
+
+    def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
+        """Take one sweep, hand over what is proved, return the stripes that are not."""
+        steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
+        begun = sweeps.begin(steps, self._waits(steps), first)
+        sweep = Sweep(stripes, begun.motion, first)
+        self._off_settled = self._off_settled or self._off is not None
+        while not self._is_over(sweep):
+            self._check()
+            self._feed(sweep)
+            self._read_records(sweeps, sweep)
+            self._grab(sweep)
+            self._hand_over(sweep)
+        return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
+
+    def _waits(self, steps: Sequence[int]) -> list[int]:
+        """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, none after that.
+
+        Where necessary they are lengthened by the time that the camera needs anyway: its period would swallow them, and
+        all gaps would be even.
+        """
+        if self._match.proved:
+            return [0] * len(steps)
+        motion_profile = self._board.motion_profile()
+        needed = self._period * (2 if self._options.off is OffFrames.PER_STRIPE else 1)
+        waits = uneven_waits(len(steps), self._sweep_options.tolerance)
+        for place, wait in enumerate(waits):
+            if wait:
+                move = motion_profile.time(steps[place] - steps[max(place - 1, 0)])
+                spare = needed - (move + motion_profile.settle + self._sweep_options.flash)
+                waits[place] = min(wait + max(0, math.ceil(spare / WAIT_UNIT)), WAIT_UNITS)
+        return waits
+
+    def _is_over(self, sweep: Sweep) -> bool:
+        if sweep.ended_at is None:
+            return False
+        return sweep.complete or timing.monotonic() > sweep.ended_at + LAST_FRAMES
+
+    def _feed(self, sweep: Sweep) -> None:
+        now = timing.monotonic()
+        if now - self._fed < FEED_PERIOD and not (sweep.records and sweep.records[-1].left == 0):
+            return
+        self._fed = now
+        status = self._board.status()
+        if BoardFlag.SWEEPING in status.flags:
+            return
+        if sweep.ended_at is None:
+            sweep.ended_at = now
+        blocking = status.faults & (NO_LASER | BoardFault.LASER_DEAD)
+        if blocking:
+            raise LaserRefused(f"the board ended the sweep: {describe_faults(blocking)}")
+
+    def _read_records(self, sweeps: BoardSweep, sweep: Sweep) -> None:
+        while (record := self._board.read_record(REPORT_SLICE)) is not None:
+            if not isinstance(record, StripeRecord) or record.motion != sweep.motion & 0xFFFF:
+                continue
+            sweep.records.append(record)
+            sweep.clocks.append(sweeps.clock_of(record))
+            if record.shot is Shot.STRIPE and record.lit > 0:
+                self.fired.append(sweep.stripes[record.place - sweep.first].index)
+
+    def _grab(self, sweep: Sweep) -> None:
+        try:
+            frame = self._camera.grab(FRAME_SLICE)
+        except CameraTimeout:
+            return
+        if self._last_counter is not None:
+            if frame.counter <= self._last_counter:
+                self.grabber.repeated += 1
+                return
+            self.grabber.dropped += frame.counter - self._last_counter - 1
+        self._last_counter = frame.counter
+        if frame.device_time is None:
+            self.grabber.skipped += 1
+            return
+        self.grabber.last_stamp = frame.stamp
+        sweep.frames.append(frame)
+
+    def _hand_over(self, sweep: Sweep) -> None:
+        """Hand over the stripes whose frames are proved by now."""
+        stamps = np.array([frame.device_time for frame in sweep.frames], dtype=float)
+        self._match.learn(np.array(sweep.clocks), stamps)
+        if not self._match.proved:
+            return
+        ready = []
+        for number, record in enumerate(sweep.records):
+            self._settle_off(sweep, number, stamps)
+            if record.shot is Shot.OFF or record.place in sweep.done:
+                continue
+            on = self._proved(sweep, number, stamps)
+            off, may_go = self._off_of(sweep, number, stamps)
+            if on is None or not may_go:
+                continue
+            sweep.done.add(record.place)
+            self.grabber.used += 1
+            ready.append(
+                RawStripe(
+                    sweep.stripes[record.place - sweep.first], self._board.identity.angle_of(record.step), on, off
+                )
+            )
+        if ready:
+            self.items.put(tuple(ready))
+
+    def _settle_off(self, sweep: Sweep, number: int, stamps: Float) -> None:
+        """Look for the shared off frame; when the frame of a later trigger has come and it has not, it never will."""
+        if self._off_settled or sweep.records[number].shot is not Shot.OFF:
+            return
+        self._off = self._proved(sweep, number, stamps)
+        later = range(number + 1, len(sweep.records))
+        self._off_settled = self._off is not None or any(self._proved(sweep, other, stamps) for other in later)
+
+    def _off_of(self, sweep: Sweep, number: int, stamps: Float) -> tuple[Frame | None, bool]:
+        """The off frame of a stripe, and whether the stripe may be handed over with it."""
+        if self._options.off is not OffFrames.PER_STRIPE:
+            return self._off, self._off_settled
+        if number + 1 >= len(sweep.records):
+            return None, False
+        off = self._proved(sweep, number + 1, stamps)
+        return off, off is not None
+
+    def _proved(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
+        record = sweep.records[number]
+        wrong_light = (record.lit > 0) != (record.shot is Shot.STRIPE)
+        if wrong_light or record.faults & NO_LASER or (self._counted and record.exposures != 1):
+            return None
+        found = self._match.frame_of(sweep.clocks[number], stamps)
+        return None if found is None else sweep.frames[found]
+
+    def _end(self) -> None:
+        self.items.put(None)
