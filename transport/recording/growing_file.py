@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -13,13 +15,21 @@ class GrowingFile:
         pending: what was not appended yet.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Create the file, or empty it.
+    def __init__(self, path: Path, *, empties: bool = False) -> None:
+        """Create the file.
+
+        Args:
+            path: name of the file.
+            empties: whether one that is there is emptied.
 
         Raises:
-            OSError: it cannot be created.
+            OSError: it cannot be created, or is there.
         """
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        how = os.O_TRUNC if empties else os.O_EXCL
+        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | how | os.O_CLOEXEC, 0o666)
+        # Tells others that the file still grows; the lock goes with the process. Some network disks have none.
+        with suppress(OSError):
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
         self.pending = bytearray()
 

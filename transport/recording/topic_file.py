@@ -38,20 +38,27 @@ class TopicFile:
         if path.exists():
             raise RecordingError(f"{path} exists; give another name, or remove it first")
         try:
-            self._file = GrowingFile(self._partial)
+            self._file = GrowingFile(self._partial, empties=atomic)
         except OSError as error:
             raise RecordingError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="guara-perception")
 
+    @property
+    def size(self) -> int:
+        """[byte] Size of the file, with what waits for the disk."""
+        return self._file.tell()
+
     def attach(self, name: str, kind: str, content: bytes) -> None:
-        """Attach a file's content.
+        """Attach a file's content; a full disk gets it later.
 
         Raises:
             RecordingError: the file is closed.
         """
         self._check_open()
         self._writer.add_attachment(0, 0, name, kind, content)
+        with suppress(OSError):
+            self._file.append()
 
     def add(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
         """Add a CDR payload by the name of its topic in `TYPES`; `stamp` [ns] is its publish time, None for now.

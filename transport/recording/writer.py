@@ -54,7 +54,7 @@ class RecordingWriter:
             sync: whether to wait for the disk at each acknowledgement too, against loss of power.
 
         Raises:
-            RecordingError: the file exists or cannot be written.
+            RecordingError: the file exists or cannot be created; a full disk is told when something is acknowledged.
         """
         self.path = Path(path)
         self._topics = Topics(robot)
@@ -65,7 +65,7 @@ class RecordingWriter:
         self._stripes = 0
         self._file = TopicFile(self.path, self._topics, atomic=atomic, sync=sync)
         if calibration is not None:
-            self.add_calibration(calibration)
+            self._file.attach(CALIBRATION_NAME, "application/json", calibration)
 
     def __enter__(self) -> Self:
         """The writer itself."""
@@ -80,6 +80,12 @@ class RecordingWriter:
                 self._file.discard()
         else:
             self.close()
+
+    @property
+    def size(self) -> int:
+        """[byte] Size of the file so far."""
+        with self._lock:
+            return self._file.size
 
     def add_calibration(self, text: bytes) -> None:
         """Attach the text of a `calibration.json`; the last one counts."""

@@ -22,7 +22,13 @@ JPEG_QUALITY = 90
 @click.command(name="run")
 @device_options
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
-@click.option("--record", type=click.Path(path_type=Path), help="record every scan into this new .mcap file")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    help="record every scan into this .mcap file, the next (w-2.mcap after w.mcap) where it is there already, or into "
+    "files of 1 GB in this folder",
+)
+@click.option("--record-limit", help="what all files of the folder may take, as 50GB: the oldest are removed")
 @click.option(
     "--jpeg", type=click.IntRange(1, 100), help=f"record frames as JPEG of this quality; default: {JPEG_QUALITY}"
 )
@@ -57,6 +63,7 @@ JPEG_QUALITY = 90
 def command(
     simulated: bool,
     record: Path | None,
+    record_limit: str | None,
     jpeg: int | None,
     lossless: bool,
     ros2: bool,
@@ -77,10 +84,12 @@ def command(
     \b
     Example:
       guara run -c calibration.json --record walk.mcap
+      guara run -c calibration.json --record recordings --record-limit 50GB
       guara run --simulated
       guara run -c calibration.json --security keys --uplink tls/site.local:7447
     """
     from guara_perception.app.bounded_close import closed_within
+    from guara_perception.app.files.recording_files import read_limit
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
@@ -94,6 +103,7 @@ def command(
 
     if lossless and jpeg is not None:
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
+    limit = None if record_limit is None else read_limit(record_limit, record)
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
         raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
     quality = None if lossless else jpeg or JPEG_QUALITY
@@ -133,6 +143,7 @@ def command(
                     calibration=rig.calibration,
                     jpeg_quality=quality,
                     scene=scene,
+                    limit=limit,
                 )
             )
         node = stack.enter_context(
@@ -151,8 +162,12 @@ def command(
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
             click.echo(f"{instance}: uplink to {uplink}, dialled again whenever it is gone")
-        if record is not None:
-            click.echo(f"recording to {record}: {recording_size(quality)}")
+        if recorder is not None:
+            click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
+            if cut := recorder.cut:
+                click.echo(
+                    f"{len(cut)} files of before were cut: `guara recover {cut[-1]} WHOLE.mcap` restores the last"
+                )
         if rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 

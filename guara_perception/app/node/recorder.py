@@ -1,4 +1,4 @@
-"""Writes live scans, with the stance before and after each, and their grids into one MCAP file, on its own thread."""
+"""Writes live scans, with the stance before and after each, and their grids into MCAP files, on its own thread."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Self
 
 import cv2
 
+from guara_perception.app.files.recording_files import RecordingFiles
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.writer_thread import WriterThread
 from guara_perception.app.scene.scene import Scene
@@ -20,7 +21,8 @@ from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
-from transport import Health, StanceMessage, StancePause, StatusItem, TerrainMessage
+from transport import Health, PausePhase, StanceMessage, StancePause, StatusItem, TerrainMessage
+from transport.exceptions import RecordingError
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 if TYPE_CHECKING:
@@ -38,6 +40,9 @@ CLOSE_TIMEOUT_S = 30.0
 class ScanRecorder:
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
 
+    Where a file is there already the recording goes on in the next one. In a folder it also does when a file is full,
+    between two pauses: each opens by itself.
+
     No scan waits for the disk: copies of its frames, and its grid, are written on another thread. What a slow or full
     disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
     """
@@ -50,30 +55,32 @@ class ScanRecorder:
         calibration: Calibration,
         jpeg_quality: int | None = None,
         scene: Scene | None = None,
+        limit: int | None = None,
     ) -> None:
         """Create the file.
 
         Args:
-            path: new .mcap file.
+            path: file that ends with .mcap, or folder; `RecordingFiles` says what becomes of it.
             robot: instance name.
             calibration: calibration in use; attached to the file.
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
             scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, ROS grids; None leaves these out.
+            limit: [byte] that all files of a folder may take; the oldest are removed.
 
         Raises:
-            transport.RecordingError: it exists, or cannot be written.
+            transport.RecordingError: it cannot be created.
         """
         self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
-        self._path = Path(path)
-        self._writer = RecordingWriter(path, robot=robot, calibration=to_json(calibration).encode())
+        self._files = RecordingFiles(Path(path), robot, limit)
+        self._calibration = to_json(calibration).encode()
         self._scene = scene
         self._counted = threading.Lock()
         self._recorded = self._lost = 0
-        self._problem = ""
+        self._problem = self._trouble = ""
+        self._make_room()
+        self.writer = self._open()
         self._thread = WriterThread("guara-recorder", MAXIMUM_WAITING)
-        if scene is not None:
-            now = time.time_ns()
-            self._add_later("the robot", lambda: self._writer.add_messages(scene.unchanging(now)))
+        self._add_later("the robot", self._add_robot)
 
     def __enter__(self) -> Self:
         """The recorder itself."""
@@ -84,12 +91,23 @@ class ScanRecorder:
     ) -> None:
         """Write what waits, and the end of the file."""
         if self._thread.close(CLOSE_TIMEOUT_S):
-            self._writer.close()
+            self.writer.close()
         else:
-            logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self._path)
+            logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self.path)
+
+    @property
+    def path(self) -> Path:
+        """The file that is written."""
+        return self.writer.path
+
+    @property
+    def cut(self) -> list[Path]:
+        """Files of this recording whose process was killed, oldest first: `guara recover` makes them readable."""
+        return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
         """Start a scan."""
+        self.post(0, self._go_on)
         stamp = time.time_ns()
         record = ScanRecord(
             robot=self._robot,
@@ -103,9 +121,9 @@ class ScanRecorder:
         if scene is not None:
             self._add_later(
                 f"the stance of step {step}",
-                lambda: self._writer.add_messages(scene.of_stance(stance, stamp)),
+                lambda: self.writer.add_messages(scene.of_stance(stance, stamp)),
             )
-        return ScanRecording(self, self._writer, record, self._quality)
+        return ScanRecording(self, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
         """Add grids that came after their scan had ended, as when it is withdrawn; returns at once."""
@@ -120,26 +138,28 @@ class ScanRecorder:
 
     def add_stance(self, pause: StancePause) -> None:
         """Add what the gait said of a stance pause; returns at once."""
-        self._add_later("a stance", lambda: self._writer.add_stance_pause(pause))
+        if pause.phase is PausePhase.BEGIN:
+            self.post(0, self._go_on)
+        self._add_later("a stance", lambda: self.writer.add_stance_pause(pause))
 
     def add_status(self, payload: bytes | bytearray) -> None:
         """Add a status of the node as it was sent; returns at once."""
-        self._add_later("a status", lambda: self._writer.add_status(payload))
+        self._add_later("a status", lambda: self.writer.add_status(payload))
 
     def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
         """Add the points of a scan's stripes, by index; returns at once. They are never changed, so none is copied."""
         scene = self._scene
         if scene is not None:
             kept = dict(points)
-            self._add_later("the points of a scan", lambda: self._writer.add_messages(scene.of_points(kept, stamp)))
+            self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
         """Write grids, then what is drawn of them; on the recorder's thread."""
         for terrain in terrains:
-            self._writer.add_terrain(terrain)
+            self.writer.add_terrain(terrain)
         if self._scene is not None:
             for terrain in terrains:
-                self._writer.add_messages(self._scene.of_grid(terrain))
+                self.writer.add_messages(self._scene.of_grid(terrain))
 
     def flush(self, timeout: float) -> bool:
         """Wait until all that was handed over is written or lost; False when `timeout` [s] passed before."""
@@ -150,8 +170,8 @@ class ScanRecorder:
         with self._counted:
             return StatusItem(
                 name="recording",
-                level=Health.ERROR if self._problem else Health.OK,
-                message=self._problem or f"recording to {self._path}",
+                level=Health.ERROR if self._problem else Health.WARN if self._trouble else Health.OK,
+                message="; ".join(filter(None, (self._problem, self._trouble))) or f"recording to {self.path}",
                 values={
                     "recorded": str(self._recorded),
                     "lost": str(self._lost),
@@ -172,26 +192,64 @@ class ScanRecorder:
         if problem:
             logger.error("recording failed: step %d: %s", step, problem)
 
+    def _open(self) -> RecordingWriter:
+        return RecordingWriter(self._files.next(), robot=self._robot, calibration=self._calibration)
+
+    def _add_robot(self) -> None:
+        if self._scene is not None:
+            self.writer.add_messages(self._scene.unchanging(time.time_ns()))
+
+    def _make_room(self) -> None:
+        try:
+            self._files.make_room()
+            self._say("")
+        except RecordingError as error:
+            self._say(str(error))
+
+    def _go_on(self) -> None:
+        """Go on in a new file when this one is full; on the recorder's thread, between two scans."""
+        size = self._files.file_size
+        if size is None or self.writer.size < size or self.writer.is_scan_open:
+            return
+        self._make_room()
+        full = self.writer
+        try:
+            # What a full disk refused waits in memory, and the file with it.
+            full.flush()
+            self.writer = self._open()
+        except RecordingError as error:
+            self._say(f"no new file: {error}")
+            return
+        try:
+            full.close()
+        except RecordingError as error:
+            logger.error("%s; `guara recover` restores what is in it", error)
+        _guarded("the robot", self._add_robot)
+
+    def _say(self, trouble: str) -> None:
+        """Note what keeps the recording from going on as it should, once."""
+        if trouble and trouble != self._trouble:
+            logger.error("recording: %s", trouble)
+        self._trouble = trouble
+
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
         """Hand over something besides the scans; when it cannot be written the log says so, and the scans go on."""
+        self.post(0, lambda: _guarded(what, add))
 
-        def guarded() -> None:
-            try:
-                add()
-            except Exception as error:
-                logger.error("not recorded: %s: %s", what, error)
 
-        self.post(0, guarded)
+def _guarded(what: str, add: Callable[[], None]) -> None:
+    try:
+        add()
+    except Exception as error:
+        logger.error("not recorded: %s: %s", what, error)
 
 
 class ScanRecording:
     """One scan being recorded; an error of the disk ends its recording, not the scan."""
 
-    def __init__(
-        self, recorder: ScanRecorder, writer: RecordingWriter, record: ScanRecord, jpeg_quality: int | None
-    ) -> None:
+    def __init__(self, recorder: ScanRecorder, record: ScanRecord, jpeg_quality: int | None) -> None:
         """Begin; made by `ScanRecorder.begin`."""
-        self._recorder, self._writer, self._record, self._quality = recorder, writer, record, jpeg_quality
+        self._recorder, self._record, self._quality = recorder, record, jpeg_quality
         # Used by the scanning thread alone.
         self._last_off: tuple[Image, tuple[object, Image]] | None = None
         self._is_full = self._is_done = False
@@ -255,19 +313,19 @@ class ScanRecording:
         return self._last_off[1], image.nbytes
 
     def _begin(self) -> None:
-        if self._writer.is_scan_open:
+        if self._recorder.writer.is_scan_open:
             # The scan before was never ended: its stripes stay in the file, and this scan is still recorded.
-            self._writer.end_scan(stamp=time.time_ns())
-        self._writer.begin_scan(self._record)
+            self._recorder.writer.end_scan(stamp=time.time_ns())
+        self._recorder.writer.begin_scan(self._record)
         self._is_open = True
 
     def _begin_again(self, mode: str) -> None:
-        self._writer.end_scan(stamp=time.time_ns())
-        self._writer.begin_scan(dataclasses.replace(self._record, mode=mode))
+        self._recorder.writer.end_scan(stamp=time.time_ns())
+        self._recorder.writer.begin_scan(dataclasses.replace(self._record, mode=mode))
         # No topic's time may go back for readers: all stripes get the stamp of the last one; frames keep their own.
         last = self._stripes[-1][-1] if self._stripes else None
         for index, angle, on, off, _ in self._stripes:
-            self._writer.add_stripe(index, angle, on, off, stamp=last)
+            self._recorder.writer.add_stripe(index, angle, on, off, stamp=last)
 
     def _add(
         self,
@@ -280,10 +338,10 @@ class ScanRecording:
         off_at: FrameReference | None = None
         if off is not None:
             if self._offs is None or self._offs[0] is not off[0]:
-                self._offs = (off[0], self._writer.add_frame(self._frame(off[1], stamp), laser_on=False))
+                self._offs = (off[0], self._recorder.writer.add_frame(self._frame(off[1], stamp), laser_on=False))
             off_at = self._offs[1]
-        on_at = None if on is None else self._writer.add_frame(self._frame(on, stamp), laser_on=True)
-        self._writer.add_stripe(index, angle, on_at, off_at, stamp=stamp)
+        on_at = None if on is None else self._recorder.writer.add_frame(self._frame(on, stamp), laser_on=True)
+        self._recorder.writer.add_stripe(index, angle, on_at, off_at, stamp=stamp)
         self._stripes.append((index, angle, on_at, off_at, stamp))
 
     def _guarded(self, action: Callable[[], None]) -> None:
@@ -308,7 +366,7 @@ class ScanRecording:
             if self._is_open:
                 # Also after an error: the next scan must find none open.
                 self._is_open = False
-                self._writer.end_scan(stance_end=end, stamp=stamp)
+                self._recorder.writer.end_scan(stance_end=end, stamp=stamp)
             self._recorder.write_terrains(terrains)
         except Exception as error:
             self._fail(str(error))

@@ -1,5 +1,6 @@
 """The recorder never delays a scan: slow disks, full disks, scans that were never ended."""
 
+import errno
 import os
 import threading
 from pathlib import Path
@@ -9,9 +10,13 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.files import recording_files
 from guara_perception.app.node import recorder as module
 from guara_perception.app.node.recorder import ScanRecorder
-from transport.recording import open_recording
+from guara_perception.app.scene.scene import Scene
+from kinematics import RobotModel
+from transport import Health
+from transport.recording import open_recording, recover_recording
 
 pytestmark = pytest.mark.slow
 
@@ -93,3 +98,118 @@ def test_a_scan_that_was_never_ended_does_not_cost_the_next(
         assert recorder.status_item().values["recorded"] == "1"
     with open_recording(tmp_path / "walk.mcap") as recording:
         assert [scan.step for scan in recording.scans] == [1, 2]
+
+
+def _scan(recorder: ScanRecorder, step: int, stance: object, stripes: int = 4) -> None:
+    scan = recorder.begin(step, "standard", stance)
+    for index in range(stripes):
+        scan.add(_capture(index))
+    scan.finish((), None)
+
+
+def _steps(path: Path) -> list[int]:
+    """The whole scans of a file, which holds the calibration and the robot too, and whose frames are all there."""
+    with gp.open_recording(path) as recording:
+        assert recording.calibration is not None and all(len(list(scan.frames())) == 4 for scan in recording.scans)
+    with open_recording(path) as messages:
+        assert len(list(messages.messages("/robot_description"))) == len(list(messages.messages("/tf_static"))) == 1
+        assert all(scan.is_whole for scan in messages.scans)
+        return [scan.step for scan in messages.scans]
+
+
+def test_each_file_of_a_recording_opens_by_itself(
+    tmp_path: Path,
+    calibration: gp.Calibration,
+    robot: RobotModel,
+    paper_scan: gp.Scan,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A full file ends before the next scan; over a second recorder all scans are there once, and the oldest go."""
+    monkeypatch.setattr(recording_files, "FILE_SIZE", 600_000)
+
+    def recorder(limit: int | None = None) -> ScanRecorder:
+        scene = Scene(robot, calibration)
+        return ScanRecorder(tmp_path / "walks", robot="guara", calibration=calibration, scene=scene, limit=limit)
+
+    for steps in (range(5), range(5, 9)):
+        with recorder() as one:
+            for step in steps:
+                _scan(one, step, paper_scan.stance)
+            assert one.flush(PATIENCE) and one.status_item().level == Health.OK and not one.cut
+    files = sorted((tmp_path / "walks").iterdir())
+    found = [_steps(path) for path in files]
+    assert [step for steps in found for step in steps] == list(range(9))
+    assert len(files) == 4 and all(found)
+    size = sum(path.stat().st_size for path in files)
+    with recorder(size) as one:
+        kept = [path for path in files if path.exists()]
+        assert 0 < len(kept) < len(files) and kept == files[-len(kept) :]
+        for step in range(20, 30):
+            _scan(one, step, paper_scan.stance)
+            assert one.flush(PATIENCE)
+            assert sum(path.stat().st_size for path in (tmp_path / "walks").iterdir()) <= size
+    assert _steps(max((tmp_path / "walks").iterdir()))[-1] == 29
+
+
+def test_a_full_disk_at_a_change_of_files_loses_nothing(
+    tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file goes on until what waits is written; a full disk at the start does not keep a node from its work."""
+    monkeypatch.setattr(recording_files, "FILE_SIZE", 600_000)
+    full, write = threading.Event(), os.write
+
+    def on_disk(descriptor: int, data: object) -> int:
+        if full.is_set() and len(data) > 1000:  # type: ignore[arg-type]
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", on_disk)
+    full.set()
+    with ScanRecorder(tmp_path, robot="guara", calibration=calibration) as recorder:
+        for step in range(3):
+            _scan(recorder, step, paper_scan.stance, 12)
+        assert recorder.flush(PATIENCE)
+        item = recorder.status_item()
+        assert item.level == Health.ERROR and "No space left" in item.message and item.values["lost"] == "3"
+        assert len(list(tmp_path.iterdir())) == 1
+        full.clear()
+        _scan(recorder, 3, paper_scan.stance)
+        assert recorder.flush(PATIENCE) and recorder.status_item().level == Health.OK
+    steps = []
+    for path in sorted(tmp_path.iterdir()):
+        with open_recording(path) as recording:
+            assert recording.calibration is not None
+            steps += [scan.step for scan in recording.scans if scan.is_whole]
+    assert steps == [0, 1, 2, 3] and len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_folder_that_is_gone_keeps_the_file(
+    tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No new file can be made: the scans go on into the old one, and the status says why."""
+    monkeypatch.setattr(recording_files, "FILE_SIZE", 200_000)
+    with ScanRecorder(tmp_path / "walks", robot="guara", calibration=calibration) as recorder:
+        (tmp_path / "walks").rename(tmp_path / "away")
+        for step in range(3):
+            _scan(recorder, step, paper_scan.stance)
+        assert recorder.flush(PATIENCE)
+        item = recorder.status_item()
+        assert item.level == Health.WARN and "no new file" in item.message and item.values["recorded"] == "3"
+    with open_recording(tmp_path / "away" / "guara-000001.mcap") as recording:
+        assert [scan.step for scan in recording.scans] == [0, 1, 2]
+
+
+def test_what_was_cut_stays_and_is_named(tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan) -> None:
+    """A recorder that ends without its end leaves a file that is recovered; the next one goes on beside it."""
+    dead = ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration)
+    _scan(dead, 0, paper_scan.stance)
+    assert dead.flush(PATIENCE)
+    before = (tmp_path / "w.mcap").read_bytes()
+    with ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration) as recorder:
+        assert recorder.path == tmp_path / "w-2.mcap" and recorder.cut == [tmp_path / "w.mcap"]
+        _scan(recorder, 1, paper_scan.stance)
+    assert (tmp_path / "w.mcap").read_bytes() == before
+    assert recover_recording(tmp_path / "w.mcap", tmp_path / "whole.mcap").bytes_lost == 0
+    for name, step in (("whole.mcap", 0), ("w-2.mcap", 1)):
+        with open_recording(tmp_path / name) as recording:
+            assert [(scan.step, scan.is_whole) for scan in recording.scans] == [(step, True)]

@@ -1,0 +1,152 @@
+"""The files of a recording that goes on over restarts: their names, and the room that they may take together."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+
+from guara_perception.exceptions import InvalidInput
+from transport.exceptions import RecordingError
+
+SUFFIX = ".mcap"
+# [byte] What a file of a folder holds before the next begins: 12 minutes of JPEG frames, 100 s of lossless ones.
+FILE_SIZE = 1_000_000_000
+# With a limit a file holds a fifth of it at most: there are finished ones to keep when the oldest goes.
+FILES_IN_LIMIT = 5
+# [byte] A fifth of it still holds a pause of lossless frames (39 MB), so that all stay below the limit.
+LEAST_LIMIT = 200_000_000
+UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
+SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT]B)", re.IGNORECASE)
+# What an MCAP file begins and ends with.
+MAGIC = b"\x89MCAP0\r\n"
+
+
+class RecordingFiles:
+    """Files that follow one another: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
+
+    No file that is there is ever written to. Only a folder's files of this naming are ever removed, and of these none
+    that a process still writes.
+
+    Attributes:
+        file_size: [byte] from which on the next file is begun; None for never.
+    """
+
+    def __init__(self, path: Path, robot: str, limit: int | None = None) -> None:
+        """Name them.
+
+        Args:
+            path: a name that ends with .mcap, or else a folder, which is made when it is not there.
+            robot: instance name.
+            limit: [byte] that the files of a folder may take together, from `read_limit`.
+
+        Raises:
+            RecordingError: the folder cannot be made.
+        """
+        is_folder = _is_folder(path)
+        self._folder = path if is_folder else path.parent
+        if is_folder:
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                why = "a file of this name is there" if path.is_file() else error.strerror
+                raise RecordingError(f"cannot make the folder {path} for recordings: {why}") from error
+        self._limit = limit
+        self._first = None if is_folder else path
+        number = r"-(\d{6,})" if is_folder else r"(?:-(\d+))?"
+        self._stem = robot if is_folder else path.stem
+        self._pattern = re.compile(re.escape(self._stem) + number + re.escape(SUFFIX))
+        self.file_size = (
+            None if not is_folder else FILE_SIZE if limit is None else min(FILE_SIZE, limit // FILES_IN_LIMIT)
+        )
+
+    def next(self) -> Path:
+        """A name after those that are there.
+
+        Raises:
+            RecordingError: the folder is not there, or cannot be read.
+        """
+        try:
+            numbers = [number for number, _ in self._found()]
+        except OSError as error:
+            raise RecordingError(f"cannot record into the folder {self._folder}: {error.strerror}") from error
+        if self._first is None:
+            return self._folder / f"{self._stem}-{max(numbers, default=0) + 1:06d}{SUFFIX}"
+        return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}" if numbers else self._first
+
+    def make_room(self) -> None:
+        """Remove the oldest files until the next one, once full and with its last pause, stays within the limit.
+
+        Raises:
+            RecordingError: one that is too many cannot be removed.
+        """
+        if self._limit is None or self.file_size is None:
+            return
+        try:
+            files = [
+                (path, path.stat().st_size) for _, path in self._found() if path.is_file() and not path.is_symlink()
+            ]
+            excess = sum(size for _, size in files) - (self._limit - 2 * self.file_size)
+            for path, size in files:
+                if excess > 0 and _remove_finished(path):
+                    excess -= size
+        except OSError as error:
+            raise RecordingError(f"the limit is passed: {error.filename}: {error.strerror}") from error
+
+    def cut(self) -> list[Path]:
+        """Files without an end, oldest first: the running one, and those whose process was killed."""
+        with suppress(OSError):
+            return [path for _, path in self._found() if path.is_file() and not _has_end(path)]
+        return []
+
+    def _found(self) -> list[tuple[int, Path]]:
+        matches = ((self._pattern.fullmatch(path.name), path) for path in self._folder.iterdir())
+        return sorted((int(match[1] or 1), path) for match, path in matches if match)
+
+
+def _remove_finished(path: Path) -> bool:
+    """Remove a file; False for one that a process writes, which holds a lock on it."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        path.unlink()
+        return True
+
+
+def _has_end(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - len(MAGIC)))
+        return file.read() == MAGIC
+
+
+def read_limit(text: str, path: Path | None) -> int:
+    """Bytes of a text such as "50GB".
+
+    Args:
+        text: what was given.
+        path: where it is recorded to, None for nowhere.
+
+    Raises:
+        InvalidInput: it is no size, too low, or not for a folder.
+    """
+    match = SIZE.fullmatch(text.strip())
+    limit = int(Fraction(match[1]) * UNITS[match[2].upper()]) if match else 0
+    if limit < LEAST_LIMIT:
+        raise InvalidInput(
+            f"--record-limit is {text!r}; allowed: {LEAST_LIMIT // 10**6}MB or more, such as 50GB or 1.5TB"
+        )
+    if path is None or not _is_folder(path):
+        raise InvalidInput(
+            f"--record-limit goes with --record and a folder, given: {path or 'nothing'}; files of a name that "
+            f"you chose are never removed: record into a folder, as in `--record recordings`"
+        )
+    return limit
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() or path.suffix != SUFFIX

@@ -1,0 +1,145 @@
+"""Files of a recording that goes on: their names over restarts, and which of them make room."""
+
+import errno
+from pathlib import Path
+
+import pytest
+
+from guara_perception.app.files import recording_files as module
+from guara_perception.app.files.recording_files import MAGIC, RecordingFiles, read_limit
+from guara_perception.exceptions import InvalidInput
+from transport.exceptions import RecordingError
+from transport.recording.growing_file import GrowingFile
+
+MB = 10**6
+
+
+def _write(path: Path, size: int) -> Path:
+    """A file of some length, finished, that takes no disk."""
+    with path.open("wb") as file:
+        file.truncate(size - len(MAGIC))
+        file.seek(0, 2)
+        file.write(MAGIC)
+    return path
+
+
+def test_a_file_is_followed_by_numbered_ones(tmp_path: Path) -> None:
+    """w.mcap, w-2.mcap ...: after the highest number, also where one was taken away; others' names do not count."""
+    files = RecordingFiles(tmp_path / "w.mcap", "guara")
+    assert files.file_size is None and files.next() == tmp_path / "w.mcap"
+    _write(tmp_path / "w.mcap", 100)
+    assert files.next() == tmp_path / "w-2.mcap"
+    for name in ("w-2.mcap", "w-9.mcap", "w-x.mcap", "ww-30.mcap", "w-40.mcap.part", "v-50.mcap"):
+        _write(tmp_path / name, 100)
+    (tmp_path / "w.mcap").unlink()
+    assert files.next() == tmp_path / "w-10.mcap"
+
+
+def test_a_folder_is_made_and_its_files_are_numbered_by_robot(tmp_path: Path) -> None:
+    """Two robots may share a folder, also one whose name begins with the other's."""
+    folder = tmp_path / "deep" / "recordings"
+    files = RecordingFiles(folder, "guara")
+    assert files.next() == folder / "guara-000001.mcap" and files.file_size == module.FILE_SIZE
+    _write(folder / "guara-000041.mcap", 100)
+    _write(folder / "guara-2-000077.mcap", 100)
+    assert files.next() == folder / "guara-000042.mcap"
+    assert RecordingFiles(folder, "guara-2").next() == folder / "guara-2-000078.mcap"
+
+
+def test_the_oldest_make_room_and_nothing_else_does(tmp_path: Path) -> None:
+    """Below the limit with a full next file and one more pause; foreign files, links and folders stay as they are."""
+    limit = 1000 * MB
+    files = RecordingFiles(tmp_path, "guara", limit)
+    assert files.file_size == 200 * MB
+    made = [_write(tmp_path / f"guara-{number:06d}.mcap", 200 * MB) for number in range(1, 8)]
+    foreign = [
+        _write(tmp_path / name, 300 * MB)
+        for name in (
+            "guara.mcap",
+            "guara-2.mcap",
+            "lobo-000001.mcap",
+            "guara-000001.mcap.gz",
+            "guara-000001-whole.mcap",
+        )
+    ]
+    kept = _write(tmp_path / "elsewhere", 100)
+    (tmp_path / "guara-000000.mcap").symlink_to(kept)
+    (tmp_path / "guara-0000000.mcap").mkdir()
+    files.make_room()
+    assert [path.exists() for path in made] == [False] * 4 + [True] * 3
+    assert kept.exists() and all(path.exists() for path in foreign)
+    assert (tmp_path / "guara-000000.mcap").is_symlink() and (tmp_path / "guara-0000000.mcap").is_dir()
+    files.make_room()
+    assert sum(path.exists() for path in made) == 3
+    RecordingFiles(tmp_path, "guara").make_room()
+    assert sum(path.exists() for path in made) == 3
+
+
+def test_a_file_that_is_written_is_never_removed(tmp_path: Path) -> None:
+    """Though it is the oldest: another process, or this one, holds it."""
+    running = GrowingFile(tmp_path / "guara-000001.mcap")
+    running.write(bytes(MB))
+    running.append()
+    made = [_write(tmp_path / f"guara-{number:06d}.mcap", 300 * MB) for number in (2, 3, 4)]
+    RecordingFiles(tmp_path, "guara", 1000 * MB).make_room()
+    assert (tmp_path / "guara-000001.mcap").exists() and [path.exists() for path in made] == [False, False, True]
+    running.close()
+    _write(tmp_path / "guara-000009.mcap", 300 * MB)
+    RecordingFiles(tmp_path, "guara", 1000 * MB).make_room()
+    assert not (tmp_path / "guara-000001.mcap").exists()
+
+
+def test_a_file_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limit is passed then, and it is said by which file."""
+    for number in range(1, 5):
+        _write(tmp_path / f"guara-{number:06d}.mcap", 300 * MB)
+
+    def refuse(path: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(RecordingError, match=r"guara-000001\.mcap: Permission denied"):
+        RecordingFiles(tmp_path, "guara", 1000 * MB).make_room()
+
+
+def test_places_that_cannot_be_recorded_to_are_named(tmp_path: Path) -> None:
+    """A file in place of the folder, and a folder that is not there."""
+    taken = _write(tmp_path / "notes.txt", 100)
+    with pytest.raises(RecordingError, match="a file of this name is there"):
+        RecordingFiles(taken, "guara")
+    with pytest.raises(RecordingError, match="cannot make the folder"):
+        RecordingFiles(taken / "deeper", "guara")
+    with pytest.raises(RecordingError, match="No such file or directory"):
+        RecordingFiles(tmp_path / "none" / "w.mcap", "guara").next()
+
+
+def test_cut_files_are_told(tmp_path: Path) -> None:
+    """Those that do not end as an MCAP file does, oldest first."""
+    for number, content in ((1, MAGIC + b"..." + MAGIC), (2, MAGIC + b"..."), (10, b""), (3, b"..")):
+        (tmp_path / f"guara-{number:06d}.mcap").write_bytes(content)
+    assert [path.name[6:12] for path in RecordingFiles(tmp_path, "guara").cut()] == ["000002", "000003", "000010"]
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("50GB", 50_000 * MB), ("200 mb", 200 * MB), (" 1.5TB", 1_500_000 * MB), ("0.2GB", 200 * MB)]
+)
+def test_sizes_are_read(tmp_path: Path, text: str, size: int) -> None:
+    """Numbers with a unit; decimal units."""
+    assert read_limit(text, tmp_path) == size
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "50", "GB", "50G", "-5GB", "1e9GB", "nan GB", "infGB", "50 GiB", "0GB", "199.9MB", "9" * 400 + "GB", "5,5GB"],
+)
+def test_what_is_no_size_is_refused(tmp_path: Path, text: str) -> None:
+    """So is one in which no file has room; it is said what is allowed."""
+    with pytest.raises(InvalidInput, match=r"allowed: 200MB or more, such as 50GB"):
+        read_limit(text, tmp_path)
+
+
+@pytest.mark.parametrize("path", [None, Path("w.mcap")])
+def test_a_limit_needs_a_folder(path: Path | None) -> None:
+    """Files of a name that somebody chose are not removed."""
+    with pytest.raises(InvalidInput, match="record into a folder"):
+        read_limit("50GB", path)
