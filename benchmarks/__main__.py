@@ -31,6 +31,7 @@ PROGRAMS = {
     "photographs": "stripes on photographs of real laser lines, beside peers",
     "rangefinder": "both methods on recorded scans, in the paper's own terms",
     "real_photos": "the stripes of public photographs",
+    "record_restarts": "nodes that record, killed again and again: how many come up, which files open",
     "robots": "stock quadrupeds from their URDF to a walk (extra robots-test)",
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
     "simulation": "walks through simulated worlds, with the true ground beside",

@@ -165,9 +165,7 @@ def command(
         if recorder is not None:
             click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
-                click.echo(
-                    f"{len(cut)} files of before were cut: `guara recover {cut[-1]} WHOLE.mcap` restores the last"
-                )
+                click.echo(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
         if rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 

@@ -135,6 +135,50 @@ def test_a_running_node_ends_cleanly(free_endpoint: str, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_path: Path) -> None:
+    """The same command after kill -9, as a service manager gives it: the next file, and what was cut is recovered."""
+    recording = tmp_path / "w.mcap"
+    arguments = ["run", "--simulated", "--listen", free_endpoint, "--record", str(recording), "--mode", "coarse"]
+    for end in (signal.SIGKILL, signal.SIGINT):
+        node = ForkedProcess("-m", "guara_perception.app.main", *arguments)
+        try:
+            with gp.TerrainClient(free_endpoint, timeout=PATIENCE) as client:
+                client.wait_for_step(1, timeout=PATIENCE)
+            node.send_signal(end)
+            printed, _ = node.communicate(timeout=PATIENCE)
+        finally:
+            node.kill()
+    assert f"recording to {tmp_path / 'w-2.mcap'}" in printed
+    assert f"files that were cut: 1; `guara recover {recording}` makes the newest readable" in printed
+    assert run(["recover", str(recording)]) == 0
+    for name in ("w-recovered.mcap", "w-2.mcap"):
+        assert gp.open_scan(tmp_path / name, step=0).step == 0 and run(["info", str(tmp_path / name)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"w.mcap", "w-2.mcap", "w-recovered.mcap"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--record-limit", "50GB"], "--record-limit goes with --record and a folder"),
+        (["--record", "w.mcap", "--record-limit", "50GB"], "record into a folder"),
+        (["--record", "walks", "--record-limit", "lots"], "allowed: 200MB or more"),
+        (["--record", "walks", "--record-limit", "10MB"], "allowed: 200MB or more"),
+        (["--record", "pyproject.toml"], "a file of this name is there"),
+        (["--record", "/dev/null/walks"], "Not a directory"),
+        (["--record", "none/w.mcap"], "No such file or directory"),
+    ],
+)
+def test_a_place_that_cannot_be_recorded_to_is_refused(
+    more: list[str], said: str, free_endpoint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At the start, with what is allowed; nothing is left behind."""
+    assert run(["run", "--simulated", "--listen", free_endpoint, *more]) != 0
+    assert said in capsys.readouterr().err
+    assert not Path("walks").exists() and not Path("w.mcap").exists()
+
+
+@pytest.mark.slow
 def test_the_simulated_gait_speaks_under_the_name_of_the_robot(
     free_endpoint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

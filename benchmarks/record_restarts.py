@@ -1,0 +1,107 @@
+"""Nodes that record, killed again and again: how many come up, and which of their files open.
+
+Usage: python -m benchmarks.record_restarts [--restarts 20] [--pauses 3] [--limit 200MB]
+
+`guara run --simulated --lossless --record FOLDER --record-limit LIMIT` is ended by kill -9 after a few pauses, at a
+random instant, and started again; the last one is ended by Ctrl-C. Lossless frames fill a file in a pause or two, so
+that files change and the oldest go. Then every file is opened: a finished one as it is, by `gp.open_recording` and by
+the mcap library; a cut one by `guara recover` first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from mcap.reader import NonSeekingReader, make_reader
+
+import guara_perception as gp
+from benchmarks.peers import free_endpoint
+from guara_perception.app.files.recording_files import RecordingFiles, read_limit
+from transport.recording import recover_recording
+
+# How long a node may take to its next pause, on a busy machine [s].
+PATIENCE_S = 120.0
+
+
+def run_once(arguments: list[str], pauses: int, moment: float, end: signal.Signals) -> str:
+    """Start a node and end it `moment` [s] after some pauses; empty, or why it did not come up."""
+    command = [sys.executable, "-m", "guara_perception.app.main", "run", "--simulated", *arguments]
+    # Its lines go to a file: nobody reads a pipe while it is waited for.
+    with tempfile.TemporaryFile("w+") as said, subprocess.Popen(command, stdout=said, stderr=said) as node:
+        until = time.monotonic() + PATIENCE_S * pauses
+        printed = ""
+        while printed.count("\nstep ") < pauses and node.poll() is None and time.monotonic() < until:
+            time.sleep(0.1)
+            said.seek(0)
+            printed = said.read()
+        time.sleep(moment)
+        node.send_signal(end)
+        node.wait(PATIENCE_S)
+    return "" if printed.count("\nstep ") >= pauses else printed or "it said nothing"
+
+
+def scans_of(path: Path) -> int:
+    """Whole scans of a file, after every message, grid and frame of it was read by two readers."""
+    with path.open("rb") as file:
+        total = sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
+        file.seek(0)
+        assert total == sum(1 for _ in NonSeekingReader(file, validate_crcs=True).iter_messages())
+    with gp.open_recording(path) as recording:
+        assert recording.calibration is not None
+        for extent in ("footprint", "map"):
+            assert all(terrain.shape for terrain in recording.grids(extent))
+        return sum(len(list(scan.frames())) > 0 for scan in recording.scans)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--restarts", type=int, default=20, help="nodes that are killed; at most 100")
+    parser.add_argument("--pauses", type=int, default=3, help="pauses of each before; 1 to 30")
+    parser.add_argument("--limit", default="200MB", help="--record-limit")
+    options = parser.parse_args()
+    chance, restarts, pauses = random.Random(0), min(options.restarts, 100), max(1, min(options.pauses, 30))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "recordings")
+        limit = read_limit(options.limit, folder)
+        foreign = Path(place, "recordings", "guara-notes.mcap")
+        folder.mkdir()
+        foreign.write_text("mine")
+        arguments = ["--listen", free_endpoint(), "--lossless"]
+        arguments += ["--record", str(folder), "--record-limit", options.limit]
+        came_up, largest = 0, 0
+        for _ in range(restarts):
+            why = run_once(arguments, pauses, chance.uniform(0.0, 3.0), signal.SIGKILL)
+            came_up += not why
+            largest = max(largest, sum(path.stat().st_size for path in folder.iterdir()))
+            if why:
+                print(f"did not come up: {why}")
+        last = run_once(arguments, pauses, 0.0, signal.SIGINT)
+        cut = RecordingFiles(folder, "guara").cut()
+        whole = sorted(set(folder.iterdir()) - {*cut, foreign})
+        scans = [scans_of(path) for path in whole]
+        recovered = []
+        for path in cut:
+            recover_recording(path, path.with_suffix(".whole.mcap"))
+            recovered.append(scans_of(path.with_suffix(".whole.mcap")))
+        kept = foreign.read_text() == "mine"
+        made = max(int(path.stem[-6:]) for path in [*whole, *cut])
+    print(f"restarts {came_up} of {restarts}")
+    print(f"files: {made} made, {made - len(whole) - len(cut)} removed, {len(whole)} finished, {len(cut)} cut")
+    print(f"finished files that open: {len(scans)} of {len(whole)}, {sum(scans)} scans")
+    print(f"cut files recovered: {len(recovered)} of {len(cut)}, {sum(recovered)} scans")
+    print(
+        f"together at most {largest / 1e6:.0f} MB after a kill, {limit / 1e6:.0f} MB allowed; foreign file kept: {kept}"
+    )
+    sys.exit(0 if came_up == restarts and not last and kept and whole and largest <= limit else 1)
+
+
+if __name__ == "__main__":
+    main()
