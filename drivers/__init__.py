@@ -11,12 +11,11 @@ from drivers.board.board_config import BoardConfig
 from drivers.board.board_records import BoardIdentity, BoardStatus
 from drivers.board.laser_board import LaserBoard
 from drivers.board.protocol import BoardFault, BoardFlag
-from drivers.board.udev import UDEV_RULE_FILE, udev_instructions, udev_rule
+from drivers.board.usb_link import UDEV_RULE_FILE, udev_instructions, udev_rule
 from drivers.cameras.aravis_camera import AravisCamera
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, setting_changes
 from drivers.cameras.opencv_camera import OpenCvCamera
 from drivers.cameras.replay_camera import ReplayCamera
-from drivers.cameras.setting_changes import setting_changes
 from drivers.cameras.v4l2_camera import V4l2Camera
 from drivers.errors import AcquisitionError, BoardError, CameraError, DriverError
 from drivers.frame import Frame
@@ -25,9 +24,8 @@ from drivers.sweep.camera_lag import LagMeasurement, measure_lag
 from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.sweep.light_check import LightCheck
 from drivers.sweep.metering import MeteringResult, meter_exposure
-from drivers.sweep.options import AcquireOptions, OffFrames
+from drivers.sweep.options import AcquireOptions, OffFrames, SweepOptions
 from drivers.sweep.proof import ProofLimits
-from drivers.sweep.sweep_options import SweepOptions
 
 __all__ = [
     "UDEV_RULE_FILE",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,3 +46,22 @@ def on_clock(clock: Clock) -> Iterator[None]:
         yield
     finally:
         _clock = before
+
+
+class EmulatedClock:
+    """A clock for emulated devices alone, for `on_clock`: waiting sets it forward; thread-safe."""
+
+    def __init__(self, start: float = 1000.0) -> None:
+        """Begin at `start` [s]."""
+        self._now = start
+        self._lock = threading.Lock()
+
+    def monotonic(self) -> float:
+        """Return the time [s]."""
+        with self._lock:
+            return self._now
+
+    def sleep(self, seconds: float) -> None:
+        """Set the clock forward."""
+        with self._lock:
+            self._now += max(0.0, seconds)

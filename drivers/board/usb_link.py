@@ -1,4 +1,4 @@
-"""Finds the board on USB, opens it and makes single transfers, turning every USB error into a typed one."""
+"""The board on USB: found, opened, single transfers, every USB error as a typed one; the udev rule for permission."""
 
 from __future__ import annotations
 
@@ -8,8 +8,16 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from drivers.board.protocol import INTERFACE, REPORT_ENDPOINT, REPORT_SIZE, REQUEST_IN, Request, split_argument
-from drivers.board.udev import udev_instructions
+from drivers.board.protocol import (
+    INTERFACE,
+    PRODUCT_ID,
+    REPORT_ENDPOINT,
+    REPORT_SIZE,
+    REQUEST_IN,
+    VENDOR_ID,
+    Request,
+    split_argument,
+)
 from drivers.errors import (
     BadReply,
     BoardError,
@@ -25,6 +33,7 @@ from drivers.errors import (
 )
 
 _T = TypeVar("_T")
+UDEV_RULE_FILE = "/etc/udev/rules.d/70-guara-laser-board.rules"
 
 
 def default_backend() -> Any:
@@ -228,3 +237,20 @@ class UsbLink:
         if number == errno.EPIPE:
             return BoardStalled(f"the laser board stalled {what}: its firmware does not know the request")
         return BoardTransferFailed(f"{what} failed on the bus ({error}): check cable and hub")
+
+
+def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
+    """The rule: the user who sits at the machine, and the group `plugdev`, may open the board."""
+    return (
+        f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor_id:04x}", ATTR{{idProduct}}=="{product_id:04x}", '
+        'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
+    )
+
+
+def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
+    """The commands to type, one per line, that install the rule."""
+    return (
+        f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE}\n"
+        "sudo udevadm control --reload-rules && sudo udevadm trigger\n"
+        "then unplug the board and plug it in again"
+    )

@@ -56,7 +56,7 @@ class AravisCamera(Camera):
         """Prepare the camera; nothing is opened yet.
 
         Args:
-            device: name as `drivers.cameras.aravis_devices` gives it, or a network address; "" is the first one found.
+            device: name as `drivers.cameras.aravis_library` gives it, or a network address; "" is the first one found.
             trigger: line on which the board's TRIGGER arrives ("Line1"), exposure begins at its rising edge; None: the
                 camera runs freely.
             exposure_output: line that shows when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;

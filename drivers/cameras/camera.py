@@ -1,4 +1,4 @@
-"""What a camera must offer to be used in a scan: open, lock its settings, grab a frame, flush, close."""
+"""Interface of a camera in a scan: open, lock its settings, grab a frame, flush, close; changes of locked settings."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from types import TracebackType
 from typing import Self
 
 from drivers.frame import Frame
+
+UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
+# Relative; what is read is the camera's own rounding of what was locked, so it should come back as it was.
+TOLERANCE = 0.02
+# Absolute, in any unit: the locked value of a gain or gamma may be 0.
+ROUNDING = {"gain": 0.05, "gamma": 0.005}
+WHAT_TO_DO = "see that no other program uses the camera and start again: settings are locked when it is opened"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,3 +138,38 @@ class Camera(ABC):
     @abstractmethod
     def flush(self) -> None:
         """Forget frames that have already arrived, so that the next one grabbed arrives after this call."""
+
+
+def evidence_of(camera: Camera) -> str:
+    """Say how a scan with this camera is taken, and what proves that a frame is the right one."""
+    if camera.triggered:
+        return "waits for the board's trigger: a stripe is proved by the camera's clock, a lost frame is found"
+    if camera.counts_frames:
+        return "runs freely: a stripe is proved by its picture and the lag, a lost frame shows in the camera's counting"
+    return "runs freely: a stripe is proved by its picture and the lag, a lost frame does not show"
+
+
+def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
+    """Which settings are not as they were locked, each in one sentence with what to do; empty when all are.
+
+    A setting that the camera does not report is taken to be held.
+
+    Args:
+        camera: an open camera.
+        locked: what `Camera.lock` returned.
+
+    Raises:
+        CameraError: the camera does not answer.
+    """
+    held = camera.held(locked)
+    changes = []
+    for name, unit in UNITS.items():
+        then, now = getattr(locked, name), held.values.get(name)
+        if then is None:
+            continue
+        setting = name.replace("_", " ")
+        if name in held.automatic:
+            changes.append(f"{camera.name}: automatic {setting} is on, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
+        elif now is not None and abs(now - then) > max(TOLERANCE * abs(then), ROUNDING.get(name, 0.0)):
+            changes.append(f"{camera.name}: {setting} is {now:g}{unit}, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
+    return tuple(changes)

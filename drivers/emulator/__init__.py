@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from drivers.emulator.backend import EmulatedBackend, emulated_backend
 from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.clock import EmulatedClock
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.emulated_camera import CameraFault, EmulatedCamera
 from drivers.emulator.faults import Fault, FaultKind
-from drivers.emulator.laser import Switching
+from drivers.emulator.light import Switching
 from drivers.emulator.shutter import Shutter
 from drivers.emulator.views import BoardView, ExposureView
+from drivers.timing import EmulatedClock
 
 __all__ = [
     "EmulatedClock",

@@ -12,8 +12,7 @@ from drivers.board.board_records import pack_status
 from drivers.board.protocol import PROTOCOL_MAJOR, REQUESTS, SWEEP_PLACES, BoardFault, BoardFlag, Request, Result
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import Fault, FaultKind, FaultPlan
-from drivers.emulator.laser import Switching
-from drivers.emulator.light import LightUnit
+from drivers.emulator.light import LightUnit, Switching
 from drivers.emulator.mirror import MirrorUnit
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.sweep import SweepUnit

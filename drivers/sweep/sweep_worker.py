@@ -19,10 +19,9 @@ from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
 from drivers.sweep.board_sweep import BoardSweep
 from drivers.sweep.firing_order import PlannedStripe
-from drivers.sweep.options import AcquireOptions, OffFrames
+from drivers.sweep.options import AcquireOptions, OffFrames, SweepOptions
 from drivers.sweep.raw_stripe import RawStripe
 from drivers.sweep.stripe_worker import StripeWorker
-from drivers.sweep.sweep_options import SweepOptions
 from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
 logger = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ import numpy as np
 from drivers import DriverError, LaserBoard
 from drivers.board.board_session import SWEEPS_SINCE
 from drivers.board.usb_link import default_backend
-from drivers.cameras.camera_evidence import evidence_of
+from drivers.cameras.camera import evidence_of
 from guara_perception.app.devices_file import Devices
 from guara_perception.app.files.open_scan import open_scan
 from guara_perception.calibration.calibration import Calibration

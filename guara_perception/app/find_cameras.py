@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from drivers import AravisCamera, DriverError, OpenCvCamera
-from drivers.cameras.aravis_devices import AravisDevice, find_aravis_cameras, trigger_lines
-from drivers.cameras.camera_evidence import evidence_of
+from drivers.cameras.aravis_library import AravisDevice, find_aravis_cameras, trigger_lines
+from drivers.cameras.camera import evidence_of
 from drivers.errors import CameraBackendMissing
 from guara_perception.app.devices_file import ARAVIS
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.emulator.laser import Switching
+from drivers.emulator.light import Switching
 from drivers.emulator.shutter import Opening, Shutter
 
 # Pins of the Pico, as in firmware/pins.h.

@@ -9,7 +9,7 @@ from typing import Any
 from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.bus import BusError
 from drivers.emulator.faults import Fault
-from drivers.emulator.laser import Switching
+from drivers.emulator.light import Switching
 from drivers.emulator.views import BoardView, ExposureView
 from testbed.remote_board.server import encode_fault
 from testbed.remote_board.wire import Channel

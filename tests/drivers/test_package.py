@@ -9,7 +9,7 @@ import pytest
 
 import drivers
 from drivers import errors
-from drivers.board.udev import udev_rule
+from drivers.board.usb_link import udev_rule
 
 ROOT = Path(drivers.__file__).resolve().parents[1]
 

@@ -9,7 +9,7 @@ import pytest
 
 from drivers import AravisCamera
 from drivers.errors import CameraEnded, CameraTimeout
-from tests.drivers.test_aravis_camera import picture_of
+from tests.drivers.cameras.test_aravis_camera import picture_of
 from tests.gige import fake_gige
 
 

@@ -94,7 +94,7 @@ def test_unix_socket_and_clean_end(tmp_path: Path) -> None:
         [sys.executable, "-m", "testbed.remote_board", "--listen", address, "--serial", "U1"],
         stdout=subprocess.PIPE,
         text=True,
-        cwd=Path(__file__).resolve().parents[2],
+        cwd=Path(__file__).resolve().parents[3],
     )
     assert process.stdout is not None
     assert process.stdout.readline() == f"ready {address}\n"

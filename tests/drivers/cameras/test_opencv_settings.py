@@ -4,7 +4,7 @@ import cv2
 import pytest
 
 from drivers import CameraSettings
-from drivers.cameras.opencv_settings import held_settings, lock_settings
+from drivers.cameras.opencv_camera import held_settings, lock_settings
 from drivers.errors import CameraSettingRefused
 
 

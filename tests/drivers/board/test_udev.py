@@ -1,6 +1,6 @@
 """The udev rule."""
 
-from drivers.board.udev import UDEV_RULE_FILE, udev_instructions, udev_rule
+from drivers.board.usb_link import UDEV_RULE_FILE, udev_instructions, udev_rule
 
 
 def test_rule_names_the_ids_in_lower_case_hexadecimal() -> None:

@@ -12,7 +12,7 @@ from drivers import (
     timing,
 )
 from drivers.emulator import EmulatedBoard, EmulatedCamera
-from tests.drivers.scan_options import ALL_MODES, options
+from tests.drivers.sweep.scan_options import ALL_MODES, options
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.motion import Motor
+from drivers.emulator.mirror import Motor
 from tests.thorough import examples
 
 SPEED, SETTLE, OVERSHOOT = 1000.0, 0.01, 32

@@ -111,7 +111,7 @@ def test_firewire_is_explained() -> None:
         pytest.fail("this OpenCV has FireWire: docs/drivers.md and the message must change")
     with pytest.raises(CameraBackendMissing, match=r"no FireWire backend.*docs/drivers\.md"):
         OpenCvCamera(0, backend="firewire").open()
-    document = (Path(__file__).resolve().parents[2] / "docs" / "drivers.md").read_text()
+    document = (Path(__file__).resolve().parents[3] / "docs" / "drivers.md").read_text()
     assert "## FireWire cameras" in document
 
 

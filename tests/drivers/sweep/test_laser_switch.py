@@ -7,7 +7,7 @@ import pytest
 from drivers import BoardFault, LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
 from drivers.errors import LaserRefused
-from drivers.sweep.laser_switch import LaserSwitch, ScanStopped
+from drivers.sweep.stripe_worker import LaserSwitch, ScanStopped
 
 
 def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: EmulatedBoard) -> None:

@@ -16,7 +16,7 @@ from drivers import (
 from drivers.board.protocol import BoardFault, Request
 from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
 from drivers.errors import AcquisitionNotEntered, BadFiringOrder, CameraEnded, MirrorOutOfRange
-from tests.drivers.scan_options import ALL_MODES, options
+from tests.drivers.sweep.scan_options import ALL_MODES, options
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
 

@@ -5,7 +5,7 @@ import pytest
 from drivers import AcquireOptions, Camera, CameraSettings, Frame, LaserBoard
 from drivers.errors import CameraTimeout
 from drivers.sweep.frame_grabber import FrameGrabber
-from drivers.sweep.laser_switch import ScanStopped
+from drivers.sweep.stripe_worker import ScanStopped
 
 
 class Script(Camera):

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.laser import Laser
+from drivers.emulator.light import Laser
 from tests.thorough import examples
 
 

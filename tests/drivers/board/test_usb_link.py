@@ -7,8 +7,7 @@ import usb.core
 
 from drivers import BoardConfig, LaserBoard
 from drivers.board.protocol import Request
-from drivers.board.udev import udev_rule
-from drivers.board.usb_link import UsbLink, default_backend
+from drivers.board.usb_link import UsbLink, default_backend, udev_rule
 from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BadReply,
