@@ -190,8 +190,8 @@ class AravisCamera(Camera):
 
     def _not_there(self, reason: str) -> CameraNotFound:
         return CameraNotFound(
-            f"{self.name} cannot be opened ({reason}): `guara cameras` lists what is there; check cable, power and "
-            "network address, and that no other program holds it"
+            f"{self.name} cannot be opened ({reason}): `guara doctor --cameras` lists what is there; check cable, "
+            "power and network address, and that no other program holds it"
         )
 
     def _set_up(self, camera: Any) -> None:

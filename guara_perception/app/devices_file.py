@@ -22,11 +22,13 @@ SETTINGS = ("exposure", "gain", "white_balance", "gamma")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # What stands before the colon of a camera's source, for classes that know more of it than OpenCV does.
 ARAVIS, V4L2 = "aravis", "v4l2"
+# Frames with the laser off: one for the scan, one per stripe (in changing light), or none.
+OFF_FRAMES = ("one", "per stripe", "none")
 # [s] Exposure of a triggered camera unless devices.toml has another; the laser shines for the same time.
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
-    "camera": {"source", "size", "fps", "lag", *LINES, *SETTINGS},
+    "camera": {"source", "size", "fps", "lag", "off_frames", *LINES, *SETTINGS},
     "board": {"vendor_id", "product_id", "serial"},
 }
 
@@ -47,6 +49,7 @@ class Devices:
         trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
         exposure_output: line of the camera that shows when it exposes, or None.
         pixel_format: pixel format to ask for, or None for the camera's best.
+        off_frames: frames with the laser off, one of OFF_FRAMES.
     """
 
     source: str = "0"
@@ -58,6 +61,7 @@ class Devices:
     trigger: str | None = None
     exposure_output: str | None = None
     pixel_format: str | None = None
+    off_frames: str = "one"
 
     def camera(self, *, free: bool = False) -> Camera:
         """The camera, not yet open.
@@ -102,7 +106,7 @@ class Devices:
         if self.trigger is not None and not free and not made.triggered:
             raise InvalidInput(
                 f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or take a "
-                "GigE Vision or USB3 Vision camera (`guara cameras` lists them)"
+                "GigE Vision or USB3 Vision camera (`guara doctor --cameras` lists them)"
             )
         return made
 
@@ -137,20 +141,31 @@ class Devices:
 
 
 def devices_of(
-    path: Path | None, *, camera: str | None = None, trigger: str | None = None, fps: float | None = None
+    path: Path | None,
+    *,
+    camera: str | None = None,
+    trigger: str | None = None,
+    fps: float | None = None,
+    off_frames: str | None = None,
 ) -> Devices:
     """The devices of a file, or the default devices without a file; options of a command replace what they name.
 
     Args:
         path: devices.toml, or None.
         camera: as `Devices.source`; None = that of the file.
-        trigger, fps: as in `Devices`; None = those of the file.
+        trigger, fps, off_frames: as in `Devices`; None = those of the file.
 
     Raises:
         MissingFile, FileFormatError: see `load_devices`.
     """
     known = Devices() if path is None else load_devices(path)
-    return replace(known, source=camera or known.source, trigger=trigger or known.trigger, fps=fps or known.fps)
+    return replace(
+        known,
+        source=camera or known.source,
+        trigger=trigger or known.trigger,
+        fps=fps or known.fps,
+        off_frames=off_frames or known.off_frames,
+    )
 
 
 def load_devices(path: str | Path) -> Devices:
@@ -196,6 +211,7 @@ def load_devices(path: str | Path) -> Devices:
         fps=camera.number("fps", 0.1, 10_000) if camera.has("fps") else None,
         lag=camera.number("lag", 0.0, 10.0) if camera.has("lag") else None,
         **{name: camera.text(name) for name in LINES if camera.has(name)},
+        off_frames=camera.text("off_frames", OFF_FRAMES) if camera.has("off_frames") else "one",
         settings={name: camera.number(name, *limits[name]) for name in SETTINGS if camera.has(name)},
         board=board,
     )
@@ -210,6 +226,8 @@ def save_devices(devices: Devices, path: str | Path) -> None:
     lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
     lines += [f'format = "{FORMAT}"', "", "[camera]", f"source = {_quoted(devices.source)}"]
     lines += [f"{name} = {_quoted(value)}" for name in LINES if (value := getattr(devices, name)) is not None]
+    if devices.off_frames != "one":
+        lines.append(f"off_frames = {_quoted(devices.off_frames)}")
     if devices.size is not None:
         lines.append(f"size = [{devices.size[0]}, {devices.size[1]}]")
     for name, value in (("fps", devices.fps), ("lag", devices.lag), *devices.settings.items()):

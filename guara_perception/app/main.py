@@ -17,31 +17,37 @@ import click
 
 from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 
-# Name of each command and its module under guara_perception.app.commands.
-COMMANDS = {
-    name: name
-    for name in (
-        "calibrate",
-        "cameras",
-        "convert",
-        "demo",
-        "doctor",
-        "export",
-        "fleet",
-        "info",
-        "listen",
-        "process",
-        "record",
-        "recover",
-        "replay",
-        "robot",
-        "run",
-        "scan",
-        "security",
-        "targets",
-        "view",
-    )
+# Commands by group, each with its one line in `guara --help`; a command is a module of guara_perception.app.commands.
+GROUPS = {
+    "Try": {
+        "demo": "Walk a simulated robot over mixed terrain and pick footholds",
+        "doctor": "Check camera, board, network and calibration of this machine",
+    },
+    "Calibrate": {
+        "targets": "Print board, crosses and labels to scale as a PDF",
+        "record": "Record the pictures of a calibration session, step by step",
+        "calibrate": "Compute a calibration from a recorded session",
+    },
+    "Run": {
+        "run": "Start the node: scan at each stance pause and publish",
+        "scan": "Scan once and keep the frames",
+        "listen": "Print the grids of a node, or list the robots that are alive",
+        "view": "Show a walk in a browser, live or from a file",
+    },
+    "Files": {
+        "process": "Compute the terrain of a recorded scan",
+        "replay": "Replay recorded scans of a walk, with fusion over pauses",
+        "convert": "Convert, export or repair a recording, scan or grid",
+        "info": "Describe a file or folder",
+    },
+    "Robots and sites": {
+        "robot": "Make or check the folder of a robot",
+        "security": "Make and check certificates and access rules",
+    },
 }
+COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+# Earlier spellings, still accepted, and the module that holds each as a command.
+ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
 # Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
 # costs a quarter of the processor time of a scan. OpenCV's own warnings repeat what our errors say in plain words.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
@@ -55,8 +61,14 @@ class LazyGroup(click.Group):
     """A command group that imports a command only when it is called or its help is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names, sorted."""
-        return sorted(COMMANDS)
+        """Names in the order of the groups."""
+        return list(COMMANDS)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands by group, one line each."""
+        for group, commands in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl([(name.ljust(9), line) for name, line in commands.items()])
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import one command.
@@ -64,12 +76,12 @@ class LazyGroup(click.Group):
         Raises:
             click.UsageError: there is none of this name.
         """
-        if cmd_name not in COMMANDS:
+        if cmd_name not in COMMANDS and cmd_name not in ALIASES:
             if cmd_name.startswith("-"):
                 return None
             raise click.UsageError(f"no command {cmd_name!r}; allowed: {', '.join(COMMANDS)}")
-        module = importlib.import_module(f"guara_perception.app.commands.{COMMANDS[cmd_name]}")
-        command: click.Command = module.command
+        module = importlib.import_module(f"guara_perception.app.commands.{ALIASES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name if cmd_name in ALIASES else "command")
         _accept_verbose(command)
         return command
 

@@ -1,4 +1,4 @@
-"""`guara convert`: a recorded scan from folder to MCAP and back."""
+"""`guara convert`: recordings, scans and grids from one format into another, and cut recordings made whole."""
 
 from __future__ import annotations
 
@@ -7,21 +7,101 @@ from pathlib import Path
 import click
 
 from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.terrain.layers.layered_grid import EXTENTS
+
+# Endings of a grid for other tools.
+GRID_ENDINGS = (".ply", ".pcd", ".csv")
+
+file_argument = click.argument("source", type=click.Path(path_type=Path))
+step_option = click.option("--step", type=int, help="which pause of a recording; default: its only scan, its last grid")
+extent_option = click.option(
+    "--extent", type=click.Choice(EXTENTS), help="which grid of a recording; default: footprint"
+)
 
 
 @click.command(name="convert")
-@click.argument("source", type=click.Path(path_type=Path))
+@file_argument
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--step", type=int, help="which scan of a recording that holds several")
-def command(source: Path, target: Path, step: int | None) -> None:
-    """Convert the scan SOURCE (folder or .mcap) into TARGET (the other kind).
+@step_option
+@extent_option
+def command(source: Path, target: Path, step: int | None, extent: str | None) -> None:
+    """Convert SOURCE into TARGET, by what SOURCE is and by the ending of TARGET.
+
+    \b
+    scan folder -> .mcap       recording of the scan
+    .mcap -> folder            scan folder
+    .mcap -> .mcap             copy of all that is whole in a cut or damaged recording, with an index
+    .npz, .mcap -> .ply, .pcd  grid, a point per known cell
+    .npz, .mcap -> .csv        grid, a line per cell, with the cause where it is unknown
 
     \b
     Example:
       guara convert scans/paper paper.mcap
+      guara convert cut.mcap whole.mcap
+      guara convert walk.mcap map.csv --extent map
     """
+    if target.suffix in GRID_ENDINGS or source.suffix == ".npz":
+        export_grid(source, target, step, extent)
+        return
+    if extent is not None:
+        raise InvalidInput(f"--extent goes with {', '.join(GRID_ENDINGS)}; {target} is none of them: leave it out")
+    if source.suffix == target.suffix == ".mcap":
+        if step is not None:
+            raise InvalidInput("--step: a repaired recording keeps all pauses: leave it out")
+        repair(source, target)
+        return
     from guara_perception.app.files.convert import convert
 
     with progress("Converting") as show:
         convert(source, target, step=step, progress=show)
     click.echo(f"{target}: written")
+
+
+def export_grid(source: Path, target: Path, step: int | None, extent: str | None) -> None:
+    """Write a grid for other tools."""
+    from guara_perception.app.files.export import export_terrain
+    from guara_perception.app.files.open_grid import open_grid
+
+    count = export_terrain(open_grid(source, step, extent), target)
+    click.echo(f"{target}: {count} {'cells' if target.suffix == '.csv' else 'points'}")
+
+
+def repair(source: Path, target: Path) -> None:
+    """Copy all that is whole in a recording."""
+    from transport.recording import recover_recording
+
+    if not source.is_file():
+        raise MissingFile(f"{source}: no such file")
+    result = recover_recording(source, target)
+    state = "it was whole" if result.was_whole else f"{result.bytes_lost} bytes at the end were lost"
+    damaged = f", {result.damaged_chunks} damaged pieces left out" if result.damaged_chunks else ""
+    click.echo(f"{target}: {result.messages} messages, {result.attachments} attachments; {state}{damaged}")
+
+
+@click.command(name="export", hidden=True)
+@file_argument
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="file to write: .ply, .pcd or .csv")
+@step_option
+@extent_option
+def export(source: Path, out: Path, step: int | None, extent: str | None) -> None:
+    """Write a grid for other tools: `guara convert SOURCE OUT`.
+
+    \b
+    Example:
+      guara export terrain.npz -o terrain.ply
+    """
+    export_grid(source, out, step, extent)
+
+
+@click.command(name="recover", hidden=True)
+@file_argument
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="new file; default: SOURCE-recovered.mcap")
+def recover(source: Path, out: Path | None) -> None:
+    """Copy all that is whole in a cut or damaged .mcap: `guara convert SOURCE OUT.mcap`.
+
+    \b
+    Example:
+      guara recover walk.mcap -o whole.mcap
+    """
+    repair(source, out or source.with_name(f"{source.stem}-recovered{source.suffix}"))

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import click
 
+from guara_perception.app.options import note_new_spelling
+
 
 @click.command(name="doctor")
 @click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera, settings and board to check")
-@click.option("--camera", help="as `guara cameras` lists it; default: that of --devices, or 0")
+@click.option("--camera", help="as --cameras lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
 @click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
 @click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
 @click.option("--security", type=click.Path(path_type=Path), help="security folder whose certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
-@click.option("--json", "as_json", is_flag=True, help="print one JSON object per check instead")
+@click.option("--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with what each can prove")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")
 @click.pass_context
 def command(
     context: click.Context,
@@ -29,19 +33,26 @@ def command(
     scan: Path | None,
     security: Path | None,
     checks: tuple[str, ...],
+    lists_cameras: bool,
     as_json: bool,
 ) -> None:
-    """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when something must be mended.
+    """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when a check fails.
+
+    The first column of --cameras is what --camera and devices.toml take.
 
     \b
     Example:
       guara doctor -c calibration.json
       guara doctor --devices devices.toml --only camera --only board
+      guara doctor --cameras
     """
     from guara_perception.app.devices_file import devices_of
     from guara_perception.app.doctor import CHECKS, FAIL, examine
     from guara_perception.exceptions import InvalidInput
 
+    if lists_cameras:
+        list_cameras(context, as_json)
+        return
     unknown = [name for name in checks if name not in CHECKS]
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
@@ -62,3 +73,32 @@ def command(
         failed |= finding.level == FAIL
     if failed:
         context.exit(1)
+
+
+def list_cameras(context: click.Context, as_json: bool) -> None:
+    """Print the cameras of this machine; exit 1 when there is none."""
+    from guara_perception.app.find_cameras import find_cameras
+
+    found, missing = find_cameras()
+    for camera in found:
+        if as_json:
+            click.echo(json.dumps(dataclasses.asdict(camera)))
+            continue
+        click.echo(f"{camera.source}  {camera.description}")
+        click.echo(f"    {camera.evidence}")
+        if camera.lines:
+            click.echo(f"    --trigger {' or '.join(camera.lines)}")
+    if missing:
+        click.echo(missing, err=True)
+    if not found:
+        click.echo("no camera found: check cable, power and that your user is in the group `video`", err=True)
+        context.exit(1)
+
+
+@click.command(name="cameras", hidden=True)
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per camera instead")
+@click.pass_context
+def cameras(context: click.Context, as_json: bool) -> None:
+    """List the cameras of this machine: now `guara doctor --cameras`."""
+    note_new_spelling("guara cameras", "guara doctor --cameras")
+    list_cameras(context, as_json)

@@ -1,21 +1,33 @@
-"""`guara listen`: what a planner sees, one line per grid."""
+"""`guara listen`: the grids of a node as a planner sees them, or the robots that are alive."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.options import note_new_spelling
+from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import EXTENTS
+from transport.keys import DEFAULT_ROBOT
+
+if TYPE_CHECKING:
+    from transport.fleet import RobotState
 
 # [s] Longest time to wait for the connection.
 CONNECTING_SECONDS = 5.0
+# [s] Time in which every robot of a site answers.
+ANSWER_SECONDS = 2.0
+COLUMNS = ("robot", "step", "age", "health", "links")
 
 
 @click.command(name="listen")
-@click.option("--connect", "endpoint", help="where the node listens; default: tcp/127.0.0.1:7447")
-@click.option("--robot", "--name", "robot", default="guara", show_default=True, help="instance name of the robot")
+@click.option("--connect", "endpoint", help="where the node or the site's router listens; default: tcp/127.0.0.1:7447")
+@click.option("--name", "--robot", "names", multiple=True, help="instance name [default: guara]; repeatable with --all")
 @click.option(
     "--extent",
     type=click.Choice(EXTENTS),
@@ -33,27 +45,39 @@ CONNECTING_SECONDS = 5.0
 @click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for this many seconds")
-@click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
+@click.option("--all", "lists_robots", is_flag=True, help="list the robots that are alive instead, once")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead, or one list of robots")
 def command(
     endpoint: str | None,
-    robot: str,
+    names: tuple[str, ...],
     extent: str,
     encoding: str,
     security: Path | None,
     count: int | None,
     timeout: float | None,
+    lists_robots: bool,
     as_json: bool,
 ) -> None:
     """Print one line per grid that the node publishes; the last one comes at once.
+
+    With --all: the robots that are alive, each with its pause, the age of its last grid, health and links. Signs of
+    life and status are asked for, grids are not touched.
 
     \b
     Example:
       guara listen --connect tcp/127.0.0.1:7447 --count 1
       guara listen --connect tcp/127.0.0.1:7447 --encoding compact --count 1
+      guara listen --connect tcp/127.0.0.1:7447 --all
     """
+    if lists_robots:
+        list_robots(endpoint, names, security, timeout or ANSWER_SECONDS, as_json)
+        return
     from guara_perception.app.client import TerrainClient
     from guara_perception.app.summary import facts, summary
 
+    if len(names) > 1:
+        raise InvalidInput(f"--name is {', '.join(names)}: one robot is listened to at a time; --all lists several")
+    robot = names[0] if names else DEFAULT_ROBOT
     seen = 0
     connecting = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
     with TerrainClient(endpoint, robot=robot, security=security, timeout=connecting, encoding=encoding) as client:
@@ -69,3 +93,49 @@ def command(
                     break
         except KeyboardInterrupt:
             click.echo(f"stopped after {seen} grids", err=True)
+
+
+def list_robots(
+    endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
+) -> None:
+    """Print a table of the robots that are alive."""
+    from transport import open_client
+    from transport.fleet import robot_states
+
+    with open_client(endpoint, security=security) as session:
+        states = robot_states(session, robots=names, timeout=timeout)
+    if as_json:
+        click.echo(json.dumps([_plain(state) for state in states]))
+        return
+    rows = [COLUMNS, *(_row(state) for state in states)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    for row in rows:
+        click.echo("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())
+    for state in states:
+        if state.message:
+            click.echo(f"{state.robot}: {state.message}")
+
+
+def _row(state: RobotState) -> tuple[str, ...]:
+    step = "-" if state.step is None else str(state.step)
+    if state.standing is False:
+        step += " (moves)"
+    age = "-" if math.isnan(state.age) else f"{state.age:.1f} s"
+    return state.robot, step, age, state.health.name.lower(), str(state.links)
+
+
+def _plain(state: RobotState) -> dict[str, object]:
+    plain = dataclasses.asdict(state)
+    return {**plain, "age": None if math.isnan(state.age) else state.age, "health": state.health.name.lower()}
+
+
+@click.command(name="fleet", hidden=True)
+@click.option("--connect", "endpoint", help="router of the site; default: tcp/127.0.0.1:7447")
+@click.option("--robot", "--name", "names", multiple=True, help="only this instance name; repeatable")
+@click.option("--security", type=click.Path(path_type=Path), help="folder of a member with the role fleet")
+@click.option("--timeout", type=click.FloatRange(min=0.1), default=ANSWER_SECONDS, help="seconds to wait")
+@click.option("--json", "as_json", is_flag=True, help="print one JSON list instead")
+def fleet(endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool) -> None:
+    """List the robots that are alive: now `guara listen --all`."""
+    note_new_spelling("guara fleet", "guara listen --all")
+    list_robots(endpoint, names, security, timeout, as_json)

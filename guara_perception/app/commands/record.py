@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.board_options import board_options
+from guara_perception.app.options import board_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -20,7 +20,7 @@ RULER_MM = 150.0
 @click.option("--simulated", is_flag=True, help="simulated robot, devices and operator")
 @click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera and board to use")
 @click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
-@click.option("--camera", help="as `guara cameras` lists it, or a GStreamer pipeline; default: that of --devices, or 0")
+@click.option("--camera", help="as `guara doctor --cameras` lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
 @board_options
 @click.option(

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
-from guara_perception.app.device_options import DeviceOptions, device_options
+from guara_perception.app.options import DeviceOptions, device_options, earlier_option, read_node_file
 
 if TYPE_CHECKING:
     from guara_perception.terrain.grid import TerrainGrid
@@ -30,28 +31,16 @@ JPEG_QUALITY = 90
 )
 @click.option("--record-limit", help="what all files of the folder may take, as 50GB: the oldest are removed")
 @click.option(
-    "--jpeg", type=click.IntRange(1, 100), help=f"record frames as JPEG of this quality; default: {JPEG_QUALITY}"
-)
-@click.option("--lossless", is_flag=True, help="record every bit of the frames: nine times the size")
-@click.option("--ros2", is_flag=True, help="mirror grids, clouds, markers, camera and status for ROS 2 (rmw_zenoh)")
-@click.option(
-    "--ros2-tf",
-    is_flag=True,
-    help="with --ros2: also TF and URDF, below /<robot>; leave it out where the robot publishes its own",
-)
-@click.option(
-    "--ros2-unknown",
-    type=click.Choice(["100", "-1"]),
-    default="100",
+    "--jpeg",
+    type=click.IntRange(0, 100),
+    default=JPEG_QUALITY,
     show_default=True,
-    help="with --ros2: what unknown cells of occupancy grids hold; -1 is what RViz and Nav2 mean by unknown",
+    help="quality of recorded frames; 0: every bit of them, nine times the size",
 )
-@click.option("--domain", type=click.IntRange(0, 232), default=0, show_default=True, help="ROS 2 domain")
+@earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
+@click.option("--ros2", is_flag=True, help="publish for ROS 2 too: grids, clouds, markers, camera and status")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
-@click.option("--connect", help="use an external Zenoh router instead of being one")
-@click.option("--uplink", help="dial a further router too, for readers elsewhere; planner and gait stay on this one")
 @click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
-@click.option("--allow-insecure", is_flag=True, help="listen beyond this machine without security")
 @click.option("--name", help="instance name in the keys; default: the robot's")
 @click.option(
     "--mode",
@@ -60,12 +49,34 @@ JPEG_QUALITY = 90
     show_default=True,
     help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
 )
+@click.option(
+    "--node",
+    type=click.Path(path_type=Path),
+    is_eager=True,
+    expose_value=False,
+    callback=read_node_file,
+    help="node.toml: options that are set once (docs/files.md); the command line overrides it",
+)
+# Set once for a robot, so node.toml is where they belong.
+@click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
+@click.option(
+    "--ros2-unknown",
+    type=click.Choice(["100", "-1"]),
+    default="100",
+    hidden=True,
+    help="with --ros2: value of unknown cells in occupancy grids; -1 is what RViz and Nav2 mean by unknown",
+)
+@click.option("--domain", type=click.IntRange(0, 232), default=0, hidden=True, help="ROS 2 domain")
+@click.option("--connect", hidden=True, help="use an external Zenoh router instead of being one")
+@click.option("--uplink", hidden=True, help="dial a further router too; planner and gait stay on this one")
+@click.option("--allow-insecure", is_flag=True, hidden=True, help="listen beyond this machine without security")
+@click.pass_context
 def command(
+    context: click.Context,
     simulated: bool,
     record: Path | None,
     record_limit: str | None,
-    jpeg: int | None,
-    lossless: bool,
+    jpeg: int,
     ros2: bool,
     ros2_tf: bool,
     ros2_unknown: str,
@@ -81,12 +92,15 @@ def command(
 ) -> None:
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
+    Camera and trigger are set in devices.toml; what is set once for a robot (routers, ROS 2 domain and TF, and every
+    option here) may stand in node.toml.
+
     \b
     Example:
       guara run -c calibration.json --record walk.mcap
       guara run -c calibration.json --record recordings --record-limit 50GB
       guara run --simulated
-      guara run -c calibration.json --security keys --uplink tls/site.local:7447
+      guara run --node node.toml
     """
     from guara_perception.app.bounded_close import closed_within
     from guara_perception.app.files.recording_files import read_limit
@@ -101,12 +115,12 @@ def command(
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
 
-    if lossless and jpeg is not None:
+    if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
     limit = None if record_limit is None else read_limit(record_limit, record)
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
         raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
-    quality = None if lossless else jpeg or JPEG_QUALITY
+    quality = jpeg or None
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
         rig = choose_rig(chosen, simulated=simulated, on_the_move=True)
@@ -189,4 +203,4 @@ def recording_size(quality: int | None) -> str:
         return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"
     if quality > JPEG_QUALITY:
         return f"frames as JPEG of quality {quality}, more than 5 GB an hour {rate}"
-    return f"frames as JPEG of quality {quality}, about 5 GB an hour {rate}; --lossless about 35 GB"
+    return f"frames as JPEG of quality {quality}, about 5 GB an hour {rate}; --jpeg 0 about 35 GB"

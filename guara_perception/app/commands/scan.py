@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.device_options import DeviceOptions, device_options
+from guara_perception.app.options import DeviceOptions, device_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(name="scan")
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @device_options
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="the same as FOLDER")
+@click.option("-o", "--out", type=click.Path(path_type=Path), hidden=True, help="the same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
 @click.option(
     "--mode",

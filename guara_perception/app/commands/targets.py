@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.board_options import board_options
+from guara_perception.app.options import board_options
 
 
 @click.command(name="targets")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.options import earlier_option
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ SILENCE = 5.0
 )
 @click.option("--robot", default="guara", show_default=True, help="name of a robot, or its folder")
 @click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
-@click.option("--instance", default="guara", show_default=True, help="live: instance name of the robot")
+@click.option("--name", default="guara", show_default=True, help="live: instance name of the robot")
+@earlier_option("--instance", "name", "--name")
 @click.option("--security", type=click.Path(path_type=Path), help="live: folder of a role of `guara security init`")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="port of the page")
 @click.option("--rerun", is_flag=True, help="show a recording in the Rerun viewer instead (extra `rerun`)")
@@ -39,7 +41,7 @@ def command(
     calibration: Path | None = None,
     robot: str = "guara",
     endpoint: str | None = None,
-    instance: str = "guara",
+    name: str = "guara",
     security: Path | None = None,
     port: int = 8080,
     rerun: bool = False,
@@ -78,7 +80,7 @@ def command(
             click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
             stop.wait()
         else:
-            show_live(view.add, model, endpoint, instance, security, stop, view.address)
+            show_live(view.add, model, endpoint, name, security, stop, view.address)
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:

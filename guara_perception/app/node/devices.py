@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivers import AcquireOptions, LaserBoard, OffFrames
-from guara_perception.app.device_options import DeviceOptions
 from guara_perception.app.devices_file import Devices, devices_of
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
+from guara_perception.app.options import DeviceOptions
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput
@@ -70,9 +70,11 @@ def choose_rig(
 
         made = SimulatedRobot(chosen.robot or "guara", chosen.calibration)
         return Rig(made.robot, made.calibration, made.rangefinder, made)
-    devices = devices_of(chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps)
+    devices = devices_of(
+        chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps, off_frames=chosen.off_frames
+    )
     if not needs_calibration:
-        return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices, chosen.off_frames), None)
+        return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices), None)
     if chosen.calibration is None:
         raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
     calibration = load_calibration(chosen.calibration)
@@ -80,7 +82,7 @@ def choose_rig(
     if on_the_move:
         _refuse_assumed(model)
     devices = replace(devices, size=calibration.camera.size)
-    return Rig(model, calibration, rangefinder_of(devices, chosen.off_frames), None)
+    return Rig(model, calibration, rangefinder_of(devices), None)
 
 
 # Tables and keys of robot.toml by which a foot is set. The mounts of camera and laser are not among them: the
@@ -98,12 +100,11 @@ def _refuse_assumed(robot: RobotModel) -> None:
         )
 
 
-def rangefinder_of(devices: Devices, off_frames: str = "one", *, free: bool = False) -> Rangefinder:
+def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
     """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened.
 
     Args:
         devices: devices as their file names them.
-        off_frames: "one", "per stripe" or "none".
         free: let the camera run freely although it has a trigger, as for pictures of a checkerboard.
 
     Raises:
@@ -113,6 +114,6 @@ def rangefinder_of(devices: Devices, off_frames: str = "one", *, free: bool = Fa
     return Rangefinder(
         board=LaserBoard(devices.board_config()),
         camera=devices.camera(free=free),
-        options=AcquireOptions(off=OffFrames(off_frames), together=STRIPES_TOGETHER, sweep=sweep),
+        options=AcquireOptions(off=OffFrames(devices.off_frames), together=STRIPES_TOGETHER, sweep=sweep),
         settings=devices.camera_settings() if devices.settings or sweep is not None else None,
     )

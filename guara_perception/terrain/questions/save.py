@@ -20,7 +20,7 @@ def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
         MissingFile: the folder does not exist.
     """
     if Path(path).suffix != ".npz":
-        raise InvalidInput(f"{path}: a grid is saved as .npz; `guara export` writes .ply, .pcd and .csv")
+        raise InvalidInput(f"{path}: a grid is saved as .npz; `guara convert` writes .ply, .pcd and .csv")
     metadata = {**terrain.metadata, "extent": terrain.extent}
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(

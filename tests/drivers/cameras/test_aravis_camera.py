@@ -193,7 +193,7 @@ def test_what_it_does_not_have_is_refused(fake: FakeGigeCamera, options: dict, e
 
 
 def test_a_camera_that_is_not_there(fake: FakeGigeCamera) -> None:
-    with pytest.raises(CameraNotFound, match="`guara cameras` lists"):
+    with pytest.raises(CameraNotFound, match="`guara doctor --cameras` lists"):
         AravisCamera("Nobody-42").open()
 
 

@@ -1,4 +1,4 @@
-"""`guara cameras`, the checks of cameras in `guara doctor`, and sources of `devices.toml` that Aravis opens."""
+"""`guara doctor --cameras`, the camera checks of `guara doctor`, and sources of `devices.toml` that Aravis opens."""
 
 import json
 from pathlib import Path
@@ -29,9 +29,9 @@ def test_each_camera_is_listed_with_what_it_can_prove(
     """A webcam cannot tell a lost frame; a camera with a trigger is proved by its clock, and its lines are named."""
     monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (video_class,))
     with fake_gige():
-        assert run(["cameras"]) == 0
+        assert run(["doctor", "--cameras"]) == 0
         printed = capsys.readouterr().out
-        assert run(["cameras", "--json"]) == 0
+        assert run(["doctor", "--cameras", "--json"]) == 0
         first, second = map(json.loads, capsys.readouterr().out.splitlines())
         finding = doctor.check_cameras()
     assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in printed and "does not show" in printed
@@ -50,7 +50,7 @@ def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.setattr(find_cameras.find_cameras, "__defaults__", (tmp_path,))
     monkeypatch.setitem(__import__("sys").modules, "gi", None)
     monkeypatch.setattr(aravis_library, "SYSTEM_PACKAGES", ("/nowhere",))
-    assert run(["cameras"]) == 1
+    assert run(["doctor", "--cameras"]) == 1
     said = capsys.readouterr().err
     assert "no camera found: check cable" in said and "apt install gir1.2-aravis-0.8" in said
     finding = doctor.check_cameras()

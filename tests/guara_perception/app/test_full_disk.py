@@ -32,8 +32,8 @@ def test_each_writing_command_names_its_file_and_leaves_none(
     commands = {
         "t.npz": ["process", scan, "-c", calibration_file, "-o", out / "t.npz"],
         "c.json": ["calibrate", data / "calibration", "-o", out / "c.json"],
-        "t.csv": ["export", terrain_file, "-o", out / "t.csv"],
-        "t.ply": ["export", terrain_file, "-o", out / "t.ply"],
+        "t.csv": ["convert", terrain_file, out / "t.csv"],
+        "t.ply": ["convert", terrain_file, out / "t.ply"],
         "scan.mcap": ["convert", scan, out / "scan.mcap"],
         "targets.pdf": ["targets", "-o", out / "targets.pdf"],
         "robot": ["robot", "new", urdf, "-o", out / "robot"],

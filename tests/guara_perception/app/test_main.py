@@ -12,7 +12,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app import main as module
-from guara_perception.app.main import COMMANDS, LazyGroup, is_bad_input, run, text_of
+from guara_perception.app.main import ALIASES, COMMANDS, LazyGroup, is_bad_input, run, text_of
 from kinematics.exceptions import unknown_name
 from tests.forked import run_forked
 from transport import ConnectionFailed, ScanFailed, StaleTerrain
@@ -31,8 +31,8 @@ def with_subcommands(name: str) -> list[tuple[str, ...]]:
 
 @pytest.mark.parametrize("name", PROMISED)
 def test_promised_command_is_there(name: str):
-    """Every command that users were promised is listed."""
-    assert name in COMMANDS
+    """Every command that users were promised is there, some as an alias of a wider one."""
+    assert name in COMMANDS or name in ALIASES
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -70,11 +70,31 @@ def test_each_example_stands_on_a_line_of_its_own(guara, name: str):
 
 
 def test_help_lists_every_command(guara):
-    """`guara --help` lists each with its one line."""
+    """`guara --help` lists each with its one line, whole at 80 columns, and no earlier spelling."""
     said = guara("--help")
     assert said.code == 0
-    for name in COMMANDS:
-        assert f"\n  {name} " in said.out
+    for name, line in COMMANDS.items():
+        assert f"\n  {name.ljust(9)}  {line}\n" in said.out
+    assert max(map(len, said.out.splitlines())) <= 80
+    assert not any(f"\n  {name} " in said.out for name in ALIASES)
+
+
+@pytest.mark.parametrize("name", ALIASES)
+def test_an_earlier_spelling_of_a_command_still_works(guara, name: str):
+    """Its help tells the new one, which is a command that is listed."""
+    said = guara(name, "--help")
+    assert said.code == 0 and f"`guara {ALIASES[name]} " in said.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "new"),
+    [(["fleet", "--timeout", "0.1"], "guara listen --all"), (["view", "x", "--instance", "a"], "--name")],
+)
+def test_an_earlier_spelling_tells_the_new_one(guara, arguments: list[str], new: str):
+    """In one line on standard error, before whatever the command itself reports."""
+    assert (
+        guara(*arguments).err.splitlines()[0].endswith(f"is now {new}; the old spelling works until the next release")
+    )
 
 
 def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
@@ -87,7 +107,7 @@ def test_no_command_at_all_shows_the_help_and_is_bad_usage(guara):
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        (["proces"], "no command 'proces'; allowed: calibrate, cameras, "),
+        (["proces"], "no command 'proces'; allowed: demo, doctor, "),
         (["security", "remove"], "No such command 'remove'. Did you mean 'revoke'? (see guara security --help)"),
         (["process"], "Missing argument 'SCAN' (see guara process --help)"),
         (["process", "x"], "Missing option '-o' / '--out'"),

@@ -13,6 +13,7 @@ import pytest
 import guara_perception as gp
 from drivers import HeldSettings
 from drivers.emulator import EmulatedCamera
+from guara_perception.app.commands.run import command as run_command
 from guara_perception.app.commands.run import recording_size
 from guara_perception.app.figures import figures
 from guara_perception.app.main import run
@@ -102,12 +103,56 @@ def test_without_a_board_a_scan_fails_and_says_so(
 
 
 def test_what_a_recording_takes_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    """Lossless or not, in gigabytes an hour; both at once is a contradiction."""
+    """Lossless or not, in gigabytes an hour; both at once is a contradiction, in either order."""
+    assert run(["run", "--simulated", "--jpeg", "90", "--lossless", "--record", "walk.mcap"]) == 2
     assert run(["run", "--simulated", "--lossless", "--jpeg", "90", "--record", "walk.mcap"]) == 2
     assert "--lossless and --jpeg contradict one another" in capsys.readouterr().err
     assert "frames lossless, about 35 GB an hour" in recording_size(None)
     assert "JPEG of quality 90, about 5 GB an hour" in recording_size(90)
     assert "more than 5 GB" in recording_size(95)
+
+
+def defaults_of(path: Path, text: str) -> dict[str, object]:
+    """What `guara run` takes from a node.toml with this text."""
+    path.write_text(f'format = "guara-node/1"\n{text}')
+    with run_command.make_context("run", ["--simulated", "--node", str(path), "--mode", "coarse"]) as context:
+        return context.params
+
+
+def test_options_that_are_set_once_stand_in_node_toml(tmp_path: Path) -> None:
+    """Its paths are relative to its folder; the command line wins; a later spelling and an earlier one do the same."""
+    text = 'mode = "standard"\nsecurity = "keys"\nros2 = true\ndomain = 7\nuplink = "tls/site:7447"\njpeg = 0'
+    found = defaults_of(tmp_path / "node.toml", text)
+    assert (found["mode"], found["ros2"], found["domain"]) == ("coarse", True, 7)
+    assert found["security"] == tmp_path / "keys" and found["uplink"] == "tls/site:7447" and found["jpeg"] == 0
+    with run_command.make_context("run", ["--lossless"]) as context:
+        assert context.params["jpeg"] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "reported"),
+    [
+        ("speed = 3", "unknown speed; allowed: allow_insecure, calibration, camera, "),
+        ('mode = "quick"', "mode is 'quick': 'quick' is not one of 'adaptive', 'standard', 'coarse'"),
+        ("jpeg = 101", "101 is not in the range 0<=x<=100"),
+        ("ros2 = 1", "ros2 is 1: "),
+        ("name = true", "name is True: "),
+        ("security = 3", "security is 3: "),
+        ("mode = ", "no valid TOML"),
+    ],
+)
+def test_a_wrong_node_toml_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, reported: str
+) -> None:
+    """Exit 2 and one line that names the file, the key and what is allowed."""
+    path = tmp_path / "node.toml"
+    path.write_text(f'format = "guara-node/1"\n{text}')
+    assert run(["run", "--simulated", "--node", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"guara: {path}: ") and reported in said and said.count("\n") == 1
+    path.write_text("mode = 'coarse'")
+    assert run(["run", "--node", str(path)]) == 2 and "format must be 'guara-node/1'" in capsys.readouterr().err
+    assert run(["run", "--node", str(tmp_path / "none")]) == 2 and "no such file" in capsys.readouterr().err
 
 
 @pytest.mark.slow

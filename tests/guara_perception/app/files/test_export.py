@@ -1,4 +1,4 @@
-"""`guara export`: what trimesh, pypcd4 and csv read is what the grid says; unknown cells are never points."""
+"""`guara convert` of grids: what trimesh, pypcd4 and csv read is what the grid says; unknown cells are never points."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ def make_unknown() -> gp.TerrainGrid:
 
 def test_other_endings_are_refused(paper_terrain: gp.TerrainGrid, tmp_path: Path, guara, terrain_file: Path):
     """Exit 2 and the endings there are; saving a grid under such a name is refused too, with the way out."""
-    said = guara("export", terrain_file, "-o", tmp_path / "t.xyz")
+    said = guara("convert", terrain_file, tmp_path / "t.xyz")
     assert said.code == 2 and "t.xyz: it must end in .ply, .pcd, .csv" in said.err
-    with pytest.raises(gp.InvalidInput, match=r"t.csv: a grid is saved as .npz; `guara export` writes .ply"):
+    with pytest.raises(gp.InvalidInput, match=r"t.csv: a grid is saved as .npz; `guara convert` writes .ply"):
         paper_terrain.save(tmp_path / "t.csv")
     assert list(tmp_path.iterdir()) == []
 
@@ -86,8 +86,31 @@ def test_command_exports_a_grid_of_a_recording(guara, paper_terrain: gp.TerrainG
     with RecordingWriter(tmp_path / "w.mcap") as writer:
         for sequence in (1, 2):
             writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=sequence))
-    assert guara("export", tmp_path / "w.mcap", "-o", tmp_path / "t.ply").code == 0
-    said = guara("export", tmp_path / "w.mcap", "--step", "9", "-o", tmp_path / "u.ply")
+    assert guara("convert", tmp_path / "w.mcap", tmp_path / "t.ply").code == 0
+    said = guara("convert", tmp_path / "w.mcap", "--step", "9", tmp_path / "u.ply")
     assert said.code == 2 and "holds no grid of step 9; its steps: 0" in said.err
-    said = guara("export", tmp_path / "w.mcap", "--extent", "map", "-o", tmp_path / "u.ply")
+    said = guara("convert", tmp_path / "w.mcap", "--extent", "map", tmp_path / "u.ply")
     assert said.code == 2 and "holds no map grid; `guara replay` makes them" in said.err
+
+
+def test_command_repairs_a_recording(guara, paper_terrain: gp.TerrainGrid, tmp_path: Path):
+    """From .mcap to .mcap all that is whole is copied, under either spelling; options of grids are refused there."""
+    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    with RecordingWriter(tmp_path / "w.mcap") as writer:
+        writer.add_terrain(terrain_to_message(paper_terrain, robot="guara", sequence=1))
+    cut.write_bytes((tmp_path / "w.mcap").read_bytes()[:-200])
+    said = guara("convert", cut, whole)
+    assert said.code == 0 and "messages" in said.out and guara("info", whole).code == 0
+    assert guara("recover", cut).code == 0 and (tmp_path / "cut-recovered.mcap").read_bytes() == whole.read_bytes()
+    said = guara("convert", tmp_path / "none.mcap", tmp_path / "x.mcap")
+    assert said.code == 2 and "none.mcap: no such file" in said.err
+    for option in (("--step", "1"), ("--extent", "map")):
+        said = guara("convert", cut, tmp_path / "y.mcap", *option)
+        assert said.code == 2 and option[0] in said.err and "leave it out" in said.err
+
+
+def test_the_earlier_spelling_exports_the_same(guara, terrain_file: Path, tmp_path: Path):
+    """`guara export GRID -o FILE` writes the bytes that `guara convert GRID FILE` writes."""
+    assert guara("export", terrain_file, "-o", tmp_path / "a.csv").code == 0
+    assert guara("convert", terrain_file, tmp_path / "b.csv").code == 0
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

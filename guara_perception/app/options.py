@@ -1,0 +1,159 @@
+"""Options that several commands share, earlier spellings of options, and the file that holds options of the node."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from guara_perception.exceptions import FileFormatError, MissingFile
+
+NODE_FORMAT = "guara-node/1"
+# A file of options has some twenty lines.
+LARGEST_BYTES = 64 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceOptions:
+    """The devices that the options of a live command choose.
+
+    Attributes:
+        calibration: calibration file; may be left out for simulated devices, and for scans to calibrate with.
+        robot: name or folder; None = the calibration's, or the Guara.
+        devices: devices.toml as `guara record` writes it.
+        camera: as `Devices.source`; None = that of `devices`, or 0.
+        trigger: line of the camera that the board triggers; None = that of `devices`, or none.
+        fps: frames per second to ask for; None = those of `devices`, or the camera's own.
+        off_frames: "one", "per stripe" or "none"; None = that of `devices`, or "one".
+    """
+
+    calibration: Path | None = None
+    robot: str | None = None
+    devices: Path | None = None
+    camera: str | None = None
+    trigger: str | None = None
+    fps: float | None = None
+    off_frames: str | None = None
+
+
+def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options of `DeviceOptions`, which it gets as its argument `chosen`."""
+    file = click.Path(path_type=Path)
+    camera = "as `guara doctor --cameras` lists it; default: that of --devices, or 0"
+    off_frames = click.Choice(["one", "per stripe", "none"])
+    options = (
+        click.option("-c", "--calibration", type=file, help="calibration.json of this rangefinder"),
+        click.option("--robot", help="name or folder of the robot; default: the calibration's"),
+        click.option("--devices", type=file, help="devices.toml as `guara record` writes it: camera and board"),
+        click.option("--camera", help=camera),
+        # Set once for a camera, so devices.toml is where they belong.
+        click.option("--trigger", metavar="LINE", hidden=True, help="`trigger` of devices.toml"),
+        click.option("--fps", type=click.FloatRange(min=0.1), hidden=True, help="`fps` of devices.toml"),
+        click.option("--off-frames", type=off_frames, hidden=True, help="`off_frames` of devices.toml"),
+    )
+
+    @functools.wraps(command)
+    def with_chosen(**values: Any) -> Any:
+        chosen = DeviceOptions(**{name: values.pop(name) for name in DeviceOptions.__slots__})
+        return command(chosen=chosen, **values)
+
+    return _with_options(with_chosen, options)
+
+
+def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options --board, --pattern, --square and --plates."""
+    pattern = click.Choice(["checkerboard", "charuco"])
+    options = (
+        click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS"),
+        click.option(
+            "--pattern",
+            type=pattern,
+            default="checkerboard",
+            show_default=True,
+            help="pattern of the board; a charuco board need not be wholly in the picture",
+        ),
+        click.option("--square", type=float, default=0.030, show_default=True, help="edge of the board's squares [m]"),
+        click.option("--plates", default="0,0.04,0.08", show_default=True, help="heights of the plates [m]"),
+    )
+    return _with_options(command, options)
+
+
+def _with_options(
+    command: Callable[..., Any], options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...]
+) -> Callable[..., Any]:
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def note_new_spelling(old: str, new: str) -> None:
+    """Tell the user of an earlier spelling which one replaces it."""
+    click.echo(f"guara: {old} is now {new}; the old spelling works until the next release", err=True)
+
+
+def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **attributes: Any) -> Callable[..., Any]:
+    """Hidden option that tells its new spelling and does the same.
+
+    Args:
+        old: earlier spelling.
+        name: parameter that it sets, unless the new spelling is given too.
+        new: spelling that replaces it.
+        constant: value that it sets; None = the value that the user gives.
+        attributes: further arguments of `click.option`.
+    """
+
+    def take(context: click.Context, parameter: click.Parameter, value: Any) -> None:
+        if value in (None, False):
+            return
+        note_new_spelling(old, new)
+        # Options that are given are processed first: the parameter itself then finds this as its default.
+        context.default_map = {**(context.default_map or {}), name: value if constant is None else constant}
+
+    attributes.update(hidden=True, expose_value=False, callback=take, is_flag=constant is not None)
+    return click.option(old, f"earlier_{old.strip('-').replace('-', '_')}", help=f"now {new}", **attributes)
+
+
+def read_node_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> None:
+    """Take the defaults of a command's options from node.toml; paths in it are relative to its folder.
+
+    Raises:
+        MissingFile, FileFormatError: the message names the key and what is allowed.
+    """
+    if path is None:
+        return
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file")
+    if path.stat().st_size > LARGEST_BYTES:
+        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, allowed: up to {LARGEST_BYTES}")
+    try:
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
+    if given.pop("format", None) != NODE_FORMAT:
+        raise FileFormatError(f"{path}: format must be {NODE_FORMAT!r}")
+    options = {
+        option.name: option
+        for option in context.command.params
+        if isinstance(option, click.Option) and option.expose_value and option is not parameter
+    }
+    unknown = sorted(set(given) - set(options))
+    if unknown:
+        raise FileFormatError(f"{path}: unknown {', '.join(unknown)}; allowed: {', '.join(sorted(map(str, options)))}")
+    for name, value in given.items():
+        kind = options[name].type
+        try:
+            if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
+                raise click.BadParameter("true and false are for options without a value, which take nothing else")
+            if isinstance(kind, click.Path | click.types.StringParamType) and not isinstance(value, str):
+                raise click.BadParameter("a text is needed")
+            options[name].type_cast_value(context, value)
+        except click.BadParameter as error:
+            raise FileFormatError(f"{path}: {name} is {value!r}: {error.message}") from None
+        if isinstance(kind, click.Path):
+            given[name] = str(path.parent / value)
+    context.default_map = given
