@@ -20,7 +20,7 @@ from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel
-from kinematics.pause import check_camera_still
+from kinematics.stillness import check_camera_still
 
 logger = logging.getLogger(__name__)
 

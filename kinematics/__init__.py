@@ -25,13 +25,14 @@ from kinematics.frames import BASE_FOOTPRINT, ODOM
 from kinematics.load import load_robot
 from kinematics.model import RobotModel
 from kinematics.odometry import LegOdometry, OdometryPose
-from kinematics.pause import CameraMotion, PauseDetector, PauseReport, camera_motion, check_camera_still
+from kinematics.pause import PauseDetector, PauseReport
 from kinematics.reach import Reach, reach_from_pose, reach_in_base
 from kinematics.self_filter import SelfFilter
 from kinematics.stability import polygon_margin, stability_margin
 from kinematics.stance import Stance
 from kinematics.stance_pose import ATTITUDE_SOURCES, GravityEstimate, StanceNoise, StancePose, stance_pose
 from kinematics.state import RobotState
+from kinematics.stillness import CameraMotion, Stillness, camera_motion, check_camera_still
 
 __all__ = [
     "ATTITUDE_SOURCES",
@@ -61,6 +62,7 @@ __all__ = [
     "StanceError",
     "StanceNoise",
     "StancePose",
+    "Stillness",
     "UnknownName",
     "camera_motion",
     "describe_robot",

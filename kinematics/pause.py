@@ -1,4 +1,4 @@
-"""Tells when the robot stands still enough to scan, and whether it stood still during the scan."""
+"""Detects from joint speeds and contacts when the robot stands still enough to scan."""
 
 from __future__ import annotations
 
@@ -6,14 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from kinematics.arrays import read_only
-from kinematics.carried_gravity import turn_between
-from kinematics.exceptions import ArgumentError, CameraMoved, JointPositionError, StanceError, unknown_name
+from kinematics.exceptions import ArgumentError, JointPositionError, unknown_name
 from kinematics.model import RobotModel
-from kinematics.stance import Stance
-from kinematics.transforms import checked_transform
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,78 +85,3 @@ class PauseDetector:
             if not np.isfinite(speed):
                 raise JointPositionError(f"joint {joint}: velocity {joint_velocities[joint]} is not finite")
         return speeds
-
-
-@dataclass(frozen=True, slots=True)
-class CameraMotion:
-    """How the camera moved between two readings of the joints.
-
-    Attributes:
-        translation: distance that the optical centre moved [m].
-        rotation: angle by which the camera turned [rad].
-        is_still: whether both are within the limits of robot.toml.
-    """
-
-    translation: float
-    rotation: float
-    is_still: bool
-
-
-def camera_motion(
-    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
-) -> CameraMotion:
-    """How the camera moved over the feet that carried the body throughout.
-
-    The feet stand on the ground: how they seem to move in `base_link` is the body's own motion, reversed.
-
-    Args:
-        robot: the model.
-        begin: the stance read before the scan.
-        end: the stance read after it.
-        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
-
-    Raises:
-        StanceError: fewer than three feet carried the body at both readings.
-    """
-    feet = [foot for foot in begin.support_feet if foot in end.support_feet]
-    if len(feet) < 3:
-        raise StanceError(
-            f"support_feet: {len(feet)} feet carried the body before and after ({', '.join(feet) or 'none'}); "
-            "three are needed to tell whether the camera moved"
-        )
-    before = robot.state(begin.joint_positions).soles_in_base(feet)
-    after = robot.state(end.joint_positions).soles_in_base(feet)
-    camera = robot.transform_camera_to_base
-    if transform_camera_to_base is not None:
-        camera = read_only(checked_transform(transform_camera_to_base, "transform_camera_to_base"))
-    rotation = turn_between(after, before)
-    moved = rotation @ (camera[:3, 3] - after.mean(axis=0)) + before.mean(axis=0) - camera[:3, 3]
-    # From the skew part: the arc cosine of the trace loses half its digits at small angles.
-    sine = np.linalg.norm(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
-    angle = float(np.arctan2(sine, np.trace(rotation) - 1.0))
-    translation = float(np.linalg.norm(moved))
-    limits = robot.pause_limits
-    still = translation <= limits.camera_translation_limit and angle <= limits.camera_rotation_limit
-    return CameraMotion(translation, angle, still)
-
-
-def check_camera_still(
-    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
-) -> CameraMotion:
-    """As `camera_motion`, for a scan that must not be used when the camera moved.
-
-    Raises:
-        CameraMoved: the message gives both motions and their limits.
-        StanceError: as `camera_motion`.
-    """
-    motion = camera_motion(robot, begin, end, transform_camera_to_base=transform_camera_to_base)
-    if not motion.is_still:
-        limits = robot.pause_limits
-        raise CameraMoved(
-            f"the camera moved by {1e3 * motion.translation:.2f} mm and {np.degrees(motion.rotation):.3f} degrees "
-            f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "
-            f"{np.degrees(limits.camera_rotation_limit):.3g} degrees are allowed: scan again"
-        )
-    return motion

@@ -1,21 +1,14 @@
 import math
 
-import numpy as np
 import pytest
 
 from kinematics import (
     ArgumentError,
-    CameraMoved,
     JointPositionError,
     PauseDetector,
     RobotModel,
-    Stance,
-    StanceError,
     UnknownName,
-    camera_motion,
-    check_camera_still,
 )
-from kinematics.urdf import rotation_from_rpy
 
 
 def still(robot: RobotModel, speed: float = 0.0) -> dict[str, float]:
@@ -69,58 +62,3 @@ def test_bad_readings_are_refused(robot: RobotModel) -> None:
         detector.update(2.0, {**still(robot), robot.joint_names[0]: math.nan}, robot.legs)
     with pytest.raises(UnknownName, match="unknown leg 'xx'"):
         detector.update(2.0, still(robot), ("xx",))
-
-
-def shifted(robot: RobotModel, rotation: np.ndarray, shift: tuple[float, float, float]) -> Stance:
-    """The scan posture after the body turned by a rotation and moved by a shift over feet that stayed."""
-    joints = robot.posture("scan")
-    soles = robot.state(joints).soles_in_base()
-    for leg, sole in zip(robot.legs, soles, strict=True):
-        names = robot.tree.leg(leg).joints
-        found = robot.reach(leg, rotation.T @ (sole - shift))
-        joints.update(zip(names, found.joint_positions.tolist(), strict=True))
-    return Stance(joints, robot.legs)
-
-
-def test_the_motion_of_the_camera_is_found(robot: RobotModel) -> None:
-    """A known motion of the body over its feet gives the camera's distance and angle."""
-    begin = Stance(robot.posture("scan"), robot.legs)
-    rotation, shift = rotation_from_rpy(0.0, 0.002, 0.001), (0.0004, 0.0, -0.0003)
-    motion = camera_motion(robot, begin, shifted(robot, rotation, shift))
-    camera = robot.transform_camera_to_base[:3, 3]
-    assert motion.translation == pytest.approx(np.linalg.norm(rotation @ camera + shift - camera), abs=1e-7)
-    assert motion.rotation == pytest.approx(math.hypot(0.002, 0.001), rel=1e-3)
-
-
-def test_a_scan_during_which_the_camera_moved_is_refused(robot: RobotModel) -> None:
-    """A scan is refused at 0.6 mm or 0.06 degrees, not at 0.4 mm and 0.02; the message gives both with their limits."""
-    begin = Stance(robot.posture("scan"), robot.legs)
-    unrotated = np.eye(3)
-    assert check_camera_still(robot, begin, begin).translation == pytest.approx(0.0, abs=1e-12)
-    assert check_camera_still(robot, begin, shifted(robot, unrotated, (0.0, 0.0004, 0.0))).is_still
-    with pytest.raises(CameraMoved, match=r"moved by 0.60 mm and 0.000 degrees .* 0.5 mm and 0.05 degrees are allowed"):
-        check_camera_still(robot, begin, shifted(robot, unrotated, (0.0, 0.0006, 0.0)))
-    # A turn about the camera itself, so that it turns without moving.
-    for angle, allowed in ((0.02, True), (0.06, False)):
-        rotation = rotation_from_rpy(0.0, 0.0, math.radians(angle))
-        camera = robot.transform_camera_to_base[:3, 3]
-        motion = camera_motion(robot, begin, shifted(robot, rotation, tuple(camera - rotation @ camera)))
-        assert motion.is_still is allowed
-        assert math.degrees(motion.rotation) == pytest.approx(angle, rel=1e-4)
-
-
-def test_the_calibrated_camera_counts(robot: RobotModel) -> None:
-    """The farther out a camera is, the more a turn moves it."""
-    begin, turned = Stance(robot.posture("scan"), robot.legs), rotation_from_rpy(0.0, 0.001, 0.0)
-    far = robot.transform_camera_to_base.copy()
-    far[0, 3] += 1.0
-    end = shifted(robot, turned, (0.0, 0.0, 0.0))
-    near = camera_motion(robot, begin, end).translation
-    assert camera_motion(robot, begin, end, transform_camera_to_base=far).translation > near + 0.0009
-
-
-def test_three_feet_must_have_stayed(robot: RobotModel) -> None:
-    """With fewer than three common feet the motion is unknown, and the question is refused."""
-    joints = robot.posture("scan")
-    with pytest.raises(StanceError, match="support_feet: 2 feet carried the body before and after"):
-        camera_motion(robot, Stance(joints, robot.legs), Stance(joints, robot.legs[:2]))

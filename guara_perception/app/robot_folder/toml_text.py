@@ -30,7 +30,8 @@ def assumed(proposal: Proposal) -> dict[str, str]:
         "traversability.roughness_limit": "the unevenness under one sole that the robot stands on",
         "heights.minimum": "how deep a foot reaches below the plane it stands on, twice",
         "heights.maximum": "twice the height to which a swing lifts a foot",
-        "stance.encoder_sigma": "read a joint that stands still, and how far it turns with the motor held",
+        "stance.encoder_sigma": "set each joint to a known angle, and compare with what it reads",
+        "stance.encoder_noise": "read the joints of the standing robot for a minute: standard deviation of one joint",
         "stance.centre_of_mass_sigma": "weigh the robot on its feet and compare with the masses of the URDF",
     }
 
@@ -137,7 +138,8 @@ def _mount_reason(p: Proposal) -> str:
 
 def _noise() -> Iterator[str]:
     yield "[stance]"
-    yield "encoder_sigma = 0.0035         # one joint angle, 0.2 degrees"
+    yield "encoder_sigma = 0.0035         # bias of one joint angle, 0.2 degrees"
+    yield "encoder_noise = 0.001          # white noise of one reading: 0.05 degrees and a 12-bit encoder's step"
     yield "contact_sigma = 0.001          # sole against ground, per axis"
     yield "sole_pitch_sigma = 0.0035      # pitch of a loaded flat sole; without meaning for round feet"
     yield "imu_sigma = 0.00175            # direction of gravity at rest, 0.1 degrees"
@@ -150,7 +152,7 @@ def _noise() -> Iterator[str]:
     yield "joint_speed_limit = 0.05       # rad/s"
     yield "hold_time = 0.2                # s, all joints slow for this long"
     yield "minimum_feet = 3               # a support plane needs three"
-    yield "camera_translation_limit = 0.0005   # between begin and end of a scan: a tenth of a grid cell"
+    yield "camera_translation_limit = 0.0005   # within a pause, where noise does not explain it"
     yield "camera_rotation_limit = 0.000873    # 0.05 degrees"
     yield ""
     yield "[odometry]"

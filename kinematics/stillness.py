@@ -1,0 +1,380 @@
+"""Statistical test of stillness over all joint readings of a pause.
+
+The standing feet do not move on the ground, so a motion of the body shows in the joints. With J_i the Jacobian of sole
+i, r_i its position from the camera and xi = (v, w) the camera's motion in `base_link`, a change dq of the joints gives
+
+    J_i dq = -(v + w x r_i) + J_i e,    e ~ N(0, sigma^2 I),
+
+from which xi follows by generalised least squares. The bias of a joint is the same in every reading and cancels.
+Window means of 1, 2, 4 ... readings are compared with all readings before them, with the window before and with the
+first window of the pause, at every reading: a step, a pulse and a ramp are each plain in one of these. What no motion
+of the body explains (the residual) tells the noise: sway is a motion of the body and is not in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.arrays import Float, read_only
+from kinematics.exceptions import ArgumentError, CameraMoved, StanceError
+from kinematics.footprint import skew
+from kinematics.joint_positions import checked_positions
+from kinematics.model import RobotModel
+from kinematics.stance import Stance
+from kinematics.transforms import checked_transform
+
+# False alarms by design, per pause and over all tests made in it.
+FALSE_ALARMS = 0.003
+
+# Longest window [readings]: 5 s at 50 Hz. What is slower shows between the first and the last window.
+LONGEST = 256
+
+# Motions that are to be found with this probability, in random directions: where readings come often, and elsewhere.
+POWER = 0.95
+WITH_HOLD = (1.0e-3, math.radians(0.1))
+WITHOUT_HOLD = (1.5e-3, math.radians(0.15))
+
+# Shortest pulse that is to be found [s], and the readings in it from which on they come often.
+PULSE_S, OFTEN = 0.2, 3
+
+# Most readings that are tried for the begin of a motion; those of a pulse at 320 Hz.
+MOST_NEEDED = 64
+
+# Weight of the noise that robot.toml states, in readings: a robot with more is told from one that moves after a few.
+PRIOR_READINGS = 1
+
+# Added to J J^T [m^2/rad^2], so that a leg at a stretch can be weighed: a thousandth of what a leg has otherwise.
+LEAST_LEVER = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMotion:
+    """Motion of the camera between two readings of the joints.
+
+    Attributes:
+        translation: distance that the optical centre moved [m].
+        rotation: angle by which the camera turned [rad].
+        is_still: whether the motion is within the limits of robot.toml or explained by the noise of the readings.
+    """
+
+    translation: float
+    rotation: float
+    is_still: bool
+
+
+class _Feet:
+    """Least squares over some standing feet: matrices that map joint changes to the camera's motion."""
+
+    def __init__(self, robot: RobotModel, begin: Stance, feet: Sequence[str], camera: Float) -> None:
+        """Linearise at the stance of BEGIN.
+
+        Raises:
+            StanceError: fewer than three feet, or feet on a line.
+        """
+        if len(feet) < 3:
+            raise StanceError(
+                f"support_feet: {len(feet)} feet carried the body before and after ({', '.join(feet) or 'none'}); "
+                "three are needed to tell whether the camera moved"
+            )
+        state = robot.state(begin.joint_positions)
+        rows, by_joints = [], []
+        for leg, sole in zip(feet, state.soles_in_base(feet), strict=True):
+            jacobian = state.jacobian(state.tree.leg(leg).sole)[:3]
+            whiten = np.linalg.inv(np.linalg.cholesky(jacobian @ jacobian.T + LEAST_LEVER * np.eye(3)))
+            rows.append(whiten @ np.hstack([-np.eye(3), skew(sole - camera)]))
+            by_joints.append(whiten @ jacobian)
+        design, white = np.vstack(rows), np.vstack(by_joints)
+        left, values, _ = np.linalg.svd(design)
+        if values[-1] < 1e-6 * values[0]:
+            raise StanceError(f"support_feet: {', '.join(feet)} stand on a line; the camera's motion cannot be told")
+        # Joint changes to motion (6, n), to whitened motion (6, n), and to what no motion explains (3 feet - 6, n).
+        self.motion: Float = np.linalg.pinv(design) @ white
+        self.whitened: Float = left[:, :6].T @ white
+        self.residual: Float = left[:, 6:].T @ white
+        self.covariance: Float = np.linalg.inv(design.T @ design)
+        information = design.T @ design
+        # chi^2 of a unit motion in each of some directions, for sigma = 1: all shifts, then all turns.
+        self.units = np.array(
+            [
+                np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS)
+                for block in (information[:3, :3], information[3:, 3:])
+            ]
+        )
+
+
+class Stillness:
+    """Test of whether the camera stands, over all readings of a pause in the order of their arrival.
+
+    Limits of robot.toml ([pause]) say which motion is harmless; a motion is reported when it is larger and cannot be
+    explained by noise, with at most `FALSE_ALARMS` of still pauses reported.
+    """
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, time: float, *, transform_camera_to_base: npt.ArrayLike | None = None
+    ) -> None:
+        """Start with the reading of BEGIN.
+
+        Args:
+            robot: the model.
+            stance: the stance of BEGIN.
+            time: stamp of its joints [s], by the gait's clock.
+            transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+
+        Raises:
+            ArgumentError: a time that is not finite, or a matrix that is no transform.
+            UnknownName, JointPositionError: the stance is not one of this robot.
+        """
+        self._robot, self._begin = robot, stance
+        camera = robot.transform_camera_to_base
+        if transform_camera_to_base is not None:
+            camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
+        self._camera = np.asarray(camera)[:3, 3]
+        self._first = checked_positions(robot.tree, stance.joint_positions)
+        self._last = self._first
+        self._names = stance.support_feet
+        self._feet: _Feet | None = None
+        # Row k: sum of joint changes since BEGIN over the first k readings; rows in the middle of a long pause are
+        # dropped (`_add_sum`). BEGIN is the first reading, its change is zero.
+        self._sums = np.zeros((4 * LONGEST, len(self._first)))
+        self._row = self._count = 1
+        self._times = deque([_checked_time(time)], maxlen=2 * LONGEST + 1)
+        self._head_times = [self._times[0]]
+        self._energies: deque[float] = deque(maxlen=2 * LONGEST)
+        self._variance = robot.noise.encoder_noise**2
+        self._motion = ""
+        self._still_until = -math.inf
+        self._latest = np.zeros(6)
+
+    def add(self, time: float, stance: Stance) -> None:
+        """Take a reading of HOLD or END.
+
+        A repeated reading (same stamp, same joints) tells nothing and is ignored.
+
+        Raises:
+            ArgumentError: a time that is not finite.
+            StanceError: fewer than three feet carried the body in all readings, or they stand on a line.
+            UnknownName, JointPositionError: the stance is not one of this robot.
+        """
+        positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
+        names = tuple(foot for foot in self._names if foot in stance.support_feet)
+        if self._feet is None or names != self._names:
+            self._feet = _Feet(self._robot, self._begin, names, self._camera)
+            self._names = names
+            self._energies.clear()
+        if time == self._times[-1] and np.array_equal(positions, self._last):
+            return
+        self._learn(self._feet, positions - self._last)
+        self._last = positions
+        self._add_sum(positions - self._first)
+        self._times.append(time)
+        if len(self._head_times) < LONGEST:
+            self._head_times.append(time)
+        self._test(self._feet)
+
+    @property
+    def motion(self) -> str:
+        """Motion of the camera and its limits in one line; empty while the readings show none."""
+        return self._motion
+
+    @property
+    def still_until(self) -> float:
+        """Stamp up to which the readings show that the camera stood [s]; -inf before a second reading.
+
+        A motion that begins before it is found with a probability of `POWER`: `WITH_HOLD` where readings come often,
+        else `WITHOUT_HOLD`; less where `undetectable` says so.
+        """
+        return self._still_until
+
+    @property
+    def undetectable(self) -> str:
+        """Why motions of 1 mm or 0.1 degrees cannot be told in this pause; empty when they can, or before a reading."""
+        window = self._recent()
+        scales = np.arange(1.0, 20.05, 0.1)
+        if self._feet is None or (seen := self._power(window, WITH_HOLD, scales) >= POWER)[0]:
+            return ""
+        scale = scales[np.argmax(seen)] if seen.any() else scales[-1]
+        more = "send HOLD more often" if self._count > 2 else "send HOLD"
+        return (
+            f"joints too noisy ({math.degrees(math.sqrt(self._variance)):.3f} degrees a reading) to see 1 mm or "
+            f"0.1 degrees in this pause, only {scale:.1f} mm or {0.1 * scale:.2f} degrees: {more}"
+        )
+
+    @property
+    def covariance(self) -> Float:
+        """Covariance (6, 6) of the camera's motion as the readings tell it: what they could not tell.
+
+        REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]). It is that of the shortest
+        motion that is to be found (`PULSE_S`); before a second reading, that of a single one.
+        """
+        feet = self._feet or _Feet(self._robot, self._begin, self._names, self._camera)
+        window = self._recent()
+        return read_only(self._variance * (1 / window + 1 / max(self._count - window, 1)) * feet.covariance)
+
+    def between_first_and_last(self) -> CameraMotion:
+        """Motion between BEGIN and the last reading."""
+        shift, turn = np.linalg.norm(self._latest[:3]), np.linalg.norm(self._latest[3:])
+        return CameraMotion(float(shift), float(turn), not self._motion)
+
+    def _learn(self, feet: _Feet, change: Float) -> None:
+        """White noise from the residual of successive readings; robot.toml's is its least."""
+        stated = self._robot.noise.encoder_noise**2
+        self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
+        degrees = len(feet.residual)
+        # The median of chi^2 (Wilson and Hilferty): a slipping foot in a few readings does not pass for noise.
+        found = float(np.median(self._energies)) / (degrees * (1.0 - 2.0 / (9.0 * degrees)) ** 3)
+        count = len(self._energies)
+        self._variance = max(stated, (PRIOR_READINGS * stated + count * found) / (PRIOR_READINGS + count))
+
+    def _add_sum(self, change: Float) -> None:
+        if self._row + 2 > len(self._sums):
+            # Windows begin in the last 2 LONGEST rows or end in the first LONGEST.
+            kept = np.r_[: LONGEST + 1, self._row - 2 * LONGEST : self._row + 1]
+            self._sums[: len(kept)] = self._sums[kept]
+            self._row = len(kept) - 1
+        self._sums[self._row + 1] = self._sums[self._row] + change
+        self._row += 1
+        self._count += 1
+
+    def _test(self, feet: _Feet) -> None:
+        """All comparisons of windows that end at the last reading."""
+        sums, row, count = self._sums, self._row, self._count
+        windows = 2 ** np.arange(int(math.log2(min(count - 1, LONGEST))) + 1)
+        pairs = windows[2 * windows < count]
+        to_end, begin = sums[row], sums[row - windows]
+        paired = sums[row - pairs]
+        means = (to_end - begin) / windows[:, None]
+        before = [
+            begin / (count - windows)[:, None],
+            sums[pairs] / pairs[:, None],
+            (paired - sums[row - 2 * pairs]) / pairs[:, None],
+        ]
+        of = np.concatenate([windows, pairs, pairs])
+        against = np.concatenate([count - windows, pairs, pairs])
+        changes = np.concatenate([means, means[: len(pairs)], means[: len(pairs)]]) - np.concatenate(before)
+        motions = changes @ feet.motion.T
+        chi2 = np.sum((changes @ feet.whitened.T) ** 2, axis=1) / (self._variance * (1 / of + 1 / against))
+        shifts, turns = np.linalg.norm(motions[:, :3], axis=1), np.linalg.norm(motions[:, 3:], axis=1)
+        limits = self._robot.pause_limits
+        over = (shifts > limits.camera_translation_limit) | (turns > limits.camera_rotation_limit)
+        found = np.flatnonzero((chi2 > _threshold(count)) & over)
+        self._latest = feet.motion @ (sums[row] - sums[row - 1])
+        if not self._motion and found.size:
+            worst = found[np.argmax(chi2[found])]
+            self._motion = (
+                f"the camera moved by {1e3 * shifts[worst]:.2f} mm and {math.degrees(turns[worst]):.3f} degrees "
+                f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "
+                f"{math.degrees(limits.camera_rotation_limit):.3g} degrees are allowed: scan again"
+            )
+            # The motion began no earlier than the window before, or the first one where these two were compared.
+            window = int(of[worst])
+            is_first = len(windows) <= worst < len(windows) + len(pairs)
+            began = self._head_times[window - 1] if is_first else self._times[-min(2 * window, len(self._times))]
+            self._still_until = min(self._still_until, began)
+        if not self._motion:
+            self._still_until = max(self._still_until, min(islice(reversed(self._times), self._needed())))
+
+    def _recent(self) -> int:
+        """Readings in the last `PULSE_S`, at least one, and never all."""
+        since = self._times[-1] - PULSE_S
+        recent = next((age for age, time in enumerate(reversed(self._times)) if time <= since), len(self._times))
+        return max(1, min(recent, self._count - 1))
+
+    def _needed(self) -> int:
+        """Readings after a motion's begin by which it is found."""
+        recent = self._recent()
+        windows = np.arange(1, min(recent, MOST_NEEDED) + 1)
+        enough = np.flatnonzero(self._power(windows, WITH_HOLD if recent >= OFTEN else WITHOUT_HOLD) >= POWER)
+        return int(windows[enough[0]]) if enough.size else recent
+
+    def _power(self, windows: npt.ArrayLike, sizes: tuple[float, float], scales: npt.ArrayLike = 1.0) -> Float:
+        """Probability that a step in random direction, of scaled sizes, is found in windows at the end, (n,)."""
+        assert self._feet is not None
+        windows = np.asarray(windows, dtype=np.float64)
+        variances = self._variance * (1 / windows + 1 / np.maximum(self._count - windows, 1.0))
+        threshold = _threshold(self._count)
+        chances = []
+        for size, units in zip(sizes, self._feet.units, strict=True):
+            x = np.multiply.outer(np.square(np.multiply(size, scales)) / variances, units)
+            # Noncentral chi^2 as normal, the normal distribution as logistic: within 1 % where it matters.
+            sigmas = (x + 6.0 - threshold) / np.sqrt(12.0 + 4.0 * x)
+            chances.append(np.mean(1.0 / (1.0 + np.exp(-1.702 * sigmas)), axis=-1))
+        return np.minimum(*chances)
+
+
+def camera_motion(
+    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+) -> CameraMotion:
+    """Motion of the camera between two readings: `Stillness` with nothing between them.
+
+    Args:
+        robot: the model.
+        begin: the stance read before the scan.
+        end: the stance read after it.
+        transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+
+    Raises:
+        StanceError: fewer than three feet carried the body at both readings.
+    """
+    return _of_two(robot, begin, end, transform_camera_to_base).between_first_and_last()
+
+
+def check_camera_still(
+    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+) -> CameraMotion:
+    """As `camera_motion`, for a scan that must not be used when the camera moved.
+
+    Raises:
+        CameraMoved: the message gives both motions and their limits.
+        StanceError: as `camera_motion`.
+    """
+    stillness = _of_two(robot, begin, end, transform_camera_to_base)
+    if stillness.motion:
+        raise CameraMoved(stillness.motion)
+    return stillness.between_first_and_last()
+
+
+def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike | None) -> Stillness:
+    stillness = Stillness(robot, begin, 0.0, transform_camera_to_base=camera)
+    stillness.add(1.0, end)
+    return stillness
+
+
+def _threshold(count: int) -> float:
+    """Least chi^2 of six degrees that is reported after this many readings.
+
+    Half of the false alarms are spent on the second reading, the rest on all later ones: 1 / ((n - 1)(n - 2)) sums to
+    one, whatever the length of the pause. Each of the tests that are made at a reading gets the same part.
+    """
+    windows = int(math.log2(min(count - 1, LONGEST))) + 1
+    tests = 1 if count == 2 else 3 * windows
+    log = math.log(0.5 * FALSE_ALARMS / tests) - (math.log((count - 1) * (count - 2)) if count > 2 else 0.0)
+    chi2 = 20.0
+    for _ in range(12):
+        # P(chi^2 > x) = exp(-x / 2) (1 + x / 2 + x^2 / 8), solved by iteration.
+        chi2 = -2.0 * (log - math.log(1.0 + chi2 / 2.0 + chi2**2 / 8.0))
+    return chi2
+
+
+def _checked_time(time: float) -> float:
+    if not math.isfinite(time):
+        raise ArgumentError(f"time is {time}; it must be finite")
+    return float(time)
+
+
+def _directions() -> Float:
+    """Unit vectors spread evenly over a hemisphere (a Fibonacci lattice)."""
+    count = 64
+    z = (np.arange(count) + 0.5) / count
+    turns = np.arange(count) * math.pi * (3.0 - math.sqrt(5.0))
+    radius = np.sqrt(1.0 - z**2)
+    return np.stack([radius * np.cos(turns), radius * np.sin(turns), z], axis=1)
+
+
+DIRECTIONS = _directions()
