@@ -107,10 +107,10 @@ types: install
 	$(BIN)/mypy --strict examples/*.py
 
 bench: install
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks all
 
 bench-quick: install
-	$(BIN)/python -m benchmarks --quick
+	$(BIN)/python -m benchmarks all --quick
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:

@@ -1,7 +1,6 @@
-"""`python -m benchmarks`: the whole suite; `python -m benchmarks NAME`: only the program of that name.
+"""`python -m benchmarks` lists the programs; `python -m benchmarks NAME ...` runs one, as `benchmarks.NAME` does.
 
-`python -m benchmarks.NAME` starts the same. All start with the linear algebra on one thread, as OpenCV is: no contender
-gets help that the others do not have.
+All start with the linear algebra on one thread, as OpenCV is: no contender gets help that the others do not have.
 """
 
 from __future__ import annotations
@@ -10,16 +9,14 @@ import importlib
 import os
 import sys
 
-# What is too long or too special for the suite: name of the module, and what it prints.
+# Name of each program and what it prints; parts of a program are named first.
 PROGRAMS = {
-    "accuracy": "error of recorded scans against their truth",
-    "announcements": "what HOLD and floods of bad announcements cost a node",
-    "compact": "size and time of grids in both encodings",
+    "all": "speed and accuracy beside what a user would pick instead (make bench)",
+    "accuracy": "error of recorded scans against their truth, and in the paper's own terms",
     "calibration": "error of calibrations against the truth of their session",
-    "drift": "how far the fused map drifts aside, with and without laying scans onto it",
     "drift_check": "false alarms and finds of the check for a calibration that has drifted",
+    "drift": "how far the fused map drifts aside, with and without laying scans onto it",
     "drivers": "costs of the laser board's driver and of proving stripes",
-    "fleet": "many robots and planners on one router: delays, cost, growth, TLS, a restart",
     "lines_of_sight": "whether bounds of unknown ground hold",
     "kinematics": "speed and agreement of the kinematics",
     "light": "each effect of real light on a scan: stripes found, wrong and made up, error of the heights",
@@ -38,14 +35,13 @@ PROGRAMS = {
     "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",
     "stripe_pictures": "pictures of found stripes, good and bad",
+    "stripes": "error of stripe extraction where the centre is known",
     "sweeps": "triggered and free-running sweeps against the bound of the motion",
-    "synthetic_stripes": "extraction of stripes whose centre is known",
     "terrain": "speed and safety of the layers and of the map",
-    "transport": "messages: latency, rates, damaged payloads, lost links",
+    "transport": "messages, viewers, announcements, fleet, compact: delays, faults, floods, many robots, encodings",
     "triggered_node": "guara run over the firmware on its chip and a GigE Vision camera that it triggers",
     "truth": "a calibration made of the truth of rendered data",
     "usable_ground": "ground that a planner may use, beside the truth",
-    "viewers": "delays of a local planner beside a viewer on a slow link",
 }
 
 
@@ -54,16 +50,15 @@ def main() -> None:
     # Before numpy is loaded.
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    name = sys.argv[1] if len(sys.argv) > 1 else ""
-    if name == "list":
-        print("\n".join(f"{program:<18} {prints}" for program, prints in PROGRAMS.items()))
+    name = sys.argv[1] if len(sys.argv) > 1 else "--help"
+    if name in ("-h", "--help"):
+        print("\n".join(f"{program:<14} {prints}" for program, prints in PROGRAMS.items()))
         return
-    if name and not name.startswith("-"):
-        if name not in PROGRAMS:
-            sys.exit(f"benchmarks: no program {name!r}; allowed: list, {', '.join(PROGRAMS)}")
-        del sys.argv[1]
-        sys.argv[0] = f"benchmarks {name}"
-    importlib.import_module(f"benchmarks.{name if name in PROGRAMS else 'suite'}").main()
+    if name not in PROGRAMS:
+        sys.exit(f"benchmarks: no program {name!r}; allowed: {', '.join(PROGRAMS)}")
+    del sys.argv[1]
+    sys.argv[0] = f"benchmarks {name}"
+    importlib.import_module(f"benchmarks.{name}").main()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What the gait's messages cost a running node: HOLD at 100 Hz and more, and floods of messages that are not for it.
 
-Usage: python -m benchmarks.announcements [--seconds 5] [--json]
+Usage: python -m benchmarks transport announcements [--seconds 5] [--json]
 
 The node runs in this process, so that its processor time can be read; the gait sends from a process of its own. In each
 round, silence of the same length precedes every kind of message.
@@ -20,8 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.peers import Peer, free_endpoint, peers
-from benchmarks.transport_peer import say
+from benchmarks.peers import Peer, free_endpoint, peers, say
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
@@ -107,7 +106,7 @@ def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
             simulated.robot, simulated.calibration, simulated.rangefinder, server, mode="coarse", status=status
         ) as node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
-            gait = start("gait", endpoint, module="announcements")
+            gait = start(endpoint, module="announcements")
             if not node.wait_for_step(0, TIMEOUT):
                 raise SystemExit(f"step 0 gave no grid within {TIMEOUT:.0f} s")
             yield gait, status
@@ -154,10 +153,7 @@ def measure(seconds: float) -> dict[str, Cost]:
 
 
 def main() -> None:
-    """Command line, or the gait."""
-    if sys.argv[1:2] == ["gait"]:
-        run_gait(sys.argv[2])
-        return
+    """Processor time and log lines that HOLD and floods cost a node [--seconds S, --json]."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--seconds", type=float, default=5.0, help="how long each kind is sent in each round; at most 60"
@@ -177,4 +173,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_gait(sys.argv[1])

@@ -1,4 +1,4 @@
-"""Size and time of a grid in both encodings: on the wire, to make, to read, and on links of three rates.
+"""Size and time of a grid in both encodings: `python -m benchmarks transport compact`.
 
 Recorded scans of the tests' data, and the map that one of them makes; processor time, median of 30 interleaved rounds.
 """
@@ -30,7 +30,7 @@ LINKS = (2e6, 5e6, 20e6)
 
 
 def main() -> None:
-    """Command line."""
+    """Size and time of grids in both encodings [--data FOLDER, --json]."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA, help="folder with calibration/ and scans/")
     parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
@@ -84,7 +84,3 @@ def spent(work: Callable[[], object]) -> float:
     start = time.process_time()
     work()
     return time.process_time() - start
-
-
-if __name__ == "__main__":
-    main()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import whole_scan
 from benchmarks.rounds import alternate, number
+from benchmarks.scans import process
 from benchmarks.section import Effort, Section
 from guara_perception.terrain.scan.assess_terrain import default_limits
 from testbed.scenes import ScanInMemory, resized, simulated
@@ -56,7 +56,7 @@ def fit(sizes: list[int], times: list[float]) -> float:
 
 
 def _scan(scan: ScanInMemory) -> Callable[[], object]:
-    return lambda: whole_scan.process(scan, "precise")
+    return lambda: process(scan, "precise")
 
 
 def _layers(side: int) -> Callable[[], object]:

@@ -1,22 +1,37 @@
-"""Processes that a benchmark starts, and the lines of JSON between them."""
+"""Processes that benchmarks of the transport start, and the lines of JSON between them.
+
+`python -m benchmarks.peers ROLE ARGUMENT ...` is one of them: a router, a node that publishes when told, a node that
+answers scan requests, a planner, or a raw TCP echo.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import socket
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+import transport
+from transport import keys
+
+SHAPE = (108, 90)
+PATIENCE = 60.0
+
 
 class Peer:
     """A process of a module of this package."""
 
-    def __init__(self, *arguments: str, module: str = "transport_peer") -> None:
+    def __init__(self, *arguments: str, module: str = "peers") -> None:
         """Start it and wait for its first line, which says that it is ready.
 
         Args:
@@ -52,7 +67,7 @@ def peers() -> Iterator[Callable[..., Peer]]:
     """A function that starts processes; all of them are killed at the end."""
     started: list[Peer] = []
 
-    def start(*arguments: str, module: str = "transport_peer") -> Peer:
+    def start(*arguments: str, module: str = "peers") -> Peer:
         started.append(Peer(*arguments, module=module))
         return started[-1]
 
@@ -73,3 +88,184 @@ def free_port() -> int:
 def free_endpoint() -> str:
     """A Zenoh endpoint of this machine that nobody uses."""
     return f"tcp/127.0.0.1:{free_port()}"
+
+
+def make_terrain(sequence: int, shape: tuple[int, int] = SHAPE) -> transport.TerrainMessage:
+    """A grid with all layers; `variance` holds the sequence number, so that a mixture of two grids would show."""
+    rng = np.random.default_rng(sequence)
+    layers: dict[str, Any] = {}
+    for name, kind in transport.LAYERS.items():
+        values = rng.random(shape) if kind.dtype == np.float32 else rng.integers(0, 256, shape)
+        layers[name] = values.astype(kind.dtype)
+    layers["variance"][:] = sequence
+    now = time.time_ns()
+    return transport.TerrainMessage(
+        robot="guara",
+        extent="footprint",
+        sequence=sequence,
+        step=sequence,
+        stamp=now,
+        scan_start=now,
+        scan_end=now,
+        valid_for=1e9,
+        valid_pauses=1000,
+        mode="standard",
+        method="precise",
+        calibration_hash="0" * 64,
+        resolution=0.005,
+        origin=(0.5, -0.27),
+        layers=layers,
+        stance=transport.StanceMessage(
+            joint_positions={f"joint_{i}": 0.1 * i for i in range(16)},
+            support_feet=("lf", "rf", "lh", "rh"),
+            gravity_in_base=(0.0, 0.0, -1.0),
+        ),
+        attitude_source="imu",
+        transforms=(
+            transport.TransformMessage(
+                source_frame="base_link", destination_frame="base_footprint", matrix=np.eye(4), covariance=np.eye(6)
+            ),
+        ),
+        point_counts={"in": 70000, "used": 69000, "dropout": 1000},
+        stage_ms={"stripes": 100.0, "finish": 20.0},
+        coverage=0.98,
+    )
+
+
+def is_whole(terrain: transport.TerrainMessage, value: int) -> bool:
+    """Whether every cell of `variance` holds this value."""
+    return bool(np.all(terrain.layers["variance"] == value))
+
+
+class Pauses:
+    """Pauses of a simulated node: a footprint's grid, what is derived from it, and a map, all with values of 1."""
+
+    def __init__(self, map_shape: tuple[int, int]) -> None:
+        """Make both grids."""
+        self._footprint = make_terrain(1)
+        self._map = dataclasses.replace(make_terrain(1, map_shape), extent="map")
+        self._occupancy = np.zeros(SHAPE, np.int8)
+        self.sizes = {each.extent: len(transport.encode_terrain(each)) for each in (self._footprint, self._map)}
+
+    def publish(self, server: transport.PerceptionServer) -> transport.TerrainMessage:
+        """Publish one pause; return the message of the footprint."""
+        number = server.next_sequence("footprint")
+        changes: dict[str, Any] = {"robot": server.robot, "sequence": number, "step": number}
+        made = []
+        for grid, occupancy in ((self._footprint, self._occupancy), (self._map, None)):
+            now = time.time_ns()
+            made.append(dataclasses.replace(grid, stamp=now, scan_start=now, scan_end=now, **changes))
+            server.publish(made[-1], occupancy=occupancy)
+        return made[0]
+
+
+def say(**reply: Any) -> None:
+    """A line of JSON to the benchmark."""
+    print(json.dumps(reply), flush=True)
+
+
+def run_router(endpoint: str, shared: str = "") -> None:
+    """A Zenoh router and nothing else."""
+    with transport.open_node(listen=endpoint, shared_memory=bool(shared)):
+        say(ready=True)
+        sys.stdin.read()
+
+
+def run_node(endpoint: str, mode: str) -> None:
+    """A node; takes {"publish": n} and {"stream": n, "period": s, "rows": n}."""
+    options: dict[str, Any] = {mode: endpoint, "timeout": PATIENCE}
+    with transport.open_node(**options) as session:
+        outbox = transport.Outbox()
+        publisher = transport.Publisher(session, keys.terrain_key())
+        token = transport.AliveToken(session, keys.alive_key())
+        say(ready=True)
+        for line in sys.stdin:
+            command = json.loads(line)
+            if "publish" in command:
+                publisher.put(transport.encode_terrain(make_terrain(command["publish"])))
+            else:
+                _stream(publisher, outbox, command)
+        outbox.close()
+        token.close()
+
+
+def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: dict[str, Any]) -> None:
+    shape = (int(command["rows"]), 400) if command.get("rows") else SHAPE
+    templates = [make_terrain(n, shape) for n in range(1, min(command["stream"], 20) + 1)]
+    # The number goes into the step, so that many grids share the arrays of few.
+    grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(command["stream"])]
+    times: dict[int, int] = {}
+    for grid in grids[command.get("first", 1) - 1 :]:
+        times[grid.step] = time.monotonic_ns()
+        outbox.post("grid", lambda grid=grid: publisher.put(transport.encode_terrain(grid)))  # type: ignore[misc]
+        if command["period"]:
+            time.sleep(command["period"])
+        else:
+            outbox.flush(PATIENCE)
+    outbox.flush(PATIENCE)
+    say(times=times, longest_ms=1e3 * outbox.longest)
+
+
+def run_scanner(endpoint: str, mode: str, rows: str, columns: str, shared: str = "", security: str = "") -> None:
+    """A node that answers scan requests with grids of both extents, the map of this shape."""
+    options: dict[str, Any] = {mode: endpoint, "timeout": PATIENCE, "security": security or None}
+    pauses = Pauses((int(rows), int(columns)))
+    with transport.open_node(**options, shared_memory=bool(shared)) as session:
+        server = transport.PerceptionServer(session)
+        server.serve_scans(lambda _: pauses.publish(server))
+        say(ready=True)
+        sys.stdin.read()
+
+
+def run_planner(endpoint: str, period: str) -> None:
+    """A planner that takes the newest grid every `period` seconds (0: each one); reports when it got each."""
+    got: dict[int, int] = {}
+    client = transport.PerceptionClient(transport.open_client(endpoint, timeout=30.0))
+    receiver = client.receiver()
+    stop = threading.Event()
+
+    def take(terrain: transport.TerrainMessage) -> None:
+        got.setdefault(terrain.step, time.monotonic_ns())
+
+    def take_slowly() -> None:
+        while not stop.wait(float(period)):
+            received = receiver.latest()
+            if received is not None:
+                take(received.message)
+
+    if float(period) == 0.0:
+        client.on_terrain(take)
+    else:
+        threading.Thread(target=take_slowly, daemon=True).start()
+    say(ready=True)
+    for _ in sys.stdin:
+        say(got=got, received=receiver.received, superseded=receiver.superseded)
+    stop.set()
+    client.close()
+
+
+def run_tcp(port: str) -> None:
+    """Receives blocks over raw TCP into arrays and sends them back."""
+    with socket.create_server(("127.0.0.1", int(port))) as server:
+        say(ready=True)
+        connection, _ = server.accept()
+        with connection:
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            while header := connection.recv(8, socket.MSG_WAITALL):
+                buffer = bytearray(int.from_bytes(header, "little"))
+                view, done = memoryview(buffer), 0
+                while done < len(buffer):
+                    done += connection.recv_into(view[done:])
+                connection.sendall(buffer)
+
+
+ROLES: dict[str, Callable[..., None]] = {
+    "router": run_router,
+    "node": run_node,
+    "scanner": run_scanner,
+    "planner": run_planner,
+    "tcp": run_tcp,
+}
+
+if __name__ == "__main__":
+    ROLES[sys.argv[1]](*sys.argv[2:])

@@ -1,9 +1,15 @@
-"""Prints sections as tables in the terminal and writes them as a page of the documents."""
+"""Sections as tables in the terminal and as a page of the documents, and what they were measured on."""
 
 from __future__ import annotations
 
+import os
+import platform
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+import cv2
+import numpy as np
 
 from benchmarks.section import Section
 
@@ -21,7 +27,7 @@ Frames are in memory, decoding is timed apart, OpenCV and the linear algebra run
   gravity). It has no guard against two stripes, clipped light, texture or a changed background and gives no sigma.
 - *Paper taken literally*: red channel, Otsu, skeleton, mean row, `griddata` of scipy for the range image, eqs. 20 and
   21, `generic_filter` for slope and step height on cells of 5 mm; arrays wherever arrays will do. The skeleton is this
-  project's own Zhang-Suen thinning; where scikit-image or OpenCV's contrib modules are installed, theirs take part too.
+  project's own Zhang-Suen thinning.
 - *Point by point*: the same as it stands in the text, one loop over the points and one over the pixels, slope and step
   height on the paper's own picture of 512 x 640.
 - *OpenCV user*: argmax and centre of gravity on the whole frame, `griddata` onto the cells, layers with OpenCV.
@@ -66,3 +72,19 @@ def write_page(
     path.write_text(
         "\n".join([HEAD, "\n".join(shown), *map(to_markdown, others), *limits, "\n".join(on)]).rstrip() + "\n"
     )
+
+
+def machine() -> dict[str, str]:
+    """Processor, cores, system and versions; no names of hosts, no paths."""
+    info = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*: (.*)", info.read_text()) if info.is_file() else None
+    load = os.getloadavg()[0]
+    return {
+        "processor": found[1].strip() if found else platform.processor() or platform.machine(),
+        "cores": str(os.cpu_count()),
+        "load at the start": f"{load:.1f} processes wanted a core (quiet: well below the number of cores)",
+        "system": f"{platform.system()} {platform.machine()}",
+        "Python": platform.python_version(),
+        "numpy": np.__version__,
+        "OpenCV": cv2.__version__,
+    }

@@ -56,16 +56,15 @@ def main_of_peer(scan: Path) -> None:
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]
     home = next(folder for folder in ("testbed", "tests", "benchmarks") if (checkout / folder / "scenes.py").is_file())
     in_memory = import_module(f"{home}.scenes").recorded(scan)
-    whole_scan = import_module("benchmarks.whole_scan")
-    # Older revisions call this function `ours`.
-    process = vars(whole_scan).get("process") or vars(whole_scan)["ours"]
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:
         for seconds_of_stripes in by_path or ():
             seconds_of_stripes.clear()
         gc.collect()
         start = time.process_time()
-        process(in_memory, "precise")
+        processor = in_memory.processor("precise")
+        in_memory.add_to(processor)
+        processor.finish()
         seconds = time.process_time() - start
         cheap, strong = by_path or (None, None)
         report = {"scan": seconds, "stripes": len(in_memory.frames), "cheap": cheap, "strong": strong}

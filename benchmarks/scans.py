@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -11,17 +12,101 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks import whole_scan
-from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, extractors, reference
+from benchmarks import paper_chain as paper
+from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, Extract, literal, opencv_user, reference
 from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
+from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.live_scan import STRIPES_AFTER
+from guara_perception.arrays import Float
+from guara_perception.process import with_pictures
 from guara_perception.settings import Settings
 from testbed.grid_truth import Truth
 from testbed.scenes import ScanInMemory
+from transport import encode_terrain
 
 REFERENCE = "reference extraction of the same frames"
+CELL_M = 0.005
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
+
+
+def process(scan: ScanInMemory, method: str) -> gp.TerrainGrid:
+    """The grid of a scan as this project computes it."""
+    processor = scan.processor(method)
+    scan.add_to(processor)
+    return processor.finish()
+
+
+def paper_literally(scan: ScanInMemory, extract: Extract) -> Float:
+    """The paper with common libraries: griddata fills the perspective picture, its eqs. 20 and 21 rectify it."""
+    points, optical_centre = scan_points(scan, extract)
+    x, y = area(scan)
+    height = paper.range_image(points, optical_centre, x, y)
+    elevation = paper.cells(paper.orthorectified(height, optical_centre, x, y), x, y, CELL_M)
+    paper.layers(elevation, CELL_M)
+    return elevation
+
+
+def paper_point_by_point(scan: ScanInMemory) -> Float:
+    """The paper with loops over points and pixels; the layers are computed on its rectified picture."""
+    points, optical_centre = scan_points(scan, literal, one_by_one=True)
+    x, y = area(scan)
+    height = paper.range_image(points, optical_centre, x, y)
+    ortho = paper.orthorectified_in_loops(height, optical_centre, x, y)
+    paper.layers(np.where(np.isfinite(ortho), ortho, np.nan), (x[1] - x[0]) / paper.ROWS)
+    return paper.cells(ortho, x, y, CELL_M)
+
+
+def by_opencv_user(scan: ScanInMemory) -> Float:
+    """Whole frames, centre of gravity, griddata straight onto the cells, layers by cv2."""
+    from scipy.interpolate import griddata
+
+    points, _ = scan_points(scan, opencv_user)
+    x, y = area(scan)
+    cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (x, y))
+    elevation = griddata(points[:, :2], points[:, 2], tuple(np.meshgrid(cx, cy)), method="linear")
+    filled = np.nan_to_num(elevation).astype(np.float32)
+    window = np.ones((paper.window_cells(CELL_M), paper.window_cells(CELL_M)), np.uint8)
+    cv2.magnitude(cv2.Sobel(filled, cv2.CV_32F, 1, 0), cv2.Sobel(filled, cv2.CV_32F, 0, 1))
+    cv2.subtract(cv2.dilate(filled, window), cv2.erode(filled, window))
+    return np.asarray(elevation)
+
+
+def scan_points(scan: ScanInMemory, extract: Extract, one_by_one: bool = False) -> tuple[Float, Float]:
+    """Points (n, 3) of all stripes and the camera's optical centre (3,), in base_footprint [m].
+
+    Args:
+        scan: frames of one scan.
+        extract: gives the row of the stripe in each column.
+        one_by_one: intersect ray by ray with the laser plane, as the paper's program does, not all at once.
+    """
+    camera = scan.calibration.camera
+    pose = scan.robot.stance_pose(scan.stance).transform_base_to_footprint
+    transform = pose @ scan.calibration.transform_camera_to_base
+    settings = Settings.of(scan.robot)
+    clouds = []
+    for index, on, off in scan.frames:
+        rows = extract(on, off)
+        columns = np.flatnonzero(np.isfinite(rows))
+        if not columns.size:
+            continue
+        pixels = np.column_stack((columns, rows[columns])).astype(np.float64)
+        flat = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion)[:, 0]
+        rays = np.column_stack((flat, np.ones(len(flat))))
+        plane = scan.calibration.stripe(index).plane
+        if one_by_one:
+            points = np.array([ray * (-plane[3] / (ray @ plane[:3])) for ray in rays])
+        else:
+            points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
+        clouds.append(points @ transform[:3, :3].T + transform[:3, 3])
+    cloud = np.concatenate(clouds)
+    return cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)], transform[:3, 3]
+
+
+def area(scan: ScanInMemory) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Range of x and range of y of the grid in base_footprint [m]."""
+    settings = Settings.of(scan.robot)
+    return settings.footprint_x, settings.footprint_y
 
 
 def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
@@ -29,15 +114,13 @@ def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     bands = scan.bands()
     found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
     found |= {
-        name: lambda method=method: whole_scan.process(scan, method).elevation  # type: ignore[misc]
+        name: lambda method=method: process(scan, method).elevation  # type: ignore[misc]
         for name, method in OURS.items()
     }
-    for name, extract in extractors().items():
-        if name.startswith(LITERAL):
-            found[name] = lambda extract=extract: whole_scan.paper_literally(scan, extract)  # type: ignore[misc]
+    found[LITERAL] = lambda: paper_literally(scan, literal)
     if scan.mode == "standard":
-        found[LOOPS] = lambda: whole_scan.paper_point_by_point(scan)
-    found[USER] = lambda: whole_scan.by_opencv_user(scan)
+        found[LOOPS] = lambda: paper_point_by_point(scan)
+    found[USER] = lambda: by_opencv_user(scan)
     return found
 
 
@@ -161,12 +244,7 @@ def _one_scan(scan: ScanInMemory) -> dict[str, float]:
 
 def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
     """What is done with a finished grid: layers alone, fusion, encoding; and decoding a frame, for comparison."""
-    from dataclasses import replace
-
-    import transport
-    from guara_perception.app.messages import terrain_to_message
-
-    terrain = whole_scan.process(scan, "precise")
+    terrain = process(scan, "precise")
     bands = scan.bands()
     limits = Settings.of(scan.robot).limits
     terrain_map = gp.TerrainMap(scan.robot)
@@ -187,9 +265,7 @@ def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
         ),
         "range images (512 x 640, both)": _pictures(scan),
         "fusion into the map": fuse,
-        "message and its bytes": lambda: transport.encode_terrain(
-            terrain_to_message(terrain, robot="guara", sequence=1)
-        ),
+        "message and its bytes": lambda: encode_terrain(terrain_to_message(terrain, robot="guara", sequence=1)),
         "decoding one JPEG frame": lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR),
     }
     timings = alternate(runs, effort.rounds, clock=time.perf_counter)
@@ -211,8 +287,6 @@ def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
 
 
 def _pictures(scan: ScanInMemory) -> Callable[[], object]:
-    from guara_perception.process import with_pictures
-
     processor = scan.processor()
     scan.add_to(processor)
     terrain = processor.finish()

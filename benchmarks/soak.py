@@ -1,13 +1,11 @@
 """A long run with real processes: a router, a node and planners, the last two killed again and again; prints counts.
 
-Usage: python -m benchmarks.soak [--minutes 20] [--period 15] [--shared-memory]
+`python -m benchmarks.soak [--minutes 20] [--period 15] [--shared-memory]`
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
 import random
 import sys
 import threading
@@ -17,53 +15,19 @@ from pathlib import Path
 from typing import Any
 
 import transport
-from benchmarks.peers import Peer, free_endpoint
-from benchmarks.transport_peer import is_whole, make_terrain
+from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, say
 
 
-def say(**reply: Any) -> None:
-    """A line of JSON to the parent."""
-    print(json.dumps(reply), flush=True)
-
-
-def run_router(endpoint: str, shared: bool) -> None:
-    """A Zenoh router and nothing else."""
-    with transport.open_node(listen=endpoint, shared_memory=shared):
-        say(ready=True)
-        sys.stdin.read()
-
-
-def run_node(endpoint: str, shared: bool) -> None:
-    """A node that answers scan requests with grids of both extents."""
-    base = make_terrain(1)
-    with transport.open_node(connect=endpoint, timeout=30.0, shared_memory=shared) as session:
-        server = transport.PerceptionServer(session)
-
-        def scan(job: transport.ScanJob) -> transport.TerrainMessage:
-            now = time.time_ns()
-            for extent in ("map", "footprint"):
-                number = server.next_sequence(extent)
-                made = dataclasses.replace(
-                    base, extent=extent, sequence=number, step=number, stamp=now, scan_start=now, scan_end=now
-                )
-                server.publish(made)
-            return made
-
-        server.serve_scans(scan)
-        say(ready=True)
-        sys.stdin.read()
-
-
-def run_planner(endpoint: str, shared: bool) -> None:
+def run_planner(endpoint: str, shared: str) -> None:
     """A planner that asks for scans and prints its counts about twice a second."""
     counts: Counter[str] = Counter()
     newest: dict[str, int] = {}
-    with transport.open_client(endpoint, timeout=30.0, shared_memory=shared) as session:
+    with transport.open_client(endpoint, timeout=PATIENCE, shared_memory=bool(shared)) as session:
         client = transport.PerceptionClient(session)
 
         def take(terrain: transport.TerrainMessage) -> None:
             counts["grids"] += 1
-            counts["of other values than sent"] += not is_whole(dataclasses.replace(terrain, sequence=1))
+            counts["of other values than sent"] += not is_whole(terrain, 1)
             # A node that was started again counts from 1 again; its scans are later all the same.
             counts["out of order"] += terrain.scan_end < newest.get(terrain.extent, 0)
             newest[terrain.extent] = terrain.scan_end
@@ -91,11 +55,11 @@ def run_planner(endpoint: str, shared: bool) -> None:
 
 
 class Child(Peer):
-    """One process of this module, with its first and its last report."""
+    """A process with its first and its last report."""
 
-    def __init__(self, role: str, endpoint: str, shared: bool) -> None:
+    def __init__(self, *arguments: str, module: str = "peers") -> None:
         """Start it and wait until it is ready."""
-        super().__init__("--role", role, "--endpoint", endpoint, *["--shared-memory"] * shared, module="soak")
+        super().__init__(*arguments, module=module)
         self.last: dict[str, Any] = {}
         self.first: dict[str, Any] = {}
         threading.Thread(target=self._read, daemon=True).start()
@@ -112,27 +76,24 @@ class Child(Peer):
 
 
 def main() -> None:
-    """Run the soak, or one of its processes."""
+    """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=20.0, help="how long; at most 120")
     parser.add_argument("--period", type=float, default=15.0, help="[s] between two kills")
     parser.add_argument(
         "--shared-memory", dest="shared", action="store_true", help="to see what it keeps of dead nodes"
     )
-    parser.add_argument("--role", choices=["router", "node", "planner"], help=argparse.SUPPRESS)
-    parser.add_argument("--endpoint", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.role:
-        {"router": run_router, "node": run_node, "planner": run_planner}[options.role](options.endpoint, options.shared)
-        return
+    shared = "shared" if options.shared else ""
     endpoint, chance = free_endpoint(), random.Random(0)
-    end = time.monotonic() + 60.0 * min(options.minutes, 120.0)
     counts, kills = Counter[str](), Counter[str]()
-    router = Child("router", endpoint, options.shared)
-    node = Child("node", endpoint, options.shared)
+    router = Child("router", endpoint, shared)
+    scanner = "scanner", endpoint, "connect", *map(str, SHAPE), shared
+    node = Child(*scanner)
     # The first planner lives through all; the second is killed.
-    lasting, other = (Child("planner", endpoint, options.shared) for _ in range(2))
+    lasting, other = (Child(endpoint, shared, module="soak") for _ in range(2))
     memory: list[float] = []
+    end = time.monotonic() + 60.0 * min(options.minutes, 120.0)
     try:
         while time.monotonic() < end:
             time.sleep(min(options.period, max(0.1, end - time.monotonic())))
@@ -141,10 +102,10 @@ def main() -> None:
             if victim == "node":
                 memory.append(lasting.last["memory_mb"])
                 node.kill()
-                node = Child("node", endpoint, options.shared)
+                node = Child(*scanner)
             else:
                 counts += other.kill()
-                other = Child("planner", endpoint, options.shared)
+                other = Child(endpoint, shared, module="soak")
         time.sleep(2.0)
     finally:
         first, last = lasting.first, lasting.last
@@ -164,4 +125,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] and not sys.argv[1].startswith("-"):
+        run_planner(*sys.argv[1:])
+    else:
+        main()

@@ -1,6 +1,6 @@
 """A local planner beside a viewer on a slow link: its delay from the end of a scan to the grid's arrival, and failures.
 
-Usage: python -m benchmarks.viewers [--scans 50] [--json]
+Usage: python -m benchmarks transport viewers [--scans 50] [--json]
 
 A node, a planner that asks for scans and a viewer of both extents are processes of their own; the viewer comes through
 a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each link alternate in one run.
@@ -23,15 +23,14 @@ from typing import Any
 import numpy as np
 
 import transport
-from benchmarks.peers import Peer, free_endpoint, peers
-from benchmarks.transport_peer import SHAPE, make_terrain, say
+from benchmarks.peers import free_endpoint, peers, say
 from testbed.slow_link import SlowLink
 from transport.security.folder import init_security
 
 # Rates of the viewer's link [Mbit/s]; 0: no viewer.
 RATES = (0.0, 2.0, 5.0, 20.0)
-# Cells of the fused map: 2.3 MB with all layers.
-MAP_SHAPE = (240, 260)
+# Rows and columns of the fused map: 2.3 MB with all layers.
+MAP_SHAPE = ("240", "260")
 # Number of scans before the viewer changes: it joins, asks for what it missed, stays and leaves.
 SCANS_PER_VIEWER = 10
 # Time between two scans, and time limit of a request [s].
@@ -52,33 +51,6 @@ class Delays:
     footprint_ms: list[float] = field(default_factory=list)
     map_ms: list[float] = field(default_factory=list)
     failed: int = 0
-
-
-def run_node(endpoint: str, security: str) -> None:
-    """A node that answers scan requests with grids of both extents and what is derived from them."""
-    footprint = make_terrain(1)
-    fused = dataclasses.replace(make_terrain(1, MAP_SHAPE), extent="map")
-    occupancy = np.zeros(SHAPE, np.int8)
-    with transport.open_node(listen=endpoint, security=security or None) as session:
-        server = transport.PerceptionServer(session)
-
-        def scan(_: transport.ScanJob) -> transport.TerrainMessage:
-            now, number = time.time_ns(), server.next_sequence("footprint")
-            changes: dict[str, Any] = {
-                "sequence": number,
-                "step": number,
-                "stamp": now,
-                "scan_start": now,
-                "scan_end": now,
-            }
-            made = dataclasses.replace(footprint, **changes)
-            server.publish(made, occupancy=occupancy)
-            server.publish(dataclasses.replace(fused, **changes))
-            return made
-
-        server.serve_scans(scan)
-        say(ready=True)
-        sys.stdin.read()
 
 
 def run_planner(endpoint: str, security: str) -> None:
@@ -139,13 +111,9 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
         endpoint = endpoint.replace("tcp/127.0.0.1", "tls/localhost")
     with ExitStack() as stack:
         start = stack.enter_context(peers())
-
-        def begin(role: str) -> Peer:
-            peer: Peer = start(role, endpoint, folders.get(role, ""), module="viewers")
-            return peer
-
-        _, planner = begin("node"), begin("planner")
-        viewers = {rate: begin("viewer") for rate in seen}
+        start("scanner", endpoint, "listen", *MAP_SHAPE, "", folders.get("node", ""))
+        planner = start("planner", endpoint, folders.get("planner", ""), module="viewers")
+        viewers = {rate: start("viewer", endpoint, folders.get("viewer", ""), module="viewers") for rate in seen}
         links = {rate: stack.enter_context(SlowLink(endpoint, rate * 1e6 / 8)) for rate in seen}
         # Not measured: the first scans include what is done only once.
         planner.tell(scans=3)
@@ -180,10 +148,7 @@ def summary(delays: Delays) -> dict[str, float]:
 
 
 def main() -> None:
-    """Command line, or one of the processes."""
-    if len(sys.argv) == 4 and sys.argv[1] in ("node", "planner", "viewer"):
-        {"node": run_node, "planner": run_planner, "viewer": run_viewer}[sys.argv[1]](*sys.argv[2:])
-        return
+    """Delays of a local planner beside a viewer on a slow link [--scans N, --json]."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--scans", type=int, default=50, help="number of scans beside each kind of viewer; at most 1000"
@@ -220,4 +185,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    {"planner": run_planner, "viewer": run_viewer}[sys.argv[1]](*sys.argv[2:])

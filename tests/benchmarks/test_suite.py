@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,12 +13,12 @@ import pytest
 
 from benchmarks import paper_chain
 from benchmarks.__main__ import PROGRAMS
+from benchmarks.all import measure, write
 from benchmarks.contenders import LITERAL, OURS, USER
 from benchmarks.growth import fit
-from benchmarks.machine import machine
+from benchmarks.report import machine
 from benchmarks.rounds import alternate
 from benchmarks.section import FULL, QUICK
-from benchmarks.suite import measure, write
 from benchmarks.targets import TARGETS
 from guara_perception.terrain.layers.geometry import MOST_CELLS
 from testbed import scenes
@@ -48,7 +49,7 @@ def sections():
 @pytest.mark.heavy
 def test_every_section_has_its_table(sections):
     """Each row has as many cells as the header, and figures can be written as JSON."""
-    assert len(sections) == 12
+    assert len(sections) == 11
     for section in sections.values():
         assert section.rows
         assert {len(row) for row in section.rows} == {len(section.header)}
@@ -90,14 +91,18 @@ def test_the_largest_grid_is_accepted():
 
 def test_every_program_is_reached_by_its_name(root: Path):
     """Each module with a command line is listed, can be imported, and explains itself; another name is refused."""
-    modules = {path.stem for path in (root / "benchmarks").glob("*.py") if "\ndef main() -> None:" in path.read_text()}
-    assert modules - {"__main__", "suite"} == set(PROGRAMS)
+    ends = re.compile(r'^if __name__ == "__main__":\n(?:.*\n)*? +main\(\)$', re.MULTILINE)
+    modules = {path.stem for path in (root / "benchmarks").glob("*.py") if ends.search(path.read_text())}
+    assert modules - {"__main__"} == set(PROGRAMS)
     for name in PROGRAMS:
         assert callable(importlib.import_module(f"benchmarks.{name}").main)
     for arguments, code, expected_text in (
         (["accuracy", "--help"], 0, "usage: benchmarks accuracy"),
-        (["nothing"], 1, "benchmarks: no program 'nothing'; allowed: list, accuracy"),
-        (["list"], 0, "usable_ground"),
+        (["transport", "--help"], 0, "  viewers "),
+        (["transport", "viewers", "--help"], 0, "--scans"),
+        (["transport", "nothing"], 2, "usage: benchmarks transport PART"),
+        (["nothing"], 1, "benchmarks: no program 'nothing'; allowed: all, accuracy"),
+        ([], 0, "usable_ground"),
     ):
         done = subprocess.run(
             [sys.executable, "-m", "benchmarks", *arguments], cwd=root, capture_output=True, text=True, check=False

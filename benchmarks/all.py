@@ -1,4 +1,4 @@
-"""The whole suite, `python -m benchmarks`: every figure of speed and accuracy beside what a user would pick instead."""
+"""The whole suite, `python -m benchmarks all`: speed and accuracy beside what a user would pick instead."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks import extraction, growth, hotspots, messaging, scans, starting, sweeps
-from benchmarks.machine import machine
+from benchmarks import growth, scans, starting, stripes, sweeps, transport
 from benchmarks.plots import error_against_time, growth_plot
-from benchmarks.remarks import remarks
-from benchmarks.report import to_terminal, write_page
+from benchmarks.report import machine, to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
-from benchmarks.targets import judged
+from benchmarks.targets import judged, remarks
 from testbed import scenes
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,23 +30,22 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
 
     Args:
         effort: how much is measured.
-        folders: recorded scans to take compare, DATA/scans/NAME.
+        folders: recorded scans that take part, DATA/scans/NAME.
         say: what to do with each table.
     """
     cv2.setNumThreads(1)
     standard = scenes.simulated(effort.size, effort.stripes)
     all_scans = [standard, *map(scenes.recorded, folders)]
     comparisons: list[Callable[[], Section]] = [
-        lambda: extraction.synthetic(effort),
-        lambda: extraction.frames_of_scans(all_scans, effort),
+        lambda: stripes.synthetic(effort),
+        lambda: stripes.frames_of_scans(all_scans, effort),
         lambda: scans.whole_scans(all_scans, effort),
         lambda: scans.stages(standard, effort),
         lambda: scans.after_scan(standard, effort),
         lambda: growth.growth(standard, effort),
-        lambda: messaging.messaging(effort),
+        lambda: transport.messaging(effort),
         lambda: starting.memory(standard),
         lambda: starting.starting(OWN_DATA, effort),
-        lambda: hotspots.hotspots(standard),
         lambda: sweeps.section(effort.faulty_sweeps),
     ]
     sections: dict[str, Section] = {}
@@ -71,12 +68,12 @@ def write(docs: Path, sections: dict[str, Section], described: dict[str, str]) -
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks all", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer rounds, under a minute; writes no documents")
     parser.add_argument(
         "--data", type=Path, action="append", help="folder with calibration/ and scans/; may be repeated"
     )
-    parser.add_argument("--scans", default="paper", help="recorded scans that take compare, with commas between")
+    parser.add_argument("--scans", default="paper", help="recorded scans that take part, with commas between")
     parser.add_argument("--json", type=Path, help="file for all figures as numbers")
     parser.add_argument(
         "--docs", type=Path, help="folder for performance.md and its pictures; default: docs, quick: none"
@@ -94,3 +91,7 @@ def main() -> None:
         figures = {name: section.figures for name, section in sections.items()}
         arguments.json.write_text(json.dumps({"machine": described, **figures}, indent=1))
     print(f"\n{time.monotonic() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,15 +1,20 @@
-"""Stripe extraction: time beside error, on synthetic stripes of every kind of light and on the frames of scans."""
+"""Stripe extraction on synthetic stripes whose centre is known; `benchmarks all` also times it beside other methods.
+
+`python -m benchmarks stripes [--method precise,paper]`.
+"""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, touch
-from benchmarks.rounds import Timings, alternate, number
+from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
 from testbed.scenes import ScanInMemory
-from testbed.synthetic_stripes import CASES, stripe_errors, stripes
+from testbed.synthetic_stripes import CASES, COLUMNS, SIGMA_PX, STRIPES, stripe_errors, stripes
+from testbed.synthetic_stripes import figures as stripe_figures
 
 FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
 
@@ -53,13 +58,19 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     rows: list[tuple[str, ...]] = []
     figures: dict[str, dict[str, float]] = {}
     for scan in all_scans:
-        timings, count = time_extraction(scan, effort)
+        bands, whole = [(on, off) for on, off, _ in scan.bands()], [(on, off) for _, on, off in scan.frames]
+        contenders = {
+            name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
+            for name, extract in extractors().items()
+        }
+        floors = {FLOOR: _over(touch, bands), ALL_FLOOR: _over(touch, whole), COPY: _over(copy, whole)}
+        timings = alternate(contenders | floors, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds)
         figures[scan.name] = {}
         for name in timings.seconds:
             ratio = timings.ratio(name, REFERENCE)
             figures[scan.name][name] = ratio.median
             rows.append(
-                (scan.name, name, f"{timings.milliseconds(name, count):.2f}", str(ratio))
+                (scan.name, name, f"{timings.milliseconds(name, len(bands)):.2f}", str(ratio))
                 + (number(timings.ratio(name, FLOOR).median),)
             )
     return Section(
@@ -73,26 +84,29 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     )
 
 
-def time_extraction(scan: ScanInMemory, effort: Effort) -> tuple[Timings, int]:
-    """Timings of all contenders and of reading the bytes, and the number of frames."""
-    bands = [(on, off) for on, off, _ in scan.bands()]
-    whole = [(on, off) for _, on, off in scan.frames]
-    contenders = {
-        name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
-        for name, extract in extractors().items()
-    }
-    floors = {
-        FLOOR: _over(touch, bands),
-        ALL_FLOOR: _over(touch, whole),
-        COPY: _over(copy, whole),
-    }
-    slow = [name for name in contenders if name.startswith(LITERAL)]
-    return alternate(contenders | floors, effort.rounds, slow=slow, slow_rounds=effort.slow_rounds), len(bands)
-
-
 def _over(extract: Callable[..., object], pairs: list[tuple[Image, Image]]) -> Callable[[], None]:
     def run() -> None:
         for on, off in pairs:
             extract(on, off)
 
     return run
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks stripes", description=__doc__)
+    parser.add_argument("--method", default="precise,paper", help="comma-separated methods")
+    arguments = parser.parse_args()
+    print(f"{STRIPES} stripes of {COLUMNS} columns, Gaussian of sigma {SIGMA_PX} px, seed 0; errors in px")
+    print("case       method     mean    p95  missed %  false %  error/sigma")
+    for case in CASES:
+        for method in arguments.method.split(","):
+            f = stripe_figures(case, method)
+            print(
+                f"{case.name:<10} {method:<8} {f['mean']:6.3f} {f['p95']:6.3f} {f['missed']:9.2f} {f['false']:8.2f} "
+                f"{f['sigma_ratio']:12.2f}"
+            )
+
+
+if __name__ == "__main__":
+    main()
