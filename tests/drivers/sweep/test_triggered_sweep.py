@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
 from collections.abc import Iterator
 
 import numpy as np
@@ -29,6 +31,7 @@ from drivers.emulator import (
 )
 from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
 from testbed.triggered_camera import EmulatedTriggeredCamera
+from tests.drivers.conftest import PATIENCE
 
 STRIPES = 70
 FIRING_ORDER = [(index, -0.14 + 0.46 * index / (STRIPES - 1)) for index in range(STRIPES)]
@@ -192,9 +195,25 @@ def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
     assert not rig.emulated.view().laser_on
 
 
-def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard) -> None:
-    with rig.camera, acquire(board, rig.camera, FIRING_ORDER, SWEEP) as stripes:
+def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sweep ends with the block; its second half waits until the block is left, however slow this machine is."""
+    here, leaving, pictures, off = threading.get_ident(), threading.Event(), itertools.count(), board.laser_off
+
+    def laser_off():
+        if threading.get_ident() == here:
+            leaving.set()
+        return off()
+
+    def render(view, settings) -> np.ndarray:
+        if next(pictures) > STRIPES // 2:
+            leaving.wait(PATIENCE)
+        return rig.render(view, settings)
+
+    monkeypatch.setattr(board, "laser_off", laser_off)
+    camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, render)
+    with camera, acquire(board, camera, FIRING_ORDER, SWEEP) as stripes:
         next(iter(stripes))
+        assert not leaving.is_set()
     assert not rig.emulated.view().laser_on
     assert len(rig.emulated.triggers()) < STRIPES
 
