@@ -56,22 +56,24 @@ def functions() -> Iterator[tuple[str, Callable[..., object]]]:
             if is_made_by_users and not issubclass(value, BaseException) and value is not RobotModel:
                 yield name, value
             for method, member in vars(value).items():
-                function = member.__func__ if isinstance(member, classmethod | staticmethod) else member
+                function = member.__func__ if isinstance(member, classmethod) else member
                 if not method.startswith("_") and inspect.isfunction(function):
                     yield f"{name}.{method}", function
         elif inspect.isfunction(value):
             yield name, value
 
 
-def positional(function: Callable[..., object]) -> list[str]:
+def positional(name: str, function: Callable[..., object]) -> list[str]:
+    """Names of the arguments that a user may give by position; a method's first is the object itself."""
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return [p.name for p in inspect.signature(function).parameters.values() if p.kind in kinds]
+    names = [p.name for p in inspect.signature(function).parameters.values() if p.kind in kinds]
+    return names[1:] if "." in name else names
 
 
 @pytest.mark.parametrize(("name", "function"), [pytest.param(*pair, id=pair[0]) for pair in functions()])
 def test_arguments_stand_in_one_order(name: str, function: Callable[..., object]) -> None:
     """Whatever two functions both take, they take in the same order."""
-    known = [parameter for parameter in positional(function) if parameter in ORDER]
+    known = [parameter for parameter in positional(name, function) if parameter in ORDER]
     for first, second in pairwise(known):
         assert ORDER[first] < ORDER[second] or name in FIXED, f"{name}: {first} before {second}"
 
@@ -80,7 +82,7 @@ def test_no_two_functions_take_a_pair_in_two_orders() -> None:
     """Without the table: no pair of names stands in one order in one function and in the other order in another."""
     seen: dict[tuple[str, str], str] = {}
     for name, function in functions():
-        names = [p for p in positional(function) if p not in ("self", "cls")]
+        names = positional(name, function)
         for i, first in enumerate(names):
             for second in names[i + 1 :]:
                 assert (second, first) not in seen, f"{first}, {second}: {name} against {seen[second, first]}"

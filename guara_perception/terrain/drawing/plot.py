@@ -56,18 +56,14 @@ def plot(
     regions: Iterable[Any] = (),
     axes: Axes | None = None,
 ) -> Axes:
-    """Draw one layer as people see it: x up, y to the left, metres; unknown cells in pale grey.
+    """Draw one layer: x up, y to the left, metres, unknown cells in pale grey.
 
     Args:
-        terrain: grid to draw.
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
-        hazards: veil the cells that are not traversable, so that free ground stands out.
-        footholds: places to mark, each with x and y [m] (`Foothold`) or a pair (x, y).
-        regions: areas to outline, each with `vertices` (n, 2) or (n, 3) [m] (`SteppableRegion`).
-        axes: axes to draw on; None makes a figure with pyplot, so that a notebook or `plt.show()` shows it.
-
-    Returns:
-        The axes, to draw more on.
+        hazards: veil the cells that are not traversable.
+        footholds: places to mark, each a `Foothold` or a pair (x, y) [m].
+        regions: areas to outline, each a `SteppableRegion`.
+        axes: matplotlib axes to draw on; None makes a figure that a notebook or `plt.show()` shows.
 
     Raises:
         InvalidInput: no such layer, a foothold without x and y, or a region without vertices.

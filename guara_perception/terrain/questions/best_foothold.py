@@ -73,7 +73,21 @@ def best_foothold(
     previous: Foothold | tuple[float, float] | None = None,
     robot: RobotLike | None = None,
 ) -> Foothold | None:
-    """See `TerrainGrid.best_foothold`."""
+    """The best place for a sole near a wish; None where there is none.
+
+    Every candidate passes `check_foothold`. The value is score times nearness to the wish times clearance; ties go
+    to the nearer place, then the smaller x, then the smaller y.
+
+    Args:
+        x, y: the wish in base_footprint [m].
+        radius: radius of the search [m].
+        leg, robot: as in `check_foothold`.
+        previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius,
+            and no other place scores a third more.
+
+    Raises:
+        InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+    """
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     if not (np.isfinite(x) and np.isfinite(y)):

@@ -18,7 +18,14 @@ Grid = TypeVar("Grid", bound=LayeredGrid)
 
 
 def coarser(terrain: Grid, factor: int) -> Grid:
-    """See `TerrainGrid.coarser`."""
+    """The same terrain in cells `factor` times as long; each holds the worst value of its fine cells.
+
+    One unknown fine cell makes a coarse one unknown; flags are joined, slope, step, roughness, variance and age
+    are the largest, score, clearance and looks the smallest.
+
+    Raises:
+        InvalidInput: a factor that does not divide the grid; the message lists those that do.
+    """
     ny, nx = terrain.shape
     is_whole = isinstance(factor, int | np.integer) and not isinstance(factor, bool)
     if not is_whole or factor < 1 or ny % factor or nx % factor:

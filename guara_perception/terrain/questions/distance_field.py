@@ -59,7 +59,14 @@ class DistanceField:
 
 
 def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceField:
-    """See `TerrainGrid.distance_field`."""
+    """Signed distance from the ground in voxels of the cells' size, from height `low` to `high` over the grid [m].
+
+    Ground is its highest samples plus confidence; what is unknown, STALE or beside the grid is solid at every
+    height. No distance is larger than the true one from that. Computed when asked for, and not kept.
+
+    Raises:
+        InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
+    """
     # Costs as much to import as all the rest of a grid, which most programs want without it.
     from scipy.ndimage import distance_transform_edt
 

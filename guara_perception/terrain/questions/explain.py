@@ -10,7 +10,7 @@ from guara_perception.terrain.questions.foothold import FootholdVerdict, check_f
 
 
 def explain(terrain: LayeredGrid, x: float, y: float) -> str:
-    """See `TerrainGrid.explain`."""
+    """One sentence: what is known about the ground at a point, and why a foot may or may not go there."""
     flags = terrain.hazard_at(float(x), float(y))
     point = f"x={float(x):.3f} y={float(y):.3f}"
     iy, ix = terrain.geometry.indices(float(x), float(y))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -89,10 +89,37 @@ class FootholdVerdicts:
         return (self[i] for i in range(len(self)))
 
 
+@overload
+def check_foothold(
+    terrain: LayeredGrid, x: float, y: float, leg: str | None = None, robot: RobotLike | None = None
+) -> FootholdVerdict: ...
+
+
+@overload
+def check_foothold(
+    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
+) -> FootholdVerdicts: ...
+
+
 def check_foothold(
     terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
 ) -> FootholdVerdict | FootholdVerdicts:
-    """See `TerrainGrid.check_foothold`."""
+    """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
+
+    Args:
+        x, y: positions in base_footprint [m].
+        leg: also ask whether this leg reaches the place with the body where it stood at the scan.
+        robot: model for `leg`; None = the one of the grid's robot name.
+
+    Returns:
+        For numbers a FootholdVerdict; for arrays FootholdVerdicts with `ok` and `score` as arrays and each
+        place's verdict by index.
+
+    Raises:
+        InvalidInput: x and y do not fit together, or the grid's metadata lacks limits, or stance where a leg is
+            given.
+        kinematics.KinematicsError: no such leg or robot.
+    """
     px, py = coordinates(x, y)
     limits = limits_of(terrain)
     flat_x, flat_y = np.atleast_1d(px).ravel(), np.atleast_1d(py).ravel()

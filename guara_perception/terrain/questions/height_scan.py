@@ -46,7 +46,17 @@ class HeightScan:
 
 
 def height_scan(terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint") -> HeightScan:
-    """See `TerrainGrid.height_scan`."""
+    """Heights of the ground under points, as locomotion policies take them, with a mask of what is known.
+
+    Unknown heights are NaN and are never filled: the policy decides what to use instead.
+
+    Args:
+        points: (n, 2) or (n, 3) in `frame` [m]; points without z lie in its plane z = 0.
+        frame: "base_footprint", or "base_link" by the pose of the pause.
+
+    Raises:
+        InvalidInput: points of another shape, an unknown frame, or base_link without the pose in the metadata.
+    """
     if frame not in FRAMES:
         raise InvalidInput(f"frame is {frame!r}, allowed: {', '.join(FRAMES)}")
     try:

@@ -12,7 +12,7 @@ from guara_perception.terrain.layers.limits_of import limits_of
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
-    """See `TerrainGrid.normal_at`."""
+    """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
     px, py = coordinates(x, y)
     return _normals(terrain, px.ravel(), py.ravel()).reshape(*px.shape, 3)
 

@@ -70,7 +70,11 @@ class Obstacle:
 
 
 def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
-    """See `TerrainGrid.obstacles`."""
+    """Each connected thing that stands 6 mm or more above the floor, or lies as far below, sorted by x, then y.
+
+    The floor is the plane that most of the known heights agree with; unknown ground is no obstacle, but is never
+    traversable either.
+    """
     cells, floor = _known_cells(terrain)
     if floor is None:
         return []

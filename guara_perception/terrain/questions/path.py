@@ -55,9 +55,27 @@ class PathVerdict:
 
 
 def check_path(
-    terrain: LayeredGrid, points: npt.ArrayLike, clearance: float, ceiling: Ceiling | None = None
+    terrain: LayeredGrid, points: npt.ArrayLike, clearance: float, *, ceiling: Ceiling | None = None
 ) -> PathVerdict:
-    """See `TerrainGrid.check_path`."""
+    """Whether a foot may swing, or a part of the body pass, along a path over this terrain.
+
+    Every cell within `clearance` of the path, seen from above, must be known and not STALE. Points with z: the
+    path must stay `clearance` away from the ground (highest samples plus confidence; where looks disagree, the
+    highest of all looks). Near its ends, where a foot stands, less is required: at a distance d from the nearer end
+    at most d - 5 mm - confidence, the clearance that a vertical lift has there. A path that begins at a sole
+    that carried the body when the grid was made may begin on unknown ground: what lies wholly under that sole is
+    no higher than it. Points without z: a track on the ground, where no cell may be hazardous.
+
+    Args:
+        points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
+        clearance: distance to keep from the ground [m].
+        ceiling: how high unknown ground can be at most (`LinesOfSight`); None refuses a path over unknown ground.
+            Not used for tracks on the ground.
+
+    Raises:
+        InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m; a
+            ceiling of another grid.
+    """
     path = checked_points(points, (2, 3), 1, "points of a path")
     check_clearance(clearance)
     if path.shape[1] == 3:
@@ -100,7 +118,11 @@ def check_clearance(clearance: float) -> None:
 
 
 def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
-    """See `TerrainGrid.check_polygon`."""
+    """Whether every cell that a polygon (n, 2) [m] touches is known and free of hazards (EDGE does not count).
+
+    Raises:
+        InvalidInput: fewer than three corners, values that are not finite, or an area beyond 20 m.
+    """
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
     iy, ix = touched_cells(outline, terrain.geometry)
     return _verdict(_unknown(terrain, iy, ix) + _hazardous(terrain, iy, ix), np.nan)

@@ -18,9 +18,9 @@ def known_cells(terrain: LayeredGrid) -> Mask:
 
 
 def points(terrain: LayeredGrid) -> Float:
-    """Centres of the known cells with their heights, (n, 3) float64 in base_footprint [m], x fastest.
+    """Centres of the known cells with their heights, (n, 3) in base_footprint [m]; unknown cells give none.
 
-    Unknown cells give no point. A cell that is known may still be a hazard: `hazard_at(x, y)` says so.
+    A cell that is known may still be a hazard: `hazard_at(x, y)` says so.
     """
     x, y = np.meshgrid(*terrain.geometry.centres())
     known = known_cells(terrain)

@@ -13,7 +13,7 @@ from guara_perception.whole_file import whole_file
 
 
 def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:
-    """Write a grid to an .npz file, whole or not at all (docs/files.md).
+    """Write the grid to an .npz file; `load_terrain` reads it back.
 
     Raises:
         InvalidInput: the name does not end in .npz.

@@ -96,7 +96,13 @@ class Stairs:
 
 
 def stairs(terrain: LayeredGrid) -> Stairs | None:
-    """See `TerrainGrid.stairs`."""
+    """Stairs of two risers or more, as treads (planes) and risers (edges); None where there are none.
+
+    Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between each two
+    there must be a straight edge, and all edges must be parallel. An edge is where the ground was seen to change,
+    to half the gap between what was seen of both treads; where that is over 30 mm wide, it is the upper tread's.
+    `check_foothold` decides whether a foot may be set on a tread.
+    """
     height = np.asarray(terrain.elevation, np.float64)
     known = (np.asarray(terrain.hazard) & UNKNOWN_MASK) == 0
     x, y = np.meshgrid(*terrain.geometry.centres())

@@ -77,7 +77,21 @@ def steppable_region(
     previous: SteppableRegion | None = None,
     robot: RobotLike | None = None,
 ) -> SteppableRegion | None:
-    """See `TerrainGrid.steppable_region`."""
+    """A convex area of places for a sole around a wish, for planners that optimise; None where there is none.
+
+    It grows from the safe cell nearest to the wish, over ground that lies on one plane to 6 mm. Every point inside
+    passes `check_foothold`.
+
+    Args:
+        x, y: the wish in base_footprint [m].
+        radius: largest distance of the region from the wish along x and y each [m].
+        leg, robot: as in `check_foothold`: the leg reaches every point.
+        previous: the last choice, in base_footprint of this grid: the region around its centre is kept while that
+            is safe and within the radius, and the other one is not a third larger.
+
+    Raises:
+        InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
+    """
     if not np.isfinite([x, y]).all():
         raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
     if not (np.isfinite(radius) and 0 < radius <= 1):
@@ -104,7 +118,13 @@ def steppable_region(
 def steppable_regions(
     terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None
 ) -> list[SteppableRegion]:
-    """See `TerrainGrid.steppable_regions`."""
+    """Convex areas of places for a sole over the whole grid, the largest first; they may overlap.
+
+    Each is as `steppable_region` gives it, of 4 cm^2 or more; smaller pieces of safe ground are left out.
+
+    Raises:
+        InvalidInput: as `check_foothold`, where a leg is given.
+    """
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
     centre = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
     whole = _Window.about(terrain, *centre, max(ny, nx) * terrain.resolution, leg, robot)

@@ -65,9 +65,27 @@ def swing(
     clearance: float,
     leg: str | None = None,
     robot: RobotLike | None = None,
+    *,
     ceiling: Ceiling | None = None,
 ) -> Swing:
-    """See `TerrainGrid.swing`."""
+    """A path for a foot from one place to another that `check_path` accepts, or why there is none.
+
+    It leads straight up, over the upper hull of the ground between start and end (highest samples plus confidence
+    plus clearance), and straight down; where that is refused, horizontally over the highest point of that
+    hull, or some millimetres higher. Where the straight path is barred, by unknown ground for instance, it leads
+    around a corner beside it, up to 0.12 m aside.
+
+    Args:
+        start, end: (3,) places of the sole's centre on the ground, in base_footprint [m].
+        clearance: distance to keep from the ground between the ends [m].
+        leg: also ask whether this leg reaches all of the path with the body where it stood at the scan.
+        robot: model for `leg`; None = the one of the grid's robot name.
+        ceiling: as in `check_path`.
+
+    Raises:
+        InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
+        kinematics.KinematicsError: no such leg or robot.
+    """
     try:
         given = np.array([start, end], dtype=np.float64)
     except (ValueError, TypeError):
