@@ -124,7 +124,7 @@ def sizes() -> dict[str, Any]:
         "commands_at_top": sum(path.count(" ") == 1 for path in commands),
         "options": sum(map(shown_options, leaves.values())),
         "options_of_run": shown_options(commands["guara run"]),
-        "public_names": len(gp.__all__),
+        "public_names": len(vars(gp)["__all__"]),
         "frame_to_bytes": frame_to_bytes(),
     }
 
