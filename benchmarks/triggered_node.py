@@ -34,8 +34,8 @@ from guara_perception.app.node import pause_scanner
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.calibration.file import save_calibration
-from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.simulation.world_file import load_world

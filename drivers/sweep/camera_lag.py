@@ -14,8 +14,8 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
 
-# Share of the laser's light at which a frame counts as wholly lit, or wholly dark.
-FULL, NONE = 0.9, 0.1
+# Share of the laser's light at which a frame counts as wholly lit.
+FULL = 0.9
 GOLDEN = 0.618034
 # Largest share of the stripe's pixels that may be clipped.
 MAX_CLIPPED = 0.1

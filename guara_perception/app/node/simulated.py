@@ -13,8 +13,8 @@ from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
-from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
 from guara_perception.simulation.world import World

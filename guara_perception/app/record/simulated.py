@@ -13,9 +13,9 @@ from guara_perception.app.targets.drawings import cross_points
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.settings import Settings
-from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.target_pictures import TargetCamera
 from guara_perception.simulation.world import World

@@ -25,8 +25,8 @@ from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
-from guara_perception.simulation.camera import renderer
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import renderer
 from guara_perception.simulation.world import World
 from kinematics import Stance, load_robot
 from tests.made_once import made_once

@@ -8,8 +8,8 @@ import pytest
 from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import CameraSettings
 from drivers.emulator import EmulatedBoard, emulated_backend
-from guara_perception.simulation.camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.world import World
 from kinematics import load_robot
