@@ -35,6 +35,7 @@ PROGRAMS = {
     "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",
     "stripe_pictures": "pictures of found stripes, good and bad",
+    "stillness": "still pauses withdrawn and motions missed by noisy joints, before and now (extra robots-test)",
     "stripes": "error of stripe extraction where the centre is known",
     "sweeps": "triggered and free-running sweeps against the bound of the motion",
     "terrain": "speed and safety of the layers and of the map",

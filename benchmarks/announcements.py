@@ -20,11 +20,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from benchmarks.peers import Peer, free_endpoint, peers, say
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.simulation.walk import fresh_reading
 from transport import PausePhase, StancePause, encode_stance_pause, open_client, open_node
 from transport.keys import stance_key
 from transport.publisher import Publisher
@@ -74,8 +77,14 @@ def _payload(kind: str, hold: StancePause) -> bytes | bytearray:
 
 def run_gait(endpoint: str) -> None:
     """Announces BEGIN of step 0, then sends messages of the kind, rate and seconds that each line of input asks for."""
-    stance = stance_to_message(next(SimulatedRobot().walk(cycles=0)).stance)
-    begin = StancePause(robot="guara", step=0, phase=PausePhase.BEGIN, stamp=time.time_ns(), stance=stance)
+    stance, rng = next(SimulatedRobot().walk(cycles=0)).stance, np.random.default_rng(0)
+    begin = StancePause(
+        robot="guara",
+        step=0,
+        phase=PausePhase.BEGIN,
+        stamp=time.time_ns(),
+        stance=stance_to_message(fresh_reading(stance, rng)),
+    )
     with open_client(endpoint, timeout=TIMEOUT) as session:
         latched = Publisher(session, stance_key("guara"))
         plain = Publisher(session, stance_key("guara"), latched=False)
@@ -88,7 +97,8 @@ def run_gait(endpoint: str) -> None:
                 if elapsed < count / command["rate"]:
                     time.sleep(count / command["rate"] - elapsed)
                     continue
-                hold = dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns())
+                read = stance_to_message(fresh_reading(stance, rng))
+                hold = dataclasses.replace(begin, phase=PausePhase.HOLD, stamp=time.time_ns(), stance=read)
                 plain.put(_payload(command["kind"], hold))
                 count += 1
             say(sent=count)

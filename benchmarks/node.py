@@ -36,6 +36,7 @@ from guara_perception.app.messages import message_to_terrain, stance_to_message,
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.simulation.walk import fresh_reading
 from kinematics import load_robot
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
@@ -43,6 +44,9 @@ from transport import PausePhase, StancePause, decode_terrain, encode_terrain, o
 from transport.server import PerceptionServer
 
 TIMEOUT_S = 120.0
+
+# Noise of the joints, fresh in every message.
+RNG = np.random.default_rng(0)
 
 
 @dataclass
@@ -67,7 +71,7 @@ class Bench:
         return float(values["duration_s"]), float(values["latency_ms"]), spent
 
     def _say(self, step: int, phase: PausePhase) -> None:
-        message = stance_to_message(self.scan.stance)
+        message = stance_to_message(fresh_reading(self.scan.stance, RNG))
         self.node.on_pause(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
 
 

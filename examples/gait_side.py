@@ -9,24 +9,27 @@ import argparse
 import time
 import uuid
 
+import numpy as np
+
 import guara_perception as gp
 from transport import PausePhase, StanceMessage, StancePause, StancePublisher, open_client
 
 
 def main() -> None:
-    """Three pauses in the scan posture; a real gait reads the joints again for every message."""
+    """Three pauses in the scan posture; the joints are read anew for every message, here with an encoder's noise."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("--pauses", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=4.0)
     options = parser.parse_args()
     robot = gp.load_robot("guara")
-    joints = robot.posture(robot.config.scan_posture)
+    posture, rng = robot.posture(robot.config.scan_posture), np.random.default_rng(0)
     walk = uuid.uuid4().hex
     with open_client(options.endpoint) as session:
         publisher = StancePublisher(session, robot=robot.name)
         for step in range(options.pauses):
             for phase in (PausePhase.BEGIN, PausePhase.HOLD, PausePhase.END):
+                joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
                 stance = StanceMessage(joint_positions=joints, support_feet=robot.legs)
                 publisher.publish(
                     StancePause(

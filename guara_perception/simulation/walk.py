@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from guara_perception.simulation.stand import stand_on
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
+from kinematics.stance_pose import ENCODER_NOISE
 
 Choice = tuple[float, float] | None
 
@@ -26,7 +28,8 @@ class WalkNoise:
     """Errors of footsteps and of reports.
 
     Attributes:
-        joint: standard deviation of a reported joint position [rad].
+        joint: standard deviation of the bias of a joint, the same in every reading of a pause [rad]; `fresh_reading`
+            adds what differs from reading to reading.
         contact: standard deviation of the height at which a sole comes to rest [m].
         slip: standard deviation of a sole's position, per axis, when it is set down [m].
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
@@ -68,7 +71,7 @@ class WalkPause:
     Attributes:
         step: number of the pause.
         time: time since the start, without the pauses [s].
-        stance: reported stance: joint positions with noise, support feet, gravity with noise or None.
+        stance: reported stance: joint positions with their bias, support feet, gravity with noise or None.
         known_ground: what the gait declares, in base_footprint; at the first pause only.
         next_leg: the leg that swings after this pause.
         nominal: where its foot should land, x and y in base_footprint of this pause [m].
@@ -193,6 +196,12 @@ def reported_stance(
         down /= np.linalg.norm(down)
         gravity = (float(down[0]), float(down[1]), float(down[2]))
     return Stance(reported, feet, gravity)
+
+
+def fresh_reading(stance: Stance, rng: np.random.Generator, noise: float = ENCODER_NOISE) -> Stance:
+    """The stance as another reading of the joints gives it: white noise [rad] on positions that keep their bias."""
+    joints = {name: value + noise * rng.standard_normal() for name, value in stance.joint_positions.items()}
+    return dataclasses.replace(stance, joint_positions=joints)
 
 
 def _pause(

@@ -7,6 +7,8 @@ import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from drivers import CameraSettings, LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
 from guara_perception.app.messages import stance_to_message
@@ -16,7 +18,7 @@ from guara_perception.calibration.file import load_calibration
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.specimen import specimen
-from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
+from guara_perception.simulation.walk import Choice, WalkPause, fresh_reading, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.simulation.world_file import load_world
 from kinematics import RobotModel, load_robot
@@ -87,10 +89,13 @@ class SimulatedRobot:
 
 
 class SimulatedGait:
-    """Announces the pauses of a simulated walk as a gait controller would."""
+    """Announces the pauses of a simulated walk as a gait controller would: it reads the joints for every message."""
 
-    def __init__(self, publisher: StancePublisher, instance: str, time_available: float = 0.0) -> None:
+    def __init__(
+        self, publisher: StancePublisher, instance: str, time_available: float = 0.0, *, seed: int = 0
+    ) -> None:
         """Send through `publisher` as the robot `instance`, which stands this long [s]; 0 when not known."""
+        self._rng = np.random.default_rng(seed)
         self._publisher, self._instance, self._epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available
 
@@ -113,7 +118,7 @@ class SimulatedGait:
                 step=pause.step,
                 phase=phase,
                 stamp=time.time_ns(),
-                stance=stance_to_message(pause.stance),
+                stance=stance_to_message(fresh_reading(pause.stance, self._rng)),
                 known_ground=tuple(
                     GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
                     for ground in pause.known_ground

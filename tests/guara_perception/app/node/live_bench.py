@@ -5,11 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 import guara_perception as gp
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.simulation.walk import fresh_reading
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from transport import PausePhase, Session, StancePause, open_client, open_node
@@ -20,22 +23,27 @@ TIMEOUT = 180.0
 
 
 class Gait:
-    """A gait controller with a session of its own."""
+    """A gait controller with a session of its own; it reads the joints anew for every HOLD and END.
+
+    BEGIN says the exact stance: grids are compared bit for bit with one made at it.
+    """
 
     def __init__(self, endpoint: str, stance: Stance) -> None:
+        self.rng = np.random.default_rng(0)
         self.session = open_client(endpoint)
         self.publisher = StancePublisher(self.session)
         self.stance = stance
         self.first_stamp = time.time_ns()
 
     def say(self, step: int, phase: PausePhase, stance: Stance | None = None, **fields: Any) -> None:
-        message = stance_to_message(stance or self.stance)
+        stance = stance or self.stance
+        read = stance if phase is PausePhase.BEGIN else fresh_reading(stance, self.rng)
         reported = {
             "robot": "guara",
             "step": step,
             "phase": phase,
             "stamp": time.time_ns(),
-            "stance": message,
+            "stance": stance_to_message(read),
             **fields,
         }
         self.first_stamp = min(self.first_stamp, reported["stamp"])

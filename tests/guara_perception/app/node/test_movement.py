@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.simulation.walk import fresh_reading
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import Stance
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
@@ -59,6 +60,20 @@ def test_a_grid_is_provisional_until_end_has_confirmed_it(bench: Bench) -> None:
     assert not footprint.is_provisional and not fused.is_provisional
     np.testing.assert_array_equal(footprint.hazard, bench.rig.reference.hazard)
     assert np.isfinite(fused.elevation).any()
+
+
+def test_a_robot_that_stands_keeps_its_scans(bench: Bench) -> None:
+    """Joints with fresh noise in every message, BEGIN's too: every pause is confirmed, with and without HOLD."""
+    rng = np.random.default_rng(1)
+    for step in range(8):
+        bench.gait.say(step, PausePhase.BEGIN, fresh_reading(bench.gait.stance, rng))
+        bench.client.wait_for_step(step, timeout=TIMEOUT)
+        for _ in range(10 if step % 2 else 0):
+            bench.gait.say(step, PausePhase.HOLD)
+        bench.gait.say(step, PausePhase.END)
+        for grid in both(bench, step, confirmed=True):
+            assert np.isfinite(grid.elevation).any()
+    assert not any("withdrawn" in item.message for item in bench.status.items())
 
 
 ENDS: dict[str, Callable[[Bench], None]] = {

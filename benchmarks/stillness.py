@@ -1,0 +1,190 @@
+"""Stillness of a pause by noisy joints: still pauses that are withdrawn and motions that are missed, before and now.
+
+`python -m benchmarks.stillness [--pauses 1000]`. Joints have a bias of 0.2 degrees, white noise and an encoder's step.
+"Before" is the comparison of single readings with that of BEGIN that the test of all readings replaces. Go2 is made
+from its stock URDF (extra `robots-test`). Two minutes on two cores; a third of the pauses for motions with HOLD.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.app.robot_folder.new_robot import new_robot
+from kinematics import RobotModel, Stance, Stillness, load_robot
+from testbed.stock_robots import StockRobotsMissing, stock_urdf
+
+Float = npt.NDArray[np.float64]
+
+PAUSE_S, RATE_HZ, PULSE_S = 2.0, 50.0, (0.2, 0.5)
+BIAS, WHITE = math.radians(0.2), math.radians(0.05)
+# Name of an encoder -> white noise and step [rad].
+ENCODERS = {
+    "no step, 0.05": (WHITE, 0.0),
+    "12 bits, 0.05": (WHITE, math.tau / 2**12),
+    "14 bits, 0.05": (WHITE, math.tau / 2**14),
+    "12 bits, 0": (0.0, math.tau / 2**12),
+    "14 bits, 0": (0.0, math.tau / 2**14),
+}
+# With HOLD or not, motion, and its size [m, rad]; all that is asked for is in this table.
+HOLD_SIZES, END_SIZES = (1.0e-3, math.radians(0.1)), (1.5e-3, math.radians(0.15))
+CASES = [
+    (True, "none", (0.0, 0.0)),
+    *((True, shape, HOLD_SIZES) for shape in ("step", "ramp", "pulse")),
+    (False, "none", (0.0, 0.0)),
+    *((False, shape, END_SIZES) for shape in ("step", "ramp")),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        text: case.
+        pauses: number of pauses.
+        before: share of them that single readings report as moved.
+        now: share that `Stillness` reports.
+        microseconds: time of one reading, median.
+        undetectable: what `Stillness` says that it cannot tell, at the last pause.
+    """
+
+    text: str
+    pauses: int
+    before: float
+    now: float
+    microseconds: float
+    undetectable: str
+
+
+class Geometry:
+    """Joints to soles and back, linear about the scan posture: a motion is a thousandth of a leg."""
+
+    def __init__(self, robot: RobotModel) -> None:
+        """Take Jacobians at the scan posture."""
+        self.robot = robot
+        self.joints = np.array([robot.posture("scan")[name] for name in robot.joint_names])
+        state = robot.state(self.joints)
+        self.camera = robot.transform_camera_to_base[:3, 3]
+        self.soles = np.asarray(state.soles_in_base())
+        self.jacobians = np.array([state.jacobian(robot.tree.leg(leg).sole)[:3] for leg in robot.legs])
+
+    def changes(self, motion: Float) -> Float:
+        """Changes of the joints when the camera moves, (n,): the soles stay on the ground."""
+        moved = -(motion[:3] + np.cross(motion[3:], self.soles - self.camera))
+        return np.sum([np.linalg.pinv(j) @ by for j, by in zip(self.jacobians, moved, strict=True)], axis=0)
+
+    def single_readings(self, readings: Float) -> bool:
+        """Whether any reading (k, n) puts the camera off that of the first by more than the limits (Kabsch)."""
+        soles = self.soles + np.einsum("fij,kj->kfi", self.jacobians, readings - self.joints)
+        before, after = soles[0], soles[1:]
+        product = np.einsum("kfi,fj->kij", after - after.mean(axis=1, keepdims=True), before - before.mean(axis=0))
+        left, _, right = np.linalg.svd(product)
+        turns = np.einsum("kji,klj->kil", right, left)
+        shifts = np.einsum("kij,kj->ki", turns, self.camera - after.mean(axis=1)) + before.mean(axis=0) - self.camera
+        skew = turns - turns.transpose(0, 2, 1)
+        angles = np.linalg.norm(skew[:, (2, 0, 1), (1, 2, 0)], axis=1) / 2.0
+        limits = self.robot.pause_limits
+        return bool(
+            np.any(np.linalg.norm(shifts, axis=1) > limits.camera_translation_limit)
+            or np.any(angles > limits.camera_rotation_limit)
+        )
+
+
+def shape_over_time(shape: str, times: Float, rng: np.random.Generator) -> Float:
+    """Share of a motion at each reading, begun at a random instant; a step or ramp is still there at the end."""
+    end = float(times[-1])
+    if shape == "pulse":
+        length = rng.uniform(*PULSE_S)
+        start = rng.uniform(0.0, end - length)
+        return np.asarray((times > start) & (times <= start + length), dtype=np.float64)
+    start = rng.uniform(0.0, end)
+    if shape == "ramp":
+        return np.clip((times - start) / (end - start), 0.0, 1.0)
+    return np.asarray(times > start, dtype=np.float64)
+
+
+def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
+    """Simulate the pauses of one case."""
+    robot = load_robot(source)
+    geometry, rng = Geometry(robot), np.random.default_rng([case, list(ENCODERS).index(encoder)])
+    with_hold, shape, sizes = CASES[case]
+    white, step = ENCODERS[encoder]
+    if with_hold and shape != "none":
+        pauses = max(pauses // 3, 1)
+    times = np.arange(0.0, PAUSE_S + 0.5 / RATE_HZ, 1.0 / RATE_HZ) if with_hold else np.array([0.0, PAUSE_S])
+    before, now, spent, stillness = 0, 0, [], None
+    for _ in range(pauses):
+        readings = np.tile(geometry.joints + rng.normal(0.0, BIAS, len(geometry.joints)), (len(times), 1))
+        if shape != "none":
+            direction, motion, is_turn = rng.normal(size=3), np.zeros(6), int(rng.integers(2))
+            motion[3 * is_turn : 3 * is_turn + 3] = sizes[is_turn] * direction / np.linalg.norm(direction)
+            readings = readings + np.outer(shape_over_time(shape, times, rng), geometry.changes(motion))
+        readings = readings + white * rng.standard_normal(readings.shape)
+        if step:
+            readings = step * np.round(readings / step)
+        before += geometry.single_readings(readings)
+        stances = [Stance(dict(zip(robot.joint_names, at.tolist(), strict=True)), robot.legs) for at in readings]
+        stillness = Stillness(robot, stances[0], 0.0)
+        start = time.perf_counter()
+        for at, stance in zip(times[1:], stances[1:], strict=True):
+            stillness.add(float(at), stance)
+        spent.append((time.perf_counter() - start) / (len(times) - 1))
+        now += bool(stillness.motion)
+    assert stillness is not None
+    said = "" if stillness.motion else stillness.undetectable
+    kind = "HOLD 50 Hz" if with_hold else "no HOLD"
+    size = "" if shape == "none" else f" {1e3 * sizes[0]:g} mm or {math.degrees(sizes[1]):.2f} deg"
+    text = f"{robot.name:<6} {encoder:<14} {kind:<11} {shape + size}"
+    return Row(text, pauses, before / pauses, now / pauses, 1e6 * float(np.median(spent)), said)
+
+
+def main() -> None:
+    """Print the table; exit 1 when a figure falls short."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pauses", type=int, default=1000, help="pauses of a row")
+    options = parser.parse_args()
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    short, said = 0, set()
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor() as pool:
+        sources: list[Path | str] = ["guara"]
+        try:
+            new_robot(stock_urdf("go2"), Path(folder) / "go2")
+            sources.append(Path(folder) / "go2")
+        except StockRobotsMissing as error:
+            print(f"without Go2: {error}")
+        waiting = [
+            (case, pool.submit(row, source, encoder, case, options.pauses))
+            for source in sources
+            for encoder in ENCODERS
+            for case in range(len(CASES))
+        ]
+        print(f"{'robot, encoder (noise [deg]), readings, motion':<69} pauses   before      now   a reading")
+        for case, future in waiting:
+            found = future.result()
+            is_still = CASES[case][1] == "none"
+            falls_short = found.now > 0.01 if is_still else found.now < 0.95
+            short += falls_short
+            said |= {found.undetectable} - {""}
+            print(
+                f"{found.text:<69} {found.pauses:6d} {found.before:8.1%} {found.now:8.1%} {found.microseconds:6.0f} us"
+                f"{'  SHORT' if falls_short else ''}",
+                flush=True,
+            )
+    print("share reported as moved; allowed: at most 1 % of still pauses, at least 95 % of motions")
+    print("said without HOLD:", min(said, default="nothing"))
+    raise SystemExit(1 if short else 0)
+
+
+if __name__ == "__main__":
+    main()
