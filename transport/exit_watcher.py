@@ -10,6 +10,8 @@ import logging
 import threading
 from typing import Protocol
 
+from transport.supervision import supervised
+
 logger = logging.getLogger(__name__)
 _lock = threading.Lock()
 _open: set[Closable] = set()
@@ -30,7 +32,7 @@ def watch(resource: Closable) -> None:
         _open.add(resource)
         if _watcher is None or not _watcher.is_alive():
             # Not a daemon: the interpreter must wait for it, and so for the sessions to be closed.
-            _watcher = threading.Thread(target=_run, name="transport-exit-watcher", daemon=False)
+            _watcher = supervised("transport-exit-watcher", _run, daemon=False)
             _watcher.start()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -15,7 +14,6 @@ from transport.messages.codec import MAXIMUM_PAYLOAD
 from transport.patience import Patience
 from transport.session import Session
 
-logger = logging.getLogger(__name__)
 # [byte/s] On a slower link most published messages are lost half way, and the pieces of them that were sent delay
 # others: a reader there unsubscribes, and fetches what is announced.
 SUBSCRIBING_RATE = 3e6
@@ -67,7 +65,7 @@ class Fetcher:
         # When the number of each publisher was announced that has not come yet.
         self._heard: dict[str, tuple[int, float]] = {}
         self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
-        self._thread = threading.Thread(target=self._run, name=f"transport-fetch {key}", daemon=True)
+        self._thread = session.thread(f"transport-fetch {key}", self._run)
         self._thread.start()
 
     @property
@@ -155,9 +153,9 @@ class Fetcher:
                     self._fetch(*wanted)
         except SessionClosed:
             return
-        except TransportError as error:
+        except TransportError:
             if not self._session.is_closed:
-                logger.error("what is lost on %s is no longer fetched: %s", self._key, error)
+                raise
 
     def _fetch(self, source: str, number: int) -> None:
         """Fetch the last message of one publisher, and forget the announcement when that cannot be done."""

@@ -70,7 +70,7 @@ class NodeClock(Resource):
         self._tried = threading.Event()
         self._wake = threading.Event()
         super().__init__(session)
-        self._thread = threading.Thread(target=self._run, name=f"transport-clock {robot}", daemon=True)
+        self._thread = session.thread(f"transport-clock {robot}", self._run)
         self._thread.start()
 
     @property

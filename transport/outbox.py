@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 from transport.exceptions import ReceiveTimeout, SessionClosed
+from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
 # Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
@@ -87,7 +88,11 @@ class Outbox:
             waiting[key] = action
             if lane not in self._threads:
                 # A daemon: a put that a broken link holds must not keep the interpreter; close() joins it.
-                thread = threading.Thread(target=self._run, args=(lane,), name=f"transport-outbox {lane}", daemon=True)
+                thread = supervised(
+                    f"transport-outbox {lane}",
+                    lambda: self._run(lane),
+                    on_failure=lambda failure: self._on_failure(lane, failure),
+                )
                 self._threads[lane] = thread
                 thread.start()
 
@@ -114,6 +119,16 @@ class Outbox:
         for thread in threads:
             if thread is not threading.current_thread():
                 thread.join(max(0.0, deadline - time.monotonic()))
+
+    def _on_failure(self, lane: str, failure: Failure) -> None:
+        """Leave the lane to a new thread, which the next action starts, when its own has failed for good."""
+        if failure.is_final:
+            with self._changed:
+                self._lanes.pop(lane, None)
+                self._threads.pop(lane, None)
+                self._failed += 1
+                self._last_error = str(failure)
+                self._changed.notify_all()
 
     def _run(self, lane: str) -> None:
         while True:

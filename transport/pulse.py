@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 
-logger = logging.getLogger(__name__)
+from transport.supervision import report, supervised
+
 # [s] Between two beats.
 PERIOD = 0.5
 CLOSE_TIMEOUT = 2.0
@@ -36,7 +36,7 @@ class Pulse:
         with self._lock:
             self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}
             if self._thread is None and not self._closing.is_set():
-                self._thread = threading.Thread(target=self._run, name="transport-pulse", daemon=True)
+                self._thread = supervised("transport-pulse", self._run)
                 self._thread.start()
 
     def remove(self, owner: object) -> None:
@@ -57,5 +57,5 @@ class Pulse:
             for action in actions:
                 try:
                     action()
-                except Exception:
-                    logger.exception("a repeated action failed")
+                except Exception as error:
+                    report(f"beat {action.__qualname__}", error)

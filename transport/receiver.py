@@ -15,6 +15,7 @@ from transport.received import Received, Sample
 from transport.resource import Resource
 from transport.seldom import Seldom
 from transport.session import Session
+from transport.supervision import report
 
 logger = logging.getLogger(__name__)
 # [s] How long closing waits for a callback of the user to return.
@@ -229,9 +230,7 @@ class NewestReceiver(Resource, Generic[T]):
         if self._is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
         # A daemon: a callback that never returns must not keep the interpreter from ending.
-        thread = threading.Thread(
-            target=self._dispatch, args=(callback, on_refused), name=f"transport-{self.key}", daemon=True
-        )
+        thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback, on_refused))
         self._threads.append(thread)
         thread.start()
 
@@ -249,8 +248,8 @@ class NewestReceiver(Resource, Generic[T]):
             number = sample.number
             try:
                 self._hand_over(sample, callback, on_refused)
-            except Exception:
-                logger.exception("the callback for %s failed", self.key)
+            except Exception as error:
+                report(f"callback for {self.key}", error)
 
     def _hand_over(
         self,

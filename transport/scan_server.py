@@ -28,6 +28,7 @@ from transport.messages.typestore import REFUSAL, SCAN_REPLY
 from transport.outbox import MAXIMUM_PENDING, Outbox
 from transport.resource import Resource
 from transport.session import Session
+from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
 # Finished requests whose result a repeated request gets.
@@ -178,7 +179,9 @@ class ScanServer(Resource):
         self._say(query, work.progress, "accepted")
         with self._lock:
             self._work = work
-            self._thread = threading.Thread(target=self._run, args=(work,), name="transport-scan", daemon=True)
+            self._thread = supervised(
+                "transport-scan", lambda: self._run(work), restarts=None, on_failure=lambda f: self._on_failure(work, f)
+            )
             self._thread.start()
 
     def _report(self, work: _Work, done: int, total: int) -> None:
@@ -191,9 +194,13 @@ class ScanServer(Resource):
 
     def _run(self, work: _Work) -> None:
         job = work.job
-        timer = threading.Timer(job.remaining, self._expire, args=(work,))
-        timer.daemon = True
-        timer.start()
+        ended = threading.Event()
+
+        def keep_deadline() -> None:
+            if not ended.wait(job.remaining):
+                self._expire(work)
+
+        supervised("transport-deadline", keep_deadline).start()
         try:
             grid = self._handler(job)
             last = replace(
@@ -209,8 +216,14 @@ class ScanServer(Resource):
             logger.exception("scan request %s failed", job.request.id)
             last = replace(work.progress, state=ScanState.FAILED, code="internal", message=str(error))
         finally:
-            timer.cancel()
+            ended.set()
         self._finish(work, last, returned=True)
+
+    def _on_failure(self, work: _Work, failure: Failure) -> None:
+        work.job.cancelled.set()
+        self._finish(
+            work, replace(work.progress, state=ScanState.FAILED, code="internal", message=str(failure)), returned=True
+        )
 
     def _expire(self, work: _Work) -> None:
         work.job.cancelled.set()

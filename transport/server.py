@@ -35,6 +35,7 @@ from transport.ros2 import Ros2Mirror
 from transport.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.session import Session
 from transport.status_reporter import StatusReporter
+from transport.supervision import FailureLog
 from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)
@@ -94,6 +95,7 @@ class PerceptionServer(Resource):
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
+        self._failures = FailureLog(lambda: self._status.changed())
         self._status = StatusReporter(session, self._items, robot=robot)
         if self._mirror is not None:
             mirror = self._mirror
@@ -260,12 +262,13 @@ class PerceptionServer(Resource):
         except Exception as error:
             further = [StatusItem(name="status", level=Health.ERROR, message=f"not collected: {error}")]
         names = [] if self._names is None else self._names.items()
-        return [own, *names, *self._jumps.items(), *further]
+        return [own, *names, *self._failures.items(), *self._jumps.items(), *further]
 
     def _release(self) -> None:
         # What waits is sent first.
         self._outbox.close()
         resources: list[Any] = [
+            self._failures,
             self._status,
             *self._tokens,
             self._names,

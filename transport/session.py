@@ -22,6 +22,7 @@ from transport.exit_watcher import Closable
 from transport.messages.typestore import warm_up
 from transport.pulse import Pulse
 from transport.security.folder import configured_endpoints, load_configuration, role_folder
+from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
 # [s] Between two attempts to connect; short, so that Ctrl-C is answered at once.
@@ -60,6 +61,7 @@ class Session:
         self._lock = threading.RLock()
         self._resources: list[Closable] = []
         self._closed = False
+        self._cause = "open a new one"
         self.endpoints = endpoints
         self.pulse = Pulse()
         exit_watcher.watch(self)
@@ -82,7 +84,7 @@ class Session:
             SessionClosed: it is closed.
         """
         if self._closed:
-            raise SessionClosed("the Zenoh session is closed; open a new one")
+            raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
         return self._raw
 
     @property
@@ -112,7 +114,7 @@ class Session:
         """
         with self._lock:
             if self._closed:
-                raise SessionClosed("the Zenoh session is closed; open a new one")
+                raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
             self._resources.append(resource)
 
     def disown(self, resource: Closable) -> None:
@@ -120,6 +122,15 @@ class Session:
         with self._lock:
             if resource in self._resources:
                 self._resources.remove(resource)
+
+    def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
+        """A supervised thread, not started yet; the session closes when it fails for good, and what uses it raises."""
+        return supervised(name, target, on_failure=self._on_failure)
+
+    def _on_failure(self, failure: Failure) -> None:
+        if failure.is_final and not self._closed:
+            self._cause = f"{failure}. Open a new one"
+            self.close()
 
     def attempt(self, action: Callable[[], Any], what: str) -> Any:
         """Run a call into Zenoh and turn its error into one of this package.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import threading
 from collections import deque
 from collections.abc import Callable
 
@@ -17,8 +15,8 @@ from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
 from transport.resource import Resource
 from transport.session import Session
+from transport.supervision import report
 
-logger = logging.getLogger(__name__)
 # Announcements that may wait for whoever follows them; then the oldest HOLD or unreadable one is dropped, else the
 # oldest.
 MAXIMUM_WAITING = 256
@@ -101,7 +99,7 @@ class StanceReceiver(NewestReceiver[StancePause]):
         self._waiting: deque[StancePause | MessageError] = deque()
         super().__init__(session, stance_key(robot), decode_stance_pause)
         if on_pause is not None:
-            thread = threading.Thread(target=self._follow, name=f"transport-{self.key}", daemon=True)
+            thread = session.thread(f"transport-{self.key}", self._follow)
             self._threads.append(thread)
             thread.start()
 
@@ -140,8 +138,8 @@ class StanceReceiver(NewestReceiver[StancePause]):
                 announcement = self._waiting.popleft()
             try:
                 self._hand_on(announcement)
-            except Exception:
-                logger.exception("the callback for %s failed", self.key)
+            except Exception as error:
+                report(f"callback for {self.key}", error)
 
     def _hand_on(self, announcement: StancePause | MessageError) -> None:
         if isinstance(announcement, MessageError):

@@ -50,7 +50,7 @@ class StatusReporter(Resource):
         )
         self._followers: list[Callable[[bytearray], None]] = []
         self._wake = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="transport-status", daemon=True)
+        self._thread = session.thread("transport-status", self._run)
         super().__init__(session)
         self._wake.set()
         self._thread.start()

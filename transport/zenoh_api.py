@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from transport.supervision import guarded
+
 # Names below `zenoh` that this file relies on and that a new release may change.
 UNSTABLE = ("handlers.Callback", "Publisher.id", "Publisher.matching_status", "SourceInfo", "SessionInfo.links")
 
@@ -63,9 +65,10 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
 def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None = None) -> Any:
     """A handler that runs `callback` on Zenoh's receiving thread; it must not block.
 
-    No Python thread stands behind it, so nothing keeps the interpreter from ending.
+    No Python thread stands behind it, so nothing keeps the interpreter from ending. What it raises is reported.
     """
-    return _zenoh().handlers.Callback(callback, finished, indirect=False)
+    ending = None if finished is None else guarded(finished)
+    return _zenoh().handlers.Callback(guarded(callback), ending, indirect=False)
 
 
 def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:

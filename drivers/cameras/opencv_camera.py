@@ -190,7 +190,7 @@ class OpenCvCamera(Camera):
         while not self._stop.is_set():
             try:
                 frame = self._read(capture)
-            except Exception:
+            except BaseException:  # whoever grabs must be told, whatever ends this thread
                 logger.exception("%s: OpenCV failed to read", self.name)
                 frame = None
             with self._changed:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from drivers import timing
 from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
-from drivers.errors import LaserRefused
+from drivers.errors import AcquisitionError, LaserRefused
 from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.options import AcquireOptions
 from drivers.sweep.raw_stripe import RawStripe
@@ -157,6 +157,8 @@ class StripeWorker(threading.Thread, ABC):
             logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._firing_order))
         except Exception as error:
             self.failure = error
+        except BaseException as error:  # the caller must not take it for the end of a good scan
+            self.failure = AcquisitionError(f"thread {self.name!r} failed: {error!r}")
         finally:
             self._darken()
             self._end()

@@ -4,5 +4,7 @@ from __future__ import annotations
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
+# A thread of the node failed and was restarted too often (`transport.supervision`).
+EXIT_THREAD_FAILED = 3
 # As a shell has it for a program that Ctrl-C ended.
 EXIT_INTERRUPTED = 130

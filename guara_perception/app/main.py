@@ -126,7 +126,7 @@ def guara(verbose: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit: 0 done, 2 bad input, 1 failed, 130 interrupted; never a traceback for a user."""
+    """Run the command line and exit with a code of `exit_codes`, 0 when done; never a traceback for a user."""
     sys.exit(run(arguments))
 
 

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from transport.supervision import supervised
+
 # A signal that the system gave to another thread is seen within this time [s].
 WAKE_PERIOD = 0.5
 
@@ -44,7 +46,7 @@ def stop_event() -> Iterator[threading.Event]:
         while heard.get():
             stop.set()
 
-    listener = threading.Thread(target=pass_on, name="guara-stop", daemon=True)
+    listener = supervised("guara-stop", pass_on)
     listener.start()
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

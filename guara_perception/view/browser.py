@@ -20,6 +20,7 @@ from guara_perception.view.picked_cell import met_by_ray
 from guara_perception.view.scene_drawing import SceneDrawing
 from guara_perception.view.terrain_mesh import terrain_mesh
 from guara_perception.view.timeline import Timeline
+from transport.supervision import supervised
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -165,7 +166,7 @@ class BrowserView:
                 self._timeline.go_to(0)
                 self._redraw()
             self._halt.clear()
-            self._player = threading.Thread(target=self._play, name="guara-view-play", daemon=True)
+            self._player = supervised("guara-view-play", self._play)
             self._player.start()
             self._tell_timeline()
 

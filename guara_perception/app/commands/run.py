@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
+from guara_perception.app.exit_codes import EXIT_THREAD_FAILED
 from guara_perception.app.options import DeviceOptions, device_options, earlier_option, read_node_file
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ def command(
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
+    from transport.supervision import Failure, follow, forget
 
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
@@ -121,8 +123,17 @@ def command(
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
         raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
     quality = jpeg or None
+    final: list[Failure] = []
     with ExitStack() as stack:
         stop = stack.enter_context(stop_event())
+
+        def end_with(failure: Failure) -> None:
+            if failure.is_final:
+                final.append(failure)
+                stop.set()
+
+        follow(end_with)
+        stack.callback(forget, end_with)
         rig = choose_rig(chosen, simulated=simulated, on_the_move=True)
         instance = name or rig.robot.name
         stack.enter_context(closed_within(rig.rangefinder))
@@ -186,6 +197,9 @@ def command(
             walk_until_stopped(rig.simulation, node, session, instance, stop, click.echo)
         stop.wait()
     click.echo("stopped, laser off")
+    if final:
+        click.echo(f"guara: {final[0]}", err=True)
+        click.get_current_context().exit(EXIT_THREAD_FAILED)
 
 
 def _print_summary(terrain: TerrainGrid) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 from types import TracebackType
 from typing import Any, Self
 
 from guara_perception.exceptions import PlannerFailed
+from transport.supervision import supervised
 
 START_TIMEOUT_S = 60.0
 # Longer than the planner itself waits for the two grids of a step, so that its own error is reported.
@@ -82,7 +82,9 @@ class PlannerProcess:
     def _read(self, timeout: float) -> dict[str, Any]:
         lines: list[str] = []
         stdout = self._process.stdout
-        reader = threading.Thread(target=lambda: lines.append(stdout.readline() if stdout else ""), daemon=True)
+        reader = supervised(
+            "planner's answer", lambda: lines.append(stdout.readline() if stdout else ""), restarts=None
+        )
         reader.start()
         reader.join(timeout)
         if not lines or not lines[0]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -25,8 +26,19 @@ from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, check_camera_still
-from transport import PausePhase, ScanFailed, ScanRequest, StancePause, TerrainMessage, TransportError, UnknownPhase
+from transport import (
+    Health,
+    PausePhase,
+    ScanFailed,
+    ScanRequest,
+    StancePause,
+    StatusItem,
+    TerrainMessage,
+    TransportError,
+    UnknownPhase,
+)
 from transport.server import PerceptionServer
+from transport.supervision import Failure, follow, forget, supervised
 
 if TYPE_CHECKING:
     from transport.scan_server import ScanJob
@@ -37,6 +49,10 @@ logger = logging.getLogger(__name__)
 STOP_TIMEOUT_S = 5.0
 # A pause is looked at a little after its end, not a little before.
 EXPIRY_SLACK_S = 0.01
+SCAN_THREAD = "guara-scans"
+# [s] A scan thread that works and goes on for so long neither to the next stripe nor to waiting hangs. A camera that is
+# gone takes up to 15 s to be given up.
+HANG_TIME_S = 30.0
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -99,11 +115,15 @@ class PerceptionNode:
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
         self._done = -1
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="guara-scans", daemon=True)
+        self._thread = supervised(SCAN_THREAD, self._run)
+        # When the scan thread last went on with its work; infinite while it waits for some.
+        self._progress_at = math.inf
+        self.status.follow(self._thread_item)
         server.serve_scans(self._serve, admission=self._admit)
 
     def __enter__(self) -> Self:
         """Start."""
+        follow(self._on_failure)
         self._thread.start()
         return self
 
@@ -203,6 +223,28 @@ class PerceptionNode:
             self._has_news = True
             self._changed.notify_all()
 
+    def _on_failure(self, failure: Failure) -> None:
+        """End the pause, and with it the scan: a part of this process failed, on whose thread this runs."""
+        with self._changed:
+            current = self._standing()
+            if current is not None:
+                current.end(None)
+                self._server.end_step()
+            self._has_news = True
+            self._changed.notify_all()
+
+    def _is_hung(self) -> bool:
+        return time.monotonic() - self._progress_at > HANG_TIME_S
+
+    def _thread_item(self) -> StatusItem:
+        """State of the scan thread: it must live, and go on with its work."""
+        name = f"thread {SCAN_THREAD}"
+        is_due = self._thread.ident is not None and not self._closing.is_set()
+        if not is_due or (self._thread.is_alive() and not self._is_hung()):
+            return StatusItem(name=name, level=Health.OK, message="runs")
+        fault = f"no progress for more than {HANG_TIME_S:g} s" if self._thread.is_alive() else "not running"
+        return StatusItem(name=name, level=Health.ERROR, message=f"{fault}: no pause is scanned. Restart the node")
+
     @property
     def latest_map(self) -> TerrainGrid | None:
         """The newest fused map, None before the first pause."""
@@ -215,6 +257,7 @@ class PerceptionNode:
 
     def close(self) -> None:
         """End the scan under way, laser off, and the thread; safe to call twice."""
+        forget(self._on_failure)
         self._closing.set()
         with self._changed:
             self._changed.notify_all()
@@ -248,10 +291,13 @@ class PerceptionNode:
         return result[0]
 
     def _run(self) -> None:
+        self._go_on()
         self._scanner.make_ready()
         while True:
             with self._changed:
+                self._progress_at = math.inf
                 self._changed.wait_for(self._has_work, self._until_expiry())
+                self._go_on()
                 if self._closing.is_set():
                     return
                 if self._pause is not None and self._standing() is None:
@@ -267,6 +313,9 @@ class PerceptionNode:
                     self._changed.notify_all()
             elif job is not None:
                 self._run_job(*job)
+
+    def _go_on(self) -> None:
+        self._progress_at = time.monotonic()
 
     def _has_work(self) -> bool:
         return bool(self._to_scan or self._job or self._has_news or self._closing.is_set())
@@ -287,13 +336,16 @@ class PerceptionNode:
 
     def _run_job(self, job: ScanJob, result: list[TerrainMessage | Exception]) -> None:
         pause = self._standing()
-        if pause is None:
-            outcome: TerrainMessage | Exception = ScanFailed("the stance pause ended", "not_stationary")
-        else:
-            outcome = self._scan(pause, job.request.mode, job.cancelled.is_set, job.progress)
-        with self._changed:
-            result.append(outcome)
-            self._changed.notify_all()
+        outcome: TerrainMessage | Exception = ScanFailed("the scan thread failed", "internal")
+        try:
+            if pause is None:
+                outcome = ScanFailed("the stance pause ended", "not_stationary")
+            else:
+                outcome = self._scan(pause, job.request.mode, job.cancelled.is_set, job.progress)
+        finally:
+            with self._changed:
+                result.append(outcome)
+                self._changed.notify_all()
 
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
@@ -302,10 +354,15 @@ class PerceptionNode:
 
         def should_stop() -> bool:
             pause.expire(time.monotonic())
-            return pause.ended.is_set() or self._closing.is_set() or is_cancelled()
+            return pause.ended.is_set() or self._closing.is_set() or is_cancelled() or self._is_hung()
+
+        def advance(done: int, total: int) -> None:
+            self._go_on()
+            if progress is not None:
+                progress(done, total)
 
         try:
-            return self._scanner.scan(pause, mode, should_stop, progress)
+            return self._scanner.scan(pause, mode, should_stop, advance)
         except Exception as error:
             self.status.problem("scan", f"step {pause.step}: {error}")
             if isinstance(error, EXPECTED):

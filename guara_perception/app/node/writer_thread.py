@@ -7,6 +7,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from transport.supervision import supervised
+
 logger = logging.getLogger(__name__)
 
 
@@ -25,7 +27,7 @@ class WriterThread:
         self._tasks: deque[tuple[int, Callable[[], None]]] = deque()
         self._waiting = 0
         self._is_busy = self._is_closing = False
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread = supervised(name, self._run)
         self._thread.start()
 
     @property
@@ -71,7 +73,8 @@ class WriterThread:
                 task()
             except Exception:
                 logger.exception("writing failed")
-            with self._changed:
-                self._waiting -= size
-                self._is_busy = False
-                self._changed.notify_all()
+            finally:
+                with self._changed:
+                    self._waiting -= size
+                    self._is_busy = False
+                    self._changed.notify_all()

@@ -13,6 +13,7 @@ import numpy as np
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
+from transport.supervision import supervised
 
 WIDTH_PX = 960
 PAGE = """<!doctype html>
@@ -88,7 +89,7 @@ class LivePage:
 
     def __enter__(self) -> Self:
         """Begin to serve."""
-        threading.Thread(target=self._server.serve_forever, daemon=True, name="live page").start()
+        supervised("live page", self._server.serve_forever).start()
         return self
 
     def __exit__(

@@ -1,0 +1,173 @@
+"""Supervised threads and callbacks: their failures are logged and told to followers, and threads are restarted."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from transport.messages.status_message import StatusItem
+from transport.messages.terrain_message import Health
+from transport.seldom import Seldom
+
+logger = logging.getLogger(__name__)
+# A thread is restarted this often within the period [s]; one more failure in it, and the thread has failed for good.
+RESTARTS = 3
+RESTART_PERIOD = 60.0
+# [s] Before a restart, so that a thread which fails at once does not use up all restarts on one short cause.
+RESTART_DELAY = 0.1
+# [s] A failure is an error in the status for this long, then a warning until the process ends.
+ERROR_TIME = 60.0
+# Name of the item of the status.
+THREADS_NAME = "threads"
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Failure of a thread or of a callback.
+
+    Attributes:
+        part: name of the thread or callback.
+        error: the exception as text.
+        is_final: whether the part will not run again.
+        at: instant, by the monotonic clock [s].
+    """
+
+    part: str
+    error: str
+    is_final: bool
+    at: float
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        return f"{self.part} failed{' for good' if self.is_final else ', and goes on'}: {self.error}"
+
+
+Follower = Callable[[Failure], None]
+_lock = threading.Lock()
+_followers: list[Follower] = []
+_lines: dict[str, Seldom] = {}
+
+
+def follow(take: Follower) -> None:
+    """Call `take` at each failure in this process, on the thread that failed, until `forget`."""
+    with _lock:
+        _followers.append(take)
+
+
+def forget(take: Follower) -> None:
+    """Stop calling `take`; safe to call twice."""
+    with _lock:
+        if take in _followers:
+            _followers.remove(take)
+
+
+def report(part: str, error: BaseException, *, is_final: bool = False) -> Failure:
+    """Tell all followers of a failure, then log it; a part that fails again and again is logged now and then."""
+    failure = Failure(part, f"{type(error).__name__}: {error}", is_final, time.monotonic())
+    with _lock:
+        followers = list(_followers)
+        line = _lines.setdefault(part, Seldom(logger, logging.ERROR))
+    for take in followers:
+        try:
+            take(failure)
+        except Exception:
+            logger.exception("telling of a failure failed")
+    say = logger.critical if is_final else line.say
+    say("%s\n%s", failure, "".join(traceback.format_exception(error)).rstrip())
+    return failure
+
+
+def supervised(
+    name: str,
+    target: Callable[[], Any],
+    *,
+    restarts: int | None = RESTARTS,
+    on_failure: Follower | None = None,
+    daemon: bool = True,
+) -> threading.Thread:
+    """A thread, not started yet, whose failures are reported; the only way in which this package makes threads.
+
+    Args:
+        name: name of the thread.
+        target: runs until the thread is to end; is called again after an exception.
+        restarts: how often it is called again within `RESTART_PERIOD`; None for one task, of which there may be
+            others: it is not called again, and its failure is not final.
+        on_failure: called after each failure, for its owner to clean up.
+        daemon: as in `threading.Thread`.
+    """
+
+    def run() -> None:
+        times: deque[float] = deque(maxlen=(restarts or 0) + 1)
+        while True:
+            try:
+                target()
+            except BaseException as error:  # what ends a thread ends it silently, SystemExit too
+                times.append(time.monotonic())
+                is_final = restarts is not None and len(times) > restarts and times[-1] - times[0] < RESTART_PERIOD
+                failure = report(name, error, is_final=is_final)
+                if on_failure is not None:
+                    on_failure(failure)
+                if is_final or restarts is None:
+                    return
+                time.sleep(RESTART_DELAY)
+            else:
+                return
+
+    return threading.Thread(target=run, name=name, daemon=daemon)
+
+
+def guarded(callback: Callable[..., None]) -> Callable[..., None]:
+    """The callback, for threads that are not ours: no exception leaves it, each is reported."""
+    name = f"callback {getattr(callback, '__qualname__', repr(callback))}"
+
+    @functools.wraps(callback)
+    def call(*arguments: Any) -> None:
+        try:
+            callback(*arguments)
+        except BaseException as error:  # Zenoh would write it to stderr, where no one reads it
+            report(name, error)
+
+    return call
+
+
+class FailureLog:
+    """Failures of this process since it began, for the status."""
+
+    def __init__(self, on_change: Callable[[], None]) -> None:
+        """Follow until `close`; `on_change` is called after each failure, on the thread that failed."""
+        self._on_change = on_change
+        self._last: dict[str, Failure] = {}
+        self._count = 0
+        follow(self._take)
+
+    def close(self) -> None:
+        """Stop following; safe to call twice."""
+        forget(self._take)
+
+    def _take(self, failure: Failure) -> None:
+        self._count += 1
+        self._last = {**self._last, failure.part: failure}
+        self._on_change()
+
+    def items(self) -> list[StatusItem]:
+        """One item that names all parts which failed; empty when none has."""
+        failures = list(self._last.values())
+        if not failures:
+            return []
+        now = time.monotonic()
+        recent = [failure for failure in failures if failure.is_final or now - failure.at < ERROR_TIME]
+        return [
+            StatusItem(
+                name=THREADS_NAME,
+                level=Health.ERROR if recent else Health.WARN,
+                message="; ".join(map(str, recent or failures)),
+                values={"failures": str(self._count), "parts": ", ".join(self._last)},
+            )
+        ]
