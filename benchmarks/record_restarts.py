@@ -4,8 +4,8 @@ Usage: python -m benchmarks.record_restarts [--restarts 20] [--pauses 3] [--limi
 
 `guara run --simulated --lossless --record FOLDER --record-limit LIMIT` is ended by kill -9 after a few pauses, at a
 random instant, and started again; the last one is ended by Ctrl-C. Lossless frames fill a file in a pause or two, so
-that files change and the oldest go. Then every file is opened: a finished one as it is, by `gp.open_recording` and by
-the mcap library; a cut one by `guara recover` first.
+that files change and the oldest go. After each end every new file is opened: a finished one as it is, by
+`gp.open_recording` and by the mcap library; a cut one recovered first. One that does not open ends the program.
 """
 
 from __future__ import annotations
@@ -77,30 +77,32 @@ def main() -> None:
         arguments = ["--listen", free_endpoint(), "--lossless"]
         arguments += ["--record", str(folder), "--record-limit", options.limit]
         came_up, largest = 0, 0
-        for _ in range(restarts):
-            why = run_once(arguments, pauses, chance.uniform(0.0, 3.0), signal.SIGKILL)
-            came_up += not why
-            largest = max(largest, sum(path.stat().st_size for path in folder.iterdir()))
+        finished: dict[Path, int] = {}
+        recovered: dict[Path, int] = {}
+        for number in range(restarts + 1):
+            is_last = number == restarts
+            moment, end = (0.0, signal.SIGINT) if is_last else (chance.uniform(0.0, 3.0), signal.SIGKILL)
+            why = run_once(arguments, pauses, moment, end)
             if why:
                 print(f"did not come up: {why}")
-        last = run_once(arguments, pauses, 0.0, signal.SIGINT)
-        cut = RecordingFiles(folder, "guara").cut()
-        whole = sorted(set(folder.iterdir()) - {*cut, foreign})
-        scans = [scans_of(path) for path in whole]
-        recovered = []
-        for path in cut:
-            recover_recording(path, path.with_suffix(".whole.mcap"))
-            recovered.append(scans_of(path.with_suffix(".whole.mcap")))
+            came_up += not why and not is_last
+            largest = max(largest, sum(path.stat().st_size for path in folder.iterdir()))
+            cut = RecordingFiles(folder, "guara").cut()
+            finished |= {path: scans_of(path) for path in {*folder.iterdir()} - {*finished, *cut, foreign}}
+            for path in set(cut) - set(recovered):
+                whole = Path(place, path.name)
+                recover_recording(path, whole)
+                recovered[path] = scans_of(whole)
+                whole.unlink()
         kept = foreign.read_text() == "mine"
-        made = max(int(path.stem[-6:]) for path in [*whole, *cut])
+        made = max(int(path.stem[-6:]) for path in [*finished, *recovered])
+        left = len(list(folder.iterdir())) - kept
     print(f"restarts {came_up} of {restarts}")
-    print(f"files: {made} made, {made - len(whole) - len(cut)} removed, {len(whole)} finished, {len(cut)} cut")
-    print(f"finished files that open: {len(scans)} of {len(whole)}, {sum(scans)} scans")
-    print(f"cut files recovered: {len(recovered)} of {len(cut)}, {sum(recovered)} scans")
-    print(
-        f"together at most {largest / 1e6:.0f} MB after a kill, {limit / 1e6:.0f} MB allowed; foreign file kept: {kept}"
-    )
-    sys.exit(0 if came_up == restarts and not last and kept and whole and largest <= limit else 1)
+    print(f"files: {made} made, {made - left} of them removed, the oldest first")
+    print(f"finished files opened: {len(finished)}, none failed, {sum(finished.values())} scans in them")
+    print(f"cut files recovered: {len(recovered)}, none failed, {sum(recovered.values())} scans in them")
+    print(f"most after a kill: {largest / 1e6:.0f} MB of {limit / 1e6:.0f}; foreign file kept: {kept}")
+    sys.exit(0 if came_up == restarts and not why and kept and largest <= limit else 1)
 
 
 if __name__ == "__main__":

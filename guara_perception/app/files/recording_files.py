@@ -75,7 +75,9 @@ class RecordingFiles:
             raise RecordingError(f"cannot record into the folder {self._folder}: {error.strerror}") from error
         if self._first is None:
             return self._folder / f"{self._stem}-{max(numbers, default=0) + 1:06d}{SUFFIX}"
-        return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}" if numbers else self._first
+        if not os.path.lexists(self._first):
+            return self._first
+        return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}"
 
     def make_room(self) -> None:
         """Remove the oldest files until the next one, once full and with its last pause, stays within the limit.

@@ -24,15 +24,16 @@ def _write(path: Path, size: int) -> Path:
 
 
 def test_a_file_is_followed_by_numbered_ones(tmp_path: Path) -> None:
-    """w.mcap, w-2.mcap ...: after the highest number, also where one was taken away; others' names do not count."""
+    """w.mcap, w-2.mcap ...: after the highest number; the name itself where it is free. Others' names do not count."""
     files = RecordingFiles(tmp_path / "w.mcap", "guara")
     assert files.file_size is None and files.next() == tmp_path / "w.mcap"
     _write(tmp_path / "w.mcap", 100)
     assert files.next() == tmp_path / "w-2.mcap"
     for name in ("w-2.mcap", "w-9.mcap", "w-x.mcap", "ww-30.mcap", "w-40.mcap.part", "v-50.mcap"):
         _write(tmp_path / name, 100)
-    (tmp_path / "w.mcap").unlink()
     assert files.next() == tmp_path / "w-10.mcap"
+    (tmp_path / "w.mcap").unlink()
+    assert files.next() == tmp_path / "w.mcap"
 
 
 def test_a_folder_is_made_and_its_files_are_numbered_by_robot(tmp_path: Path) -> None:
