@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.declared_ground import declared_ground
-from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.node_status import NodeStatus, pause_item
 from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
@@ -113,12 +113,14 @@ class PerceptionNode:
         self._has_news = False
         self._to_scan: Pause | None = None
         self._job: tuple[ScanJob, list[TerrainMessage | Exception]] | None = None
-        self._done = -1
+        self._done = ("", -1)
+        self._is_asked = False
         self._closing = threading.Event()
         self._thread = supervised(SCAN_THREAD, self._run)
         # When the scan thread last went on with its work; infinite while it waits for some.
         self._progress_at = math.inf
         self.status.follow(self._thread_item)
+        self.status.follow(self._pause_item)
         server.serve_scans(self._serve, admission=self._admit)
 
     def __enter__(self) -> Self:
@@ -250,10 +252,26 @@ class PerceptionNode:
         """The newest fused map, None before the first pause."""
         return self._scanner.latest_map
 
-    def wait_for_step(self, step: int, timeout: float) -> bool:
-        """Wait until the scan of a pause is done, or given up; False when `timeout` [s] passed before."""
+    def wait_for_step(self, step: int, timeout: float, epoch: str | None = None) -> bool:
+        """Wait until the scan of a pause is done, or given up; False when `timeout` [s] passed before.
+
+        Args:
+            step: number of the pause, or of an earlier one.
+            timeout: how long [s].
+            epoch: walk that it belongs to; None for that of the newest scan.
+        """
+
+        def is_done() -> bool:
+            walk, done = self._done
+            return self._closing.is_set() or (done >= step and epoch in (None, walk))
+
         with self._changed:
-            return self._changed.wait_for(lambda: self._done >= step or self._closing.is_set(), timeout)
+            return self._changed.wait_for(is_done, timeout)
+
+    def wait_for_requests(self, timeout: float) -> bool:
+        """Wait until no scan that was asked for is under way; False when `timeout` [s] passed before."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
 
     def close(self) -> None:
         """End the scan under way, laser off, and the thread; safe to call twice."""
@@ -263,6 +281,10 @@ class PerceptionNode:
             self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join(STOP_TIMEOUT_S)
+
+    def _pause_item(self) -> StatusItem:
+        pause = self._pause
+        return pause_item(pause, pause is not None and self._done == (pause.epoch, pause.step))
 
     def _standing(self) -> Pause | None:
         """The pause that the robot is in."""
@@ -281,9 +303,11 @@ class PerceptionNode:
     def _serve(self, job: ScanJob) -> TerrainMessage:
         result: list[TerrainMessage | Exception] = []
         with self._changed:
-            self._job = (job, result)
+            self._job, self._is_asked = (job, result), True
             self._changed.notify_all()
             self._changed.wait_for(lambda: result or job.cancelled.is_set() or self._closing.is_set())
+            self._is_asked = False
+            self._changed.notify_all()
         if not result:
             raise ScanFailed("the node is closing" if self._closing.is_set() else "the request was given up")
         if isinstance(result[0], Exception):
@@ -309,7 +333,7 @@ class PerceptionNode:
             if pause is not None:
                 self._scan(pause, self._mode, lambda: False, None)
                 with self._changed:
-                    self._done = pause.step
+                    self._done = (pause.epoch, pause.step)
                     self._changed.notify_all()
             elif job is not None:
                 self._run_job(*job)

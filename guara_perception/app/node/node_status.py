@@ -16,6 +16,7 @@ from transport.security.certificates import judge_security
 
 if TYPE_CHECKING:
     from guara_perception.app.node.live_scan import LiveScan
+    from guara_perception.app.node.pause import Pause
     from guara_perception.calibration.calibration import Calibration
     from guara_perception.terrain.grid import TerrainGrid
 
@@ -153,6 +154,39 @@ class NodeStatus:
             items = [*self._items.values(), *problems]
             followed = list(self._followed)
         return [*items, *(item() for item in followed)]
+
+
+def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
+    """Where the robot is in its walk, and when the next grid is to be expected.
+
+    Args:
+        pause: the newest pause, None before the first.
+        is_scanned: whether its own scan is over, or was given up.
+    """
+    if pause is None:
+        return StatusItem(
+            name="pause",
+            level=Health.OK,
+            message="no stance pause was announced yet: nothing is scanned before the gait says BEGIN",
+            values={"state": "none"},
+        )
+    seconds = time.monotonic() - pause.begun
+    if pause.ended.is_set():
+        state, message = "moving", "is over; the next grid comes with the next pause"
+    elif is_scanned:
+        state = "standing"
+        message = (
+            f"the robot has stood for {seconds:.0f} s and is scanned no more: the next grid comes with the next pause, "
+            f"or when a scan is asked for"
+        )
+    else:
+        state, message = "scanning", "the robot stands, its scan is to come"
+    return StatusItem(
+        name="pause",
+        level=Health.OK,
+        message=f"step {pause.step}: {message}",
+        values={"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"},
+    )
 
 
 def certificates_item(folder: Path) -> StatusItem:

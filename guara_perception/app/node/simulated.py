@@ -83,20 +83,29 @@ class SimulatedRobot:
         """Put the robot where it stands at a pause; only between scans."""
         self._rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
 
-    def walk(self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10) -> Iterator[WalkPause]:
-        """The pauses of a walk along x; the robot is not moved by this. See `simulate_walk`."""
-        return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed)
+    def walk(
+        self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0
+    ) -> Iterator[WalkPause]:
+        """The pauses of a walk along x, each `number` with noise of its own; the robot is not moved by this.
+
+        See `simulate_walk`.
+        """
+        return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed + number)
 
 
 class SimulatedGait:
-    """Announces the pauses of a simulated walk as a gait controller would: it reads the joints for every message."""
+    """Announces the pauses of one simulated walk as a gait controller would: it reads the joints for every message.
+
+    Attributes:
+        epoch: identity of the walk.
+    """
 
     def __init__(
         self, publisher: StancePublisher, instance: str, time_available: float = 0.0, *, seed: int = 0
     ) -> None:
         """Send through `publisher` as the robot `instance`, which stands this long [s]; 0 when not known."""
         self._rng = np.random.default_rng(seed)
-        self._publisher, self._instance, self._epoch = publisher, instance, uuid.uuid4().hex
+        self._publisher, self._instance, self.epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available
 
     def begin(self, pause: WalkPause) -> None:
@@ -123,7 +132,7 @@ class SimulatedGait:
                     GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
                     for ground in pause.known_ground
                 ),
-                epoch=self._epoch,
+                epoch=self.epoch,
                 time_available=time_available,
             )
         )

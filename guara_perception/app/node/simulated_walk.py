@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import threading
 import time
@@ -22,8 +23,7 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
 REST_S = 1.0
-# A pause of unknown length ends when the gait is silent for long: a robot that stands after its walk repeats HOLD.
-HOLD_PERIOD_S = 1.0
+# The demo's world ends there.
 CYCLES = 11
 
 
@@ -35,7 +35,7 @@ def walk_until_stopped(
     stop: threading.Event,
     tell: Callable[[str], None] = logger.info,
 ) -> None:
-    """Walk to the end of the world, scanning at each pause; then stand, so that scans can still be asked for.
+    """Walk to the end of the world, scanning at each pause; then anew from its beginning, as another walk.
 
     Args:
         robot: simulated robot with open devices.
@@ -43,9 +43,9 @@ def walk_until_stopped(
         session: session of the node; the gait speaks through it.
         instance: name of the robot in the keys.
         stop: ends the walk.
-        tell: called with a line of text at the end of the walk.
+        tell: called with a line of text at the end of each walk.
     """
-    gait = SimulatedGait(StancePublisher(session, robot=instance), instance)
+    publisher = StancePublisher(session, robot=instance)
 
     def choose(pause: WalkPause) -> Choice:
         latest = node.latest_map
@@ -54,31 +54,42 @@ def walk_until_stopped(
         found = plan_swing(latest, pause.next_leg, pause.nominal, robot=robot.robot)
         return None if found is None else (found.foothold.x, found.foothold.y)
 
-    last: WalkPause | None = None
-    try:
-        for pause in robot.walk(choose, cycles=CYCLES):
-            if last is not None:
-                gait.end(last)
-            robot.stand_at(pause)
-            gait.begin(pause)
-            last = pause
-            if not _wait_for_scan(node, pause.step, stop):
-                node.status.problem("gait", f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s, the walk goes on")
-            gait.hold(pause)
-            if stop.wait(REST_S):
-                return
-        tell("the simulated walk is over; the robot stands, and scans can still be asked for")
-    except (WalkEnded, OutOfReach) as error:
-        tell(f"the simulated walk ended early: {error}; the robot stands, and scans can still be asked for")
-        node.status.problem("gait", str(error))
-    while last is not None and not stop.wait(HOLD_PERIOD_S):
-        gait.hold(last)
+    for number in itertools.count():
+        gait = SimulatedGait(publisher, instance, seed=number)
+        end = "is over"
+        try:
+            for pause in robot.walk(choose, cycles=CYCLES, number=number):
+                _stand(robot, node, gait, pause, stop)
+                if stop.is_set():
+                    return
+        except (WalkEnded, OutOfReach) as error:
+            end = f"ended early: {error}"
+            node.status.problem("gait", str(error))
+        tell(f"the simulated walk {end}; the robot is carried back, and begins another")
 
 
-def _wait_for_scan(node: PerceptionNode, step: int, stop: threading.Event) -> bool:
-    """Wait for the scan of a pause, but not past a stop; False when it did not come in time."""
+def _stand(
+    robot: SimulatedRobot, node: PerceptionNode, gait: SimulatedGait, pause: WalkPause, stop: threading.Event
+) -> None:
+    """One pause, with its scan and those that are asked for; it lasts on when it is stopped.
+
+    Raises:
+        WalkEnded: no scan came: another gait may have spoken, whose walk put an end to this one.
+    """
+    robot.stand_at(pause)
+    gait.begin(pause)
+    if not _is_done(lambda: node.wait_for_step(pause.step, STOP_POLL_S, gait.epoch), stop):
+        raise WalkEnded(f"step {pause.step}: no scan within {SCAN_TIMEOUT_S:g} s")
+    node.status.solved("gait")
+    gait.hold(pause)
+    if not stop.wait(REST_S) and _is_done(lambda: node.wait_for_requests(STOP_POLL_S), stop) and not stop.is_set():
+        gait.end(pause)
+
+
+def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
+    """Wait for a scan, but not past a stop; False when it did not come in time."""
     end = time.monotonic() + SCAN_TIMEOUT_S
-    while not node.wait_for_step(step, STOP_POLL_S):
+    while not wait():
         if stop.is_set():
             return True
         if time.monotonic() > end:

@@ -1,13 +1,15 @@
-"""What the status says of the drift checks."""
+"""What the status says of the drift checks, and of the pause."""
 
 from __future__ import annotations
+
+import time
 
 import pytest
 
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
-from tests.guara_perception.app.node.live_bench import Bench
-from transport import Health
+from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench
+from transport import Health, PausePhase, StatusItem
 from transport.server import PerceptionServer
 
 
@@ -39,3 +41,25 @@ def test_what_changes_is_sent_at_once(bench: Bench, monkeypatch: pytest.MonkeyPa
     assert len(sent) == 1
     bench.status.confirmed(3)
     assert len(sent) == 2
+
+
+def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
+    """Nothing announced, standing without a further scan, on its way: when the next grid is to be expected."""
+
+    def reached(state: str) -> StatusItem:
+        end = time.monotonic() + TIMEOUT
+        while time.monotonic() < end:
+            status = bench.client.status()
+            for item in status.items if status else ():
+                if item.name == "pause" and item.values["state"] == state:
+                    assert item.level == Health.OK
+                    return item
+            time.sleep(0.05)
+        raise AssertionError(f"no status says {state!r}")
+
+    assert reached("none").message.startswith("no stance pause was announced yet")
+    bench.gait.say(7, PausePhase.BEGIN)
+    standing = reached("standing")
+    assert standing.values["step"] == "7" and "is scanned no more: the next grid comes" in standing.message
+    bench.gait.say(7, PausePhase.END)
+    assert reached("moving").values["step"] == "7"

@@ -11,6 +11,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.files.open_scan import open_scan
+from guara_perception.app.node import simulated_walk
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
@@ -83,15 +84,63 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
 
 
 def test_the_simulated_walk_goes_on_until_it_is_stopped(free_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pause after pause is published, and the walk ends when asked to."""
+    """Walk after walk, each with an epoch of its own, its pauses in order, and a map that begins anew."""
     monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
+    monkeypatch.setattr("guara_perception.app.node.simulated_walk.CYCLES", 0.5)
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     stop = threading.Event()
+    seen: list[tuple[str, int]] = []
+    told: list[str] = []
     with walking(robot, free_endpoint) as (node, _, client, session):
-        walk = threading.Thread(target=lambda: walk_until_stopped(robot, node, session, "guara", stop), daemon=True)
+        arguments = (robot, node, session, "guara", stop, told.append)
+        walk = threading.Thread(target=walk_until_stopped, args=arguments, daemon=True)
         walk.start()
-        fused = client.wait_for_step(1, timeout=TIMEOUT, extent="map")
+        for terrain in client.stream(TIMEOUT, "map"):
+            pause = (terrain.metadata["epoch"], terrain.step)
+            if pause not in seen:
+                seen.append(pause)
+            if len({epoch for epoch, _ in seen}) == 3:
+                break
         stop.set()
         walk.join(TIMEOUT)
     assert not walk.is_alive()
-    assert fused.step >= 1
+    assert [step for _, step in seen] == [0, 1, 2, 0, 1, 2, 0]
+    assert told == ["the simulated walk is over; the robot is carried back, and begins another"] * 2
+
+
+def test_a_walk_that_finds_no_foothold_is_followed_by_another(
+    free_endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planner refuses once: why is told, and the next walk begins."""
+    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.0)
+    refusals = iter([None])
+    planned = simulated_walk.plan_swing
+    monkeypatch.setattr(simulated_walk, "plan_swing", lambda *a, **k: next(refusals, 1) and planned(*a, **k))
+    robot = SimulatedRobot(size=SIZE, fps=120.0)
+    stop, told = threading.Event(), list[str]()
+    with walking(robot, free_endpoint) as (node, _, client, session):
+        arguments = (robot, node, session, "guara", stop, told.append)
+        walk = threading.Thread(target=walk_until_stopped, args=arguments, daemon=True)
+        walk.start()
+        assert client.wait_for_step(1, timeout=TIMEOUT).step == 1
+        stop.set()
+        walk.join(TIMEOUT)
+    assert not walk.is_alive() and len(told) == 1
+    assert "ended early: step 0: the planner found no safe foothold" in told[0]
+
+
+def test_a_scan_that_is_asked_for_ends_before_the_robot_goes_on(
+    free_endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though it takes longer than the robot rests."""
+    monkeypatch.setattr("guara_perception.app.node.simulated_walk.REST_S", 0.2)
+    robot = SimulatedRobot(size=SIZE, fps=120.0)
+    stop = threading.Event()
+    with walking(robot, free_endpoint) as (node, _, client, session):
+        walk = threading.Thread(target=walk_until_stopped, args=(robot, node, session, "guara", stop), daemon=True)
+        walk.start()
+        first = client.wait_for_step(0, timeout=TIMEOUT)
+        asked = client.request_scan(mode="standard", timeout=TIMEOUT)
+        stop.set()
+        walk.join(TIMEOUT)
+    assert asked.metadata["mode"] == "standard" and asked.stamp > first.stamp
