@@ -25,13 +25,11 @@ import numpy as np
 
 from drivers.emulator.config import STEP
 from guara_perception.calibration.calibration import Calibration, StripePlane
-from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift
-from guara_perception.calibration.drift_watch import DriftWatch
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
 from guara_perception.scan_drift import scan_drift
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.simulation.features import Box
-from guara_perception.simulation.laser_planes import LaserPlanes
-from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.rangefinder import LaserPlanes, SimulatedRangefinder
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World

@@ -14,10 +14,9 @@ from functools import partial
 import numpy as np
 
 from kinematics import LegOdometry, RobotModel, SelfFilter, Stance, load_robot, reach_from_pose
-from kinematics.footprint import transform_base_to_footprint
+from kinematics.footprint import fit_support_plane, transform_base_to_footprint
 from kinematics.leg import find_leg_geometry
 from kinematics.stance_pose import sole_covariances
-from kinematics.support import fit_support_plane
 
 CYCLE = 0.140  # one cycle, four swings [m]
 HEIGHT = 0.360  # of the hips in the scan posture [m]

@@ -20,7 +20,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import WalkPause, simulate_walk
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import load_world
 
 SIZE = (1280, 1024)
 PATTERN = "BayerRG8"

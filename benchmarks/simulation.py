@@ -13,8 +13,7 @@ import guara_perception as gp
 from guara_perception.arrays import Float
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box
-from guara_perception.simulation.polar import PolarView
-from guara_perception.simulation.relief import Relief
+from guara_perception.simulation.relief import PolarView, Relief
 from kinematics import Stance, load_robot
 from testbed.grid_truth import INTERIOR_MARGIN_MM, JUMP_M
 from testbed.physics.physics_figures import physics_figures, rms

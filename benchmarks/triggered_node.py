@@ -38,7 +38,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import simulate_walk
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import load_world
 from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
 from testbed.gige import FakeGigeCamera
 from transport.messages.terrain_codec import encode_terrain

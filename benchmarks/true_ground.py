@@ -12,7 +12,7 @@ import numpy.typing as npt
 import guara_perception as gp
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings, limits_to_dict
-from guara_perception.simulation.materials import material_index
+from guara_perception.simulation.features import material_index
 from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster

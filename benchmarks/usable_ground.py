@@ -26,8 +26,7 @@ from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.assessment.disc import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
-from guara_perception.terrain.questions.corridor import corridor_of, sampled
-from guara_perception.terrain.questions.path import PathVerdict
+from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
 from kinematics import RobotModel, load_robot
 from testbed.truth import truth_calibration
 

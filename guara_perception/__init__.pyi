@@ -55,9 +55,9 @@ from guara_perception.terrain.compare import GridComparison as GridComparison
 from guara_perception.terrain.compare import compare as compare
 from guara_perception.terrain.file import load_terrain as load_terrain
 from guara_perception.terrain.grid import TerrainGrid as TerrainGrid
-from guara_perception.terrain.layers.ceiling import Ceiling as Ceiling
 from guara_perception.terrain.layers.hazard import Hazard as Hazard
-from guara_perception.terrain.layers.reason import Reason as Reason
+from guara_perception.terrain.layers.hazard import Reason as Reason
+from guara_perception.terrain.layers.layered_grid import Ceiling as Ceiling
 from guara_perception.terrain.map.known_ground import KnownGround as KnownGround
 from guara_perception.terrain.map.lines_of_sight import LinesOfSight as LinesOfSight
 from guara_perception.terrain.map.terrain_map import TerrainMap as TerrainMap
@@ -69,9 +69,9 @@ from guara_perception.terrain.questions.foothold import (
 from guara_perception.terrain.questions.foothold import (
     FootholdVerdicts as FootholdVerdicts,
 )
-from guara_perception.terrain.questions.height_scan import HeightScan as HeightScan
 from guara_perception.terrain.questions.obstacles import Obstacle as Obstacle
 from guara_perception.terrain.questions.path import PathVerdict as PathVerdict
+from guara_perception.terrain.questions.points import HeightScan as HeightScan
 from guara_perception.terrain.questions.stairs import Riser as Riser
 from guara_perception.terrain.questions.stairs import Stairs as Stairs
 from guara_perception.terrain.questions.stairs import Tread as Tread

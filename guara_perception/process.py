@@ -12,11 +12,10 @@ from guara_perception.exceptions import CalibrationMismatch, FileFormatError, In
 from guara_perception.progress import Progress
 from guara_perception.ranging.range_images import range_images
 from guara_perception.ranging.scan_geometry import in_groups
-from guara_perception.robot_model import RobotLike, robot_model
 from guara_perception.scan import FrameReader, Scan
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.scan_surface import check_area
-from guara_perception.settings import Settings
+from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripes.band import FramePair
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel

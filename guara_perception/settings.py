@@ -1,11 +1,12 @@
-"""What perception reads from a robot's `robot.toml`: grid, heights, scan pattern, limits, validity."""
+"""Settings of perception from a robot's `robot.toml`: grid, heights, scan pattern, limits, validity."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,13 +14,13 @@ import numpy as np
 from guara_perception.arrays import Interval
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
+from kinematics import RobotModel, load_robot
 from kinematics.exceptions import RobotFileError
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
 MODES = ("coarse", "standard")
-
 # Beyond these a limit is a slip of units (degrees, millimetres), not a robot.
 LARGEST_LIMIT = {
     "slope": np.pi / 2,
@@ -32,6 +33,7 @@ LARGEST_LIMIT = {
     "sole_length": 1.0,
     "sole_width": 1.0,
 }
+RobotLike: TypeAlias = RobotModel | str | Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,3 +216,12 @@ def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
         return value
 
     return {key: plain(item) for key, item in table.items()}
+
+
+def robot_model(robot: RobotLike) -> RobotModel:
+    """The model itself.
+
+    Raises:
+        kinematics.KinematicsError: there is no such robot, or its folder is not sound.
+    """
+    return load_robot(robot) if isinstance(robot, str | Path) else robot

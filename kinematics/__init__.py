@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from kinematics.clearance import FootholdClearance, foothold_clearance
-from kinematics.description import describe_robot, robot_from_description
 from kinematics.exceptions import (
     ArgumentError,
     CameraMoved,
@@ -21,8 +20,8 @@ from kinematics.exceptions import (
     StanceError,
     UnknownName,
 )
-from kinematics.frames import BASE_FOOTPRINT, ODOM
-from kinematics.load import load_robot
+from kinematics.footprint import BASE_FOOTPRINT, ODOM
+from kinematics.load import describe_robot, load_robot, robot_from_description
 from kinematics.model import RobotModel
 from kinematics.odometry import LegOdometry, OdometryPose
 from kinematics.pause import PauseDetector, PauseReport

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from kinematics.arrays import Float
+from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
-from kinematics.support import fit_support_plane
 
 # A support plane within this many sigmas of the carried vertical is taken as level: 96 % of flat ground in two axes.
 FLAT_SIGMAS = 2.5

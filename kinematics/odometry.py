@@ -13,11 +13,10 @@ from kinematics.exceptions import OdometryLost
 from kinematics.footholds import Fit, Footholds, first_footholds
 from kinematics.footprint import skew
 from kinematics.model import RobotModel
-from kinematics.sole_readings import sole_readings
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances, stance_pose
 from kinematics.state import RobotState
-from kinematics.stayed_feet import find_stayed_feet
+from kinematics.stayed_feet import find_stayed_feet, sole_readings
 from kinematics.transforms import transform_points
 
 # Rows of x, y, z and heading in REP-103 order.

@@ -1,11 +1,10 @@
-"""The settings of a robot that `kinematics` itself uses, read from robot.toml together."""
+"""The settings that `kinematics` itself uses, of odometry, pause detector and self-filter, from robot.toml."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from kinematics.limits import OdometryLimits, PauseLimits, SelfFilterSettings
 from kinematics.stance_pose import StanceNoise
 from kinematics.toml_table import Table
 
@@ -28,3 +27,83 @@ class RobotSettings:
             PauseLimits.from_table(root.table("pause")),
             SelfFilterSettings.from_table(root.table("self_filter"), links),
         )
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryLimits:
+    """What counts as a foot that stayed (robot.toml, table [odometry]).
+
+    Attributes:
+        slip_sigmas: a foot slipped when its distance from another one changed by more than this many standard
+            deviations.
+        turn_limit: largest turn of the body between two pauses [rad].
+        swing_least: a foot that moved by less than this slipped, one that moved by more swung [m].
+    """
+
+    slip_sigmas: float
+    turn_limit: float
+    swing_least: float
+
+    @classmethod
+    def from_table(cls, table: Table) -> OdometryLimits:
+        """Read the table; every value must be positive."""
+        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
+
+
+TIME_LIMIT_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class PauseLimits:
+    """What counts as a pause (robot.toml, table [pause]).
+
+    Attributes:
+        joint_speed_limit: every joint must be slower than this [rad/s].
+        hold_time: how long every joint must stay that slow [s].
+        minimum_feet: least number of feet that carry the body.
+        camera_translation_limit: how far the camera may move during a scan [m].
+        camera_rotation_limit: how far the camera may turn during a scan [rad].
+        time_limit: a pause whose planned end is not announced is over this long after the last message about it [s]; a
+            robot.toml without it takes 30 s.
+    """
+
+    joint_speed_limit: float
+    hold_time: float
+    minimum_feet: int
+    camera_translation_limit: float
+    camera_rotation_limit: float
+    time_limit: float = TIME_LIMIT_S
+
+    @classmethod
+    def from_table(cls, table: Table) -> PauseLimits:
+        """Read the table; every value must be positive."""
+        return cls(
+            joint_speed_limit=table.number("joint_speed_limit", above=0.0),
+            hold_time=table.number("hold_time", above=0.0),
+            minimum_feet=table.integer("minimum_feet", least=1),
+            camera_translation_limit=table.number("camera_translation_limit", above=0.0),
+            camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
+            time_limit=table.number("time_limit", above=0.0) if "time_limit" in table.values else TIME_LIMIT_S,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SelfFilterSettings:
+    """How large the robot's own shapes are taken to be, and which count (robot.toml, table [self_filter]).
+
+    Attributes:
+        margin: added to every collision shape on all sides [m].
+        ignore: links whose shapes are left out: those that enclose the camera or the laser.
+    """
+
+    margin: float
+    ignore: tuple[str, ...]
+
+    @classmethod
+    def from_table(cls, table: Table, links: Collection[str] | None) -> SelfFilterSettings:
+        """Read the table; the margin must not be negative, ignored links must be among `links` unless it is None."""
+        settings = cls(table.number("margin", least=0.0), table.texts("ignore"))
+        for link in settings.ignore:
+            if links is not None and link not in links:
+                table.wrong("ignore", f"a list of links ({link!r} is no link; allowed: {', '.join(links)})")
+        return settings

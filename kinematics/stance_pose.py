@@ -14,9 +14,14 @@ import numpy.typing as npt
 
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
-from kinematics.footprint import compose_covariance, footprint_jacobians, transform_base_to_footprint
+from kinematics.footprint import (
+    SupportPlane,
+    compose_covariance,
+    fit_support_plane,
+    footprint_jacobians,
+    transform_base_to_footprint,
+)
 from kinematics.state import RobotState
-from kinematics.support import SupportPlane, fit_support_plane
 from kinematics.toml_table import Table
 from kinematics.transforms import checked_covariance, checked_transform, inverse
 from kinematics.unloaded import FourFeet, find_unloaded_foot

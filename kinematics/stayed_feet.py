@@ -1,18 +1,28 @@
-"""Tells the feet that stayed where they were between two pauses from those that swung or slipped.
+"""Readings of the standing soles, and the feet that stayed between two pauses apart from those that moved.
 
 Feet that stay keep their distances to each other, however the body moves. A foot that moved changes its distances to
 the others, and the others keep theirs: so the feet that stayed are the largest set whose distances all held. A swing
 can keep a single distance by chance (a foot that passes another), so the line between two feet must not have turned
 further than the body can turn either.
+
+A flat sole that carries the body keeps its pitch: what it seems to change between two pauses is noise of the leg's
+joints, and the same noise displaces the sole; their covariance tells by how much. A round foot (a leg of fewer than
+four joints cannot hold a flat one level) has no meaningful pitch.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
 from kinematics.arrays import Float
+from kinematics.stance_pose import StanceNoise, StancePose
+from kinematics.transforms import transform_points
+
+# Variance of the pitch of a round foot [rad^2]: no information.
+NOTHING_KNOWN = 1.0
 
 
 def find_stayed_feet(
@@ -63,3 +73,36 @@ def _distance_change(now: Float, before: Float, covariances: tuple[Float, Float]
     if along_now @ along_before < np.cos(turn_limit):
         return float("inf")
     return float(abs(length_now - length_before) / sigma)
+
+
+def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> tuple[Float, Float]:
+    """Readings of the soles in the footprint.
+
+    Args:
+        pose: the stance pose.
+        legs: names of the legs whose soles are read.
+        noise: standard deviations.
+
+    Returns:
+        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole against the horizontal [rad]; and covariances
+        (n, 4, 4) of these by encoders and contact, without the shift that a wrong vertical gives all of them alike.
+    """
+    rotation = pose.transform_base_to_footprint[:3, :3]
+    tree, state = pose.state.tree, pose.state
+    centres = transform_points(pose.transform_base_to_footprint, state.soles_in_base(legs))
+    readings, covariances = np.zeros((len(centres), 4)), np.zeros((len(centres), 4, 4))
+    vertical_variance = float(np.mean(np.diag(pose.covariance)[3:5]))
+    for row, leg in enumerate(legs):
+        config = tree.leg(leg)
+        x, y, z = rotation @ state.transform_to_base(config.sole)[:3, 0]
+        horizontal = np.hypot(x, y)
+        readings[row] = *centres[row], np.arctan2(-z, horizontal)
+        jacobian = state.jacobian(config.sole)
+        pitch_axis = np.array([-y, x, 0.0]) / horizontal
+        by_joints = np.vstack([rotation @ jacobian[:3], pitch_axis @ rotation @ jacobian[3:]])
+        covariances[row] = noise.encoder_sigma**2 * by_joints @ by_joints.T
+        covariances[row] += np.diag([noise.contact_sigma**2] * 3 + [noise.sole_pitch_sigma**2 + vertical_variance])
+        if len(config.joints) < 4:
+            covariances[row, 3] = covariances[row, :, 3] = 0.0
+            covariances[row, 3, 3] = NOTHING_KNOWN
+    return readings, covariances

@@ -18,8 +18,7 @@ from guara_perception.arrays import Image
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.settings import Settings
 from guara_perception.simulation import Light, SimulatedRangefinder, World, specimen
-from guara_perception.simulation.features import Box, Patch, Pit, Ramp
-from guara_perception.simulation.materials import material_index
+from guara_perception.simulation.features import Box, Patch, Pit, Ramp, material_index
 from kinematics import RobotModel, Stance, load_robot
 from testbed.grid_truth import Truth, load_truth, truth_of
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey, readonly
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.floor import floor_pixels, to_floor
+from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 
 # The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012

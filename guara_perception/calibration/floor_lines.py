@@ -1,4 +1,4 @@
-"""Where each stripe of a scan runs straight over the ground, which no moved mount changes."""
+"""Straight lines of stripes over the ground, which no moved mount changes; pixels on a level plane and back."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from guara_perception.arrays import Float, Index, Mask, readonly
+from guara_perception.calibration.calibration import CameraModel
 
 # A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
 PARTS = 12
@@ -115,3 +116,18 @@ def _largest_agreement(y: Float, z: Float) -> Mask:
     weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
     best = np.argmax(weight.sum(axis=2), axis=1)
     return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)
+
+
+def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:
+    """Pixels (n, 2) of floor points (n, 2)."""
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    in_footprint = np.column_stack((points, np.zeros(len(points))))
+    return camera.project((in_footprint - translation) @ rotation)
+
+
+def to_floor(camera: CameraModel, transform_camera_to_footprint: Float, pixels: Float, height: float = 0.0) -> Float:
+    """Where the rays of pixels (n, 2) meet the plane z = `height`: x and y (n, 2) in base_footprint."""
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    rays = camera.rays(pixels) @ rotation.T
+    depth = (height - translation[2]) / rays[:, 2]
+    return translation[:2] + rays[:, :2] * depth[:, None]

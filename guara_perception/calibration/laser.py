@@ -10,8 +10,12 @@ import numpy as np
 from guara_perception.arrays import Float, Interval, readonly
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.height_rows import plane_in_frame
-from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance, plane_covariance
+from guara_perception.calibration.height_sigma import (
+    HeightUncertainty,
+    field_covariance,
+    plane_covariance,
+    plane_in_frame,
+)
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.session import Plate

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float, readonly
-from guara_perception.calibration.height_rows import plane_in_frame
+from guara_perception.calibration.height_sigma import plane_in_frame
 
 
 @dataclass(frozen=True, slots=True)

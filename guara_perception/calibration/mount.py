@@ -12,7 +12,7 @@ from guara_perception.arrays import Float, Grey, readonly
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.crosses import Mark, find_crosses
-from guara_perception.calibration.floor import floor_pixels, to_floor
+from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.session import Fiducials
 from guara_perception.exceptions import CalibrationRefused
 

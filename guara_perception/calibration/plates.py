@@ -9,8 +9,8 @@ import numpy as np
 
 from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.floor import floor_pixels, to_floor
-from guara_perception.calibration.height_rows import row_bands
+from guara_perception.calibration.floor_lines import floor_pixels, to_floor
+from guara_perception.calibration.height_sigma import row_bands
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.session import Plate
 from guara_perception.exceptions import CalibrationMismatch

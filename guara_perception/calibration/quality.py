@@ -1,4 +1,4 @@
-"""How good a calibration is: figures with limits, a verdict and the reasons for it."""
+"""Quality of a calibration: checks with limits, a verdict with reasons, figures of the camera."""
 
 from __future__ import annotations
 
@@ -6,9 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
+from guara_perception.arrays import Float, Index
+from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.calibration.bundle import CameraFit
+from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.floor_lines import to_floor
+from guara_perception.exceptions import CalibrationRefused
+
 GOOD, USABLE, REFUSED = "good", "usable", "refused"
+# Cells of the picture in which corners are counted, columns x rows.
+COVERAGE_CELLS = (8, 6)
+GRID = (9, 7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,3 +99,95 @@ def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]
             for check in checks
         ],
     }
+
+
+def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
+    """(rows, columns) number of corners in each of COVERAGE_CELLS."""
+    corners = np.concatenate([view.corners_px for view in views])
+    column = np.clip(corners[:, 0] * COVERAGE_CELLS[0] / size[0], 0, COVERAGE_CELLS[0] - 1).astype(int)
+    row = np.clip(corners[:, 1] * COVERAGE_CELLS[1] / size[1], 0, COVERAGE_CELLS[1] - 1).astype(int)
+    return np.bincount(row * COVERAGE_CELLS[0] + column, minlength=COVERAGE_CELLS[0] * COVERAGE_CELLS[1]).reshape(
+        COVERAGE_CELLS[1], COVERAGE_CELLS[0]
+    )
+
+
+def picture_grid(size: tuple[int, int]) -> Float:
+    """Pixels (63, 2) distributed evenly over the picture."""
+    u, v = np.meshgrid(np.linspace(0, size[0] - 1, GRID[0]), np.linspace(0, size[1] - 1, GRID[1]))
+    return np.column_stack((u.ravel(), v.ravel()))
+
+
+def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
+    """How far the floor point that a pixel sees may be off, at pixels all over the picture.
+
+    The joint covariance of lens and mount is propagated to the floor: there it is the error that a robot meets.
+
+    Returns:
+        pixels (63, 2) and the standard deviation (63,) of the floor point they see [m], NaN above the horizon.
+    """
+    pixels = picture_grid(fit.camera.size)
+    floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
+    sigmas = np.sqrt(np.diag(fit.covariance))
+    derivative = np.empty((len(pixels), 2, len(sigmas)))
+    for i, sigma in enumerate(sigmas):
+        change = np.zeros(len(sigmas))
+        change[i] = sigma
+        camera, transform = fit.with_parameters(change)
+        derivative[:, :, i] = (to_floor(camera, transform, pixels) - floor) / sigma
+    covariance = np.einsum("nij,jk,nlk->nil", derivative, fit.covariance, derivative)
+    return pixels, np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+
+
+def cross_validation(
+    views: Sequence[BoardView], board: BoardSpec, size: tuple[int, int], distortion: str, distance: float
+) -> tuple[Float, Float] | None:
+    """Difference in projection between lenses calibrated from every other view.
+
+    The two lenses may differ by a rotation and a translation, which the mount makes up for: these are removed by
+    aligning points at floor distance, as mrcal does.
+
+    Args:
+        views: usable views.
+        board: the board.
+        size: picture width and height.
+        distortion: as for `calibrate_intrinsics`.
+        distance: height of the camera above the floor [m].
+
+    Returns:
+        pixels (n, 2) and differences (n, 2) in px; None with too few views for two halves.
+    """
+    halves = views[0::2], views[1::2]
+    if min(len(half) for half in halves) < 3:
+        return None
+    cameras = []
+    for half in halves:
+        camera = _quick_calibration(half, board, size, distortion)
+        if camera is None:
+            return None
+        cameras.append(camera)
+    first, second = cameras
+    pixels = picture_grid(size)
+    points = first.rays(pixels) * distance
+    _, rotation, translation = cv2.solvePnP(
+        points,
+        pixels,
+        second.matrix,
+        second.distortion,
+        np.zeros((3, 1)),
+        np.zeros((3, 1)),
+        useExtrinsicGuess=True,
+        flags=cv2.SOLVEPNP_ITERATIVE,
+    )
+    seen, _ = cv2.projectPoints(points, rotation, translation, second.matrix, second.distortion)
+    return pixels, np.asarray(seen, dtype=np.float64).reshape(-1, 2) - pixels
+
+
+def _quick_calibration(
+    views: Sequence[BoardView], board: BoardSpec, size: tuple[int, int], distortion: str
+) -> CameraModel | None:
+    from guara_perception.calibration.intrinsics import calibrate_views
+
+    try:
+        return calibrate_views(views, board, size, distortion).camera
+    except (CalibrationRefused, cv2.error):
+        return None

@@ -1,20 +1,25 @@
-"""What a calibration run found: the calibration and all the evidence behind it."""
+"""The result of a calibration run: the calibration, and all evidence behind it as records."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane, format_indices
+from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.session import CalibrationSession
-from guara_perception.calibration.surface_map import SurfaceMap
+from guara_perception.calibration.surface_map import SurfaceMap, stripe_constants
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,3 +71,92 @@ class CalibrationResult:
     def reasons(self) -> tuple[str, ...]:
         """Why the verdict is not better."""
         return tuple(self.calibration.quality["reasons"])
+
+
+def stripe_records(
+    laser: LaserFit, session: CalibrationSession, missing: Sequence[int], fit: CameraFit
+) -> tuple[StripePlane, ...]:
+    """The plane of each stripe; a stripe that gave too few points gets the mirror model's."""
+    found = zip(laser.stripes.indices, laser.stripes.mirror_angles, laser.planes_in_camera, strict=True)
+    stripes = [StripePlane(index, float(angle), plane) for index, angle, plane in found]
+    if missing:
+        commanded = {s.index: s.mirror_angle for plate in session.plates for s in plate.scan.stripes}
+        to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
+        planes = laser.sweep.mirror.in_frame(to_camera).planes([commanded[index] for index in missing])
+        stripes += [StripePlane(i, commanded[i], plane) for i, plane in zip(missing, planes, strict=True)]
+    return tuple(stripes)
+
+
+def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
+    """The `mirror` object: the model in the camera frame, and how the stripes deviate from it."""
+    to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
+    return {
+        "frame": "camera_optical_frame",
+        "mount": mount.mount,
+        **laser.sweep.mirror.in_frame(to_camera).to_dict(),
+        "step_errors": [
+            {"index": index, "error": float(error)}
+            for index, error in zip(laser.sweep.indices, laser.sweep.step_errors, strict=True)
+        ],
+        "sheet_jitter": laser.stripes.jitter,
+        "filled_in": list(missing),
+    }
+
+
+def covariance_record(fit: CameraFit, laser: LaserFit) -> dict[str, Any]:
+    """The `covariance` object; see docs/calibration.md for its fields."""
+    return {
+        "parameters": [*fit.free, "rx", "ry", "rz", "tx", "ty", "tz"],
+        "values": [*fit.lens.tolist(), *fit.pose.tolist()],
+        "matrix": fit.covariance.tolist(),
+        "corner_sigma_px": fit.corner_sigma_px,
+        **laser.uncertainty.to_dict(),
+    }
+
+
+def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]) -> dict[str, Any]:
+    """The `paper` object: homography, H, nadir and n, d, k per stripe, in rectified floor coordinates."""
+    camera_position = fit.transform_camera_to_footprint[:3, 3]
+    seen: dict[int, list[tuple[float, float]]] = {}
+    for line in lines:
+        floor = to_floor(fit.camera, fit.transform_camera_to_footprint, line.pixels)
+        slope, offset = np.polyfit(floor[:, 1], floor[:, 0], 1)
+        seen.setdefault(line.index, []).append((line.height, float(offset + slope * camera_position[1])))
+    stripes = []
+    for index, pairs in sorted(seen.items()):
+        if len(pairs) < 2:
+            continue
+        heights, x = zip(*pairs, strict=True)
+        constants = stripe_constants(index, float(camera_position[2]), x, heights)
+        stripes.append(
+            {"index": index, "n": constants.n, "d": constants.d, "k": constants.k, "residual": constants.residual}
+        )
+    return {
+        "homography": surface.homography.tolist(),
+        "condition": surface.condition,
+        "residual": surface.rms,
+        "height": float(camera_position[2]),
+        "nadir": [float(camera_position[0]), float(camera_position[1])],
+        "stripes": stripes,
+    }
+
+
+def undistorted(camera: CameraModel, pixels: Float) -> Float:
+    """Pixels (n, 2) as a lens without distortion would show them: eq. 8 inverted exactly, back in pixels."""
+    return np.asarray((camera.rays(pixels) @ camera.matrix.T)[:, :2])
+
+
+def warnings(
+    session: CalibrationSession,
+    views: Sequence[BoardView],
+    intrinsics: Intrinsics,
+    lost: Sequence[LostLine],
+    missing: Sequence[int],
+) -> list[str]:
+    """Faults that were mended."""
+    said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
+    said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
+    said += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in lost]
+    if missing:
+        said.append(f"stripe index {format_indices(tuple(missing))}: filled in by the mirror model")
+    return said

@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, readonly
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.floor import to_floor
+from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 

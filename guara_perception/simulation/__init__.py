@@ -9,8 +9,7 @@ from guara_perception.simulation.light import Light
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.real_light import EFFECTS, real_light
 from guara_perception.simulation.specimen import specimen
-from guara_perception.simulation.world import World
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import World, load_world
 
 __all__ = [
     "EFFECTS",

@@ -1,12 +1,15 @@
-"""The wave gait: which leg swings next, where its foot should land, and where the feet stand at the start."""
+"""The wave gait (next leg, its landing, the first stance) and the body on given footholds."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
@@ -14,6 +17,10 @@ if TYPE_CHECKING:
 
 # Walking speeds of the paper's robot [m/s], 450 ... 800 mm/min.
 SLOWEST_M_S, FASTEST_M_S = 0.45 / 60, 0.80 / 60
+# A body that cannot reach all footholds at its height crouches, by this much at a time and not below the lowest [m].
+CROUCH_STEP_M = 0.005
+DEEPEST_CROUCH_M = 0.060
+LARGEST_TILT = 0.12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,3 +103,71 @@ class WaveGait:
         feet = np.array(list(self.first_stance().values()))
         low, high = feet.min(axis=0) - margin, feet.max(axis=0) + margin
         return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+
+
+class OutOfReach(InvalidInput):
+    """Footholds that the legs cannot hold together; the message names the leg."""
+
+
+def stand_on(
+    robot: RobotModel, soles_in_world: Mapping[str, npt.ArrayLike], position: tuple[float, float], height: float
+) -> tuple[Float, dict[str, float]]:
+    """Pose and joint positions of a robot that stands on all of its feet, heading along the world's x.
+
+    The body's tilt is that of the plane through the feet; soles are level.
+
+    Args:
+        robot: the robot.
+        soles_in_world: (3,) sole centre of every leg [m].
+        position: x and y of the body's origin [m].
+        height: height of the body's origin over the plane of the feet [m].
+
+    Returns:
+        transform_base_to_world (4, 4) and joint name -> position [rad].
+
+    Raises:
+        OutOfReach: the body would have to crouch too deep.
+    """
+    soles = {leg: np.asarray(sole, np.float64) for leg, sole in soles_in_world.items()}
+    failed = ""
+    for crouch in np.arange(0.0, DEEPEST_CROUCH_M + 1e-9, CROUCH_STEP_M):
+        transform = body_pose(np.array(list(soles.values())), position, height - float(crouch))
+        joints: dict[str, float] = {}
+        for leg, sole in soles.items():
+            in_base = transform[:3, :3].T @ (sole - transform[:3, 3])
+            reached = robot.reach(leg, in_base, level_pitch(robot, leg, in_base, transform[2, :3]))
+            if not reached.is_reachable:
+                failed = leg
+                break
+            joints.update(zip(robot.tree.leg(leg).joints, reached.joint_positions.tolist(), strict=True))
+        else:
+            return transform, joints
+    raise OutOfReach(
+        f"leg {failed!r} cannot reach its foothold {np.round(soles[failed], 3).tolist()} with the body at "
+        f"x {position[0]:.3f}, y {position[1]:.3f}, even {DEEPEST_CROUCH_M} m lower: choose one nearer to its hip"
+    )
+
+
+def body_pose(soles: Float, position: tuple[float, float], height: float) -> Float:
+    """transform_base_to_world (4, 4) of a body parallel to the plane through soles (n, 3), heading along x."""
+    centre = soles.mean(axis=0)
+    offsets = soles - centre
+    slope = np.linalg.lstsq(offsets[:, :2], offsets[:, 2], rcond=None)[0]
+    slope *= min(1.0, LARGEST_TILT / max(float(np.linalg.norm(slope)), 1e-9))
+    up = np.array([-slope[0], -slope[1], 1.0])
+    up /= np.linalg.norm(up)
+    # The body's x axis lies above the world's: heading zero.
+    ahead = np.array([up[2], 0.0, -up[0]]) / np.hypot(up[0], up[2])
+    transform = np.eye(4)
+    transform[:3, :3] = np.column_stack((ahead, np.cross(up, ahead), up))
+    ground = centre[2] + slope @ (np.asarray(position) - centre[:2])
+    transform[:3, 3] = position[0], position[1], ground + height / up[2]
+    return transform
+
+
+def level_pitch(robot: RobotModel, leg: str, sole_in_base: Float, up_in_base: Float) -> float:
+    """Pitch in the leg's plane that lays the sole's x axis level [rad]; tan p = u_x / (u_z cos q - u_y sin q)."""
+    hip = robot.state(robot.posture(robot.config.scan_posture)).position_in_base(robot.tree.leg(leg).hip)
+    reach = sole_in_base - hip
+    roll = np.arctan2(reach[1], -reach[2])
+    return float(np.arctan2(up_in_base[0], up_in_base[2] * np.cos(roll) - up_in_base[1] * np.sin(roll)))

@@ -1,17 +1,33 @@
-"""The simulated camera's sensor: exposure, noise, saturation, eight bits, and what the camera makes of them."""
+"""The simulated camera's sensor: exposure, noise, saturation, eight bits; effects of lens and compression."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
+from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
-from guara_perception.simulation.picture_effects import Blotches, delivered, rows_reached, scattered
 
 # Noisy pictures without laser that are kept for a scene and an exposure, and used in turn.
 DARK_PICTURES = 4
 POOL_SIZE = 1 << 22
+# The skirt falls with one over the distance from here on, and ends there [px].
+SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
+# Light that the lens scatters is spread along the stripe too.
+SKIRT_COLUMNS = 9
+# A halo fades with this deviation from the edge of the clipped core: within 20 px to a tenth.
+HALO_SIGMA_PX = 9.0
+FULL_SCALE = 255.0
+# Distance of the ghost from the stripe, amplitude and length of its waves, as shares of the picture's height and width;
+# and its blur [px].
+GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
+GHOST_SIGMA_PX = 1.2
+# A mirror is not everywhere: the ghost is seen between these shares of the picture's width.
+GHOST_COLUMNS = (0.3, 0.75)
+# Deviation of the patches of blotches [px].
+BLOTCH_SIGMA_PX = 3.0
 
 
 class Sensor:
@@ -140,3 +156,92 @@ class Sensor:
     def _noise(self, count: int) -> Float32:
         start = int(self._rng.integers(0, self._pool.size - count + 1))
         return self._pool[start : start + count]
+
+
+def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
+    """First and end row that light between two rows reaches when it is scattered."""
+    ghost = int((GHOST_OF_HEIGHT + GHOST_AMPLITUDE_OF_HEIGHT) * height) + 1
+    return max(rows[0] - SKIRT_TO_PX, 0), min(rows[1] + ghost + SKIRT_TO_PX, height)
+
+
+def scattered(level: Float32, light: Light, height: int) -> Float32:
+    """Laser light (rows, w) with what reflections, lens and overflow of clipped pixels add to it.
+
+    Args:
+        level: (rows, w) grey levels of the laser's light at the sensor's gain, not clipped.
+        light: strengths of the effects.
+        height: number of rows of the whole picture [px].
+    """
+    if light.ghost:
+        level = level + np.float32(light.ghost) * _ghost(level, height)
+    result = level
+    if light.skirt:
+        result = result + _skirt(level, light.skirt)
+    if light.halo:
+        result = result + _halo(level, light.halo)
+    return result
+
+
+def _ghost(level: Float32, height: int) -> Float32:
+    """The light seen a second time, further down."""
+    width = level.shape[1]
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
+    wave = GHOST_AMPLITUDE_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
+    source = rows - np.float32(height) * (GHOST_OF_HEIGHT + wave).astype(np.float32)
+    seen = cv2.remap(level, columns, source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    seen[:, : int(GHOST_COLUMNS[0] * width)] = 0
+    seen[:, int(GHOST_COLUMNS[1] * width) :] = 0
+    return np.asarray(cv2.GaussianBlur(seen, (0, 0), GHOST_SIGMA_PX), np.float32)
+
+
+def _skirt(level: Float32, share: float) -> Float32:
+    """What the lens scatters: `share` of each column's peak 8 px beside it, less further away."""
+    distance = np.abs(np.arange(-SKIRT_TO_PX, SKIRT_TO_PX + 1))
+    taps = (SKIRT_FROM_PX / np.maximum(distance, SKIRT_FROM_PX)).astype(np.float32)
+    total = level.sum(axis=0)
+    peak = np.where(total > 0, level.max(axis=0) / np.maximum(total, np.float32(1e-6)), 0)
+    ones = np.ones(SKIRT_COLUMNS, np.float32) / np.float32(SKIRT_COLUMNS)
+    seen = cv2.sepFilter2D(level * peak.astype(np.float32), cv2.CV_32F, ones, taps, borderType=cv2.BORDER_CONSTANT)
+    return np.float32(share) * np.asarray(np.minimum(seen, FULL_SCALE), np.float32)
+
+
+def _halo(level: Float32, strength: float) -> Float32:
+    """What flows over from clipped pixels: `strength` at the edge of the core."""
+    core = (level > FULL_SCALE).astype(np.uint8)
+    if not core.any():
+        return np.zeros_like(level)
+    distance = cv2.distanceTransform(1 - core, cv2.DIST_L2, 3)
+    return np.asarray(strength * np.exp(-0.5 * (distance / HALO_SIGMA_PX) ** 2), np.float32)
+
+
+class Blotches:
+    """Noise in patches: one large picture of it, of which each frame takes another part."""
+
+    def __init__(self, noise: Float32, deviation: float) -> None:
+        """Make them.
+
+        Args:
+            noise: (2 h, 2 w, channels) independent noise of each pixel, of standard deviation 1.
+            deviation: standard deviation of the patches.
+        """
+        soft = cv2.GaussianBlur(noise, (0, 0), BLOTCH_SIGMA_PX)
+        # A Gaussian of sigma leaves 1 / (2 sqrt(pi) sigma) of white noise.
+        self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
+
+    def draw(self, rng: np.random.Generator) -> Float32:
+        """The blotches of one picture, (h, w, channels)."""
+        height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
+        row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
+        return self._patches[row : row + height, column : column + width]
+
+
+def delivered(picture: Image, light: Light) -> Image:
+    """The picture (h, w, 3) uint8 as it comes out of the camera: its colours interpolated, and compressed."""
+    if light.demosaiced:
+        picture = np.asarray(cv2.cvtColor(mosaic(picture, "BayerRG8"), cv2.COLOR_BayerRGGB2BGR), np.uint8)
+    if light.jpeg_quality:
+        options = [cv2.IMWRITE_JPEG_QUALITY, light.jpeg_quality]
+        options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
+        packed = cv2.imencode(".jpg", picture, options)[1]
+        picture = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
+    return picture

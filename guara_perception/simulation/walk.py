@@ -10,8 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.stand import stand_on
+from guara_perception.simulation.gait import WaveGait, stand_on
 from guara_perception.simulation.world import World
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance

@@ -13,13 +13,10 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.view.controls import SHOWN, Controls
-from guara_perception.view.legend import cell_text, legend_html, status_text
-from guara_perception.view.moment import Moment, no_stripes, pose_of
-from guara_perception.view.picked_cell import met_by_ray
+from guara_perception.view.controls import SHOWN, Controls, cell_text, legend_html, status_text
+from guara_perception.view.moment import Moment, Timeline, no_stripes, pose_of
 from guara_perception.view.scene_drawing import SceneDrawing
-from guara_perception.view.terrain_mesh import terrain_mesh
-from guara_perception.view.timeline import Timeline
+from guara_perception.view.terrain_mesh import met_by_ray, terrain_mesh
 from transport.supervision import supervised
 
 if TYPE_CHECKING:

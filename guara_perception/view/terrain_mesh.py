@@ -1,4 +1,4 @@
-"""A terrain grid as textured triangles between the centres of its cells."""
+"""A terrain grid as textured triangles between the centres of its cells, and the point where a ray meets it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float32, Image
+from guara_perception.arrays import Float, Float32, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing.style import (
     HEIGHT_COLOURS,
@@ -21,6 +21,11 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 COLOURINGS = ("hazard", "elevation", "traversability")
+# A ray is sampled at this share of a cell, up to this distance [m].
+SHARE_OF_CELL = 0.5
+FAR_M = 20.0
+# How far above the highest and below the lowest cell the ray is sampled [m].
+MARGIN_M = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +42,13 @@ class Scale:
 
 # The ends of the height colours are multiples of the first, and at least the second apart [m].
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
+
 # Share of the known cells that may lie beyond either end.
 BEYOND = 0.005
+
 # Neighbouring cells further apart in height than this are not joined: a wall that nobody measured is not drawn.
 JOIN_HEIGHT_M = 0.030
+
 TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no foot here", "1 best")
 
 
@@ -132,3 +140,29 @@ def drawn_heights(terrain: TerrainGrid) -> Float32:
     by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
     by_label[labels[known]] = elevation[known]
     return np.asarray(by_label[labels], dtype=np.float32)
+
+
+def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
+    """The first position (3,) where a ray comes to the drawn terrain or below it, None where it passes by.
+
+    Args:
+        terrain: grid; unknown cells are taken as high as they are drawn.
+        origin, direction: (3,) in the frame of the grid [m]; the direction of any length.
+    """
+    start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
+    along = along / np.linalg.norm(along)
+    heights = drawn_heights(terrain)
+    near, far = 0.0, FAR_M
+    if along[2] != 0.0:
+        # Only between the heights of the highest and the lowest cell.
+        limits = np.array([heights.max() + MARGIN_M, heights.min() - MARGIN_M])
+        one, other = np.sort((limits - start[2]) / along[2])
+        near, far = max(near, float(one)), min(far, float(other))
+    if far <= near:
+        return None
+    lengths = np.arange(near, far, SHARE_OF_CELL * terrain.resolution)[:, None]
+    points = start + lengths * along
+    iy, ix = terrain.geometry.indices(points[:, 0], points[:, 1])
+    inside = terrain.geometry.contains(iy, ix)
+    met = np.flatnonzero(inside)[points[inside, 2] <= heights[iy[inside], ix[inside]] + 1e-9]
+    return points[met[0]] if len(met) else None

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.stand import (
+from guara_perception.simulation.gait import (
     CROUCH_STEP_M,
     DEEPEST_CROUCH_M,
     OutOfReach,
+    WaveGait,
     body_pose,
     level_pitch,
     stand_on,

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.drift_check import Injected, guara, tally
 from guara_perception.calibration.drift import DRIFTING, HOLDS
-from guara_perception.simulation.laser_planes import LaserPlanes
+from guara_perception.simulation.rangefinder import LaserPlanes
 from guara_perception.simulation.specimen import specimen
 
 

@@ -16,8 +16,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait
 from guara_perception.simulation.walk import WalkPause, simulate_walk
-from guara_perception.simulation.world import World
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import World, load_world
 from kinematics import RobotModel
 from testbed.chip import Chip
 from tests.gige import alone_with_aravis

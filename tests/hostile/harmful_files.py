@@ -195,7 +195,7 @@ def _load_robot(path: Path) -> None:
 
 
 def _load_world(path: Path) -> None:
-    from guara_perception.simulation.world_file import load_world
+    from guara_perception.simulation.world import load_world
 
     load_world(path)
 

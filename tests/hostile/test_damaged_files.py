@@ -12,7 +12,7 @@ from guara_perception.app.files.camera_info import read_camera_info
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.calibration.file import to_json
 from guara_perception.simulation.specimen import specimen
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import load_world
 from kinematics import KinematicsError, load_robot
 from transport import TransportError
 from transport.messages.submessages import StanceMessage

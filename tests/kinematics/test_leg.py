@@ -8,8 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from kinematics import RobotModel, load_robot
-from kinematics.leg import find_leg_geometry
-from kinematics.numeric_ik import NumericLeg
+from kinematics.leg import NumericLeg, find_leg_geometry
 from tests.thorough import examples
 
 GUARA = load_robot("guara")

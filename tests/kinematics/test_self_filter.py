@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kinematics import ArgumentError, RobotModel, SelfFilter, UnknownName
-from kinematics.shapes import place_shape
+from kinematics.self_filter import place_shape
 from kinematics.urdf import Shape, rotation_from_rpy
 from tests.thorough import examples
 

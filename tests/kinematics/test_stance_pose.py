@@ -14,9 +14,8 @@ from kinematics import (
     StanceError,
     load_robot,
 )
-from kinematics.footprint import transform_base_to_footprint
+from kinematics.footprint import fit_support_plane, transform_base_to_footprint
 from kinematics.stance_pose import sole_covariances
-from kinematics.support import fit_support_plane
 from kinematics.urdf import rotation_from_rpy
 from tests.thorough import examples
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from guara_perception.app.calibration_report.drawing import BLUE, GREEN, GREY, RED, for_show, new_figure, to_png
 from guara_perception.arrays import Image
-from guara_perception.calibration.camera_quality import COVERAGE_CELLS, GRID
-from guara_perception.calibration.floor import floor_pixels
+from guara_perception.calibration.floor_lines import floor_pixels
+from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
 
 # The paper's rectified picture: 540 x 450 mm of floor.

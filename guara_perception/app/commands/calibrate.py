@@ -44,8 +44,7 @@ def command(
       guara calibrate sessions/monday -o calibration.json --report calibration-report
     """
     from guara_perception.app.calibrate import refuse
-    from guara_perception.app.calibration_report.html import check_report_folder, write_report
-    from guara_perception.app.calibration_report.summary import summary
+    from guara_perception.app.calibration_report.html import check_report_folder, summary, write_report
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.files.camera_info import write_camera_info
     from guara_perception.calibration.calibrate import calibrate_session

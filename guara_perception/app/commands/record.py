@@ -60,8 +60,7 @@ def command(
     import numpy as np
 
     from guara_perception.app.calibrate import refuse
-    from guara_perception.app.calibration_report.html import write_report
-    from guara_perception.app.calibration_report.summary import summary
+    from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.devices_file import Devices, devices_of
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.node.devices import rangefinder_of
@@ -70,8 +69,7 @@ def command(
     from guara_perception.app.record.record import record_session
     from guara_perception.app.record.session_writer import SessionPlan, SessionWriter
     from guara_perception.app.record.simulated import SimulatedWorkshop
-    from guara_perception.app.targets.board_words import parse_board, parse_heights
-    from guara_perception.app.targets.drawings import cross_points
+    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.fields import read_json

@@ -18,7 +18,7 @@ from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, SimulatedRobot
 from guara_perception.app.scene.scene import Scene
 from guara_perception.simulation.walk import Choice, WalkPause
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import load_world
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift
-from guara_perception.calibration.drift_watch import DriftWatch
+from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift, DriftWatch
 from transport import Health, StatusItem, TransportError
 from transport.security.certificates import judge_security
 

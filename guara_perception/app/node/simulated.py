@@ -19,8 +19,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, simulated_camera
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import Choice, WalkPause, fresh_reading, simulate_walk
-from guara_perception.simulation.world import World
-from guara_perception.simulation.world_file import load_world
+from guara_perception.simulation.world import World, load_world
 from kinematics import RobotModel, load_robot
 from transport import GroundPatch, PausePhase, StancePause
 from transport.stance_link import StancePublisher

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.simulated import SimulatedGait, SimulatedRobot
+from guara_perception.simulation.gait import OutOfReach
 from guara_perception.simulation.planner import plan_swing
-from guara_perception.simulation.stand import OutOfReach
 from guara_perception.simulation.walk import Choice, WalkEnded, WalkPause
 from transport import Session
 from transport.stance_link import StancePublisher

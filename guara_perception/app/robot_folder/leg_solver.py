@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.app.robot_folder.feet import Foot
 from guara_perception.app.robot_folder.find_legs import FoundLeg
 from guara_perception.arrays import Float
-from kinematics.numeric_ik import NumericLeg
+from kinematics.leg import NumericLeg
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.toml_table import Table
 from kinematics.tree import KinematicTree

@@ -1,4 +1,4 @@
-"""Writes a robot folder from a URDF, whole or not at all."""
+"""Writes a robot folder from a URDF, with its SRDF and README.md, whole or not at all."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
-from guara_perception.app.robot_folder.propose import Proposal, propose
-from guara_perception.app.robot_folder.readme_text import readme_text
-from guara_perception.app.robot_folder.srdf_text import srdf_text
-from guara_perception.app.robot_folder.toml_text import toml_text
+from guara_perception.app.robot_folder.collisions import neighbours
+from guara_perception.app.robot_folder.propose import Proposal, kind_of, propose
+from guara_perception.app.robot_folder.toml_text import assumed, camera_height, toml_text
 from guara_perception.exceptions import InvalidInput
-from kinematics.description import plain_urdf
+from kinematics.load import plain_urdf
 from kinematics.read_urdf import read_urdf
 from kinematics.urdf_checks import check_urdf
 
@@ -60,3 +61,75 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
         if made is not None:
             shutil.rmtree(made, ignore_errors=True)
     return proposal
+
+
+def srdf_text(proposal: Proposal) -> str:
+    """The text of the SRDF."""
+    root = Element("robot", name=proposal.name)
+    for leg in proposal.leg_configs:
+        group = SubElement(root, "group", name=leg.name)
+        SubElement(group, "chain", base_link=proposal.base, tip_link=leg.sole)
+    legs = SubElement(root, "group", name="legs")
+    for leg in proposal.leg_configs:
+        SubElement(legs, "group", name=leg.name)
+    for name, posture in (("scan", proposal.scan), ("standing", proposal.standing)):
+        state = SubElement(root, "group_state", name=name, group="legs")
+        SubElement(state, "joint", name="root_joint", value=f"0 0 {posture.base_height!r} 0 0 0 1")
+        for joint, value in posture.joint_positions.items():
+            SubElement(state, "joint", name=joint, value=repr(float(value)))
+    for first, second in neighbours(proposal.urdf):
+        SubElement(root, "disable_collisions", link1=first, link2=second, reason="Adjacent")
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def readme_text(proposal: Proposal, source: str, notes: tuple[str, ...]) -> str:
+    """The text of README.md.
+
+    Args:
+        proposal: proposal of the robot.
+        source: name of the URDF that it was made from.
+        notes: what of that URDF is not used.
+    """
+    p, m = proposal, proposal.mounts
+    legs = "\n".join(
+        f"| `{leg.name}` | {', '.join(leg.joints)} | `{leg.hip}` | {kind_of(found.leg, found.foot)} |"
+        for leg, found in zip(p.leg_configs, p.legs, strict=True)
+    )
+    measure = "\n".join(f"| `{key}` | {what} |" for key, what in assumed(p).items())
+    unused = "\n".join(f"- {note}" for note in notes) or "- nothing"
+    return f"""# {p.name}
+
+Proposed by `guara robot new` from `{source}`. `guara robot check` says what is wrong or doubtful, and draws it.
+
+| file | what |
+|---|---|
+| `urdf/{p.name}.urdf` | links, masses, joints, collision shapes of the source; frames for soles, camera, laser |
+| `srdf/{p.name}.srdf` | postures `scan` and `standing`, links that touch by construction |
+| `robot.toml` | everything else, each value with its reason |
+
+Not used of the source:
+
+{unused}
+
+## What was found
+
+| leg | joints | hip | kind |
+|---|---|---|---|
+{legs}
+
+When it scans the hips are {p.scan.hip_height:.3f} m over the soles,
+the camera {camera_height(p, p.scan):.3f} m over the floor and pitched {m.camera_pitch:.3f} rad from straight down.
+It scans x {m.area_x[0]:.2f} ... {m.area_x[1]:.2f}, y {m.area_y[0]:.2f} ... {m.area_y[1]:.2f} m.
+
+## What you must measure
+
+These values stand in the table `[assumed]` of robot.toml. `guara run` with a real robot refuses to go on those that
+concern safety until their lines are deleted there; simulation runs.
+
+| value | how |
+|---|---|
+{measure}
+
+The licence of the URDF is that of its source.
+"""

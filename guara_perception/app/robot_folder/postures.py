@@ -9,7 +9,7 @@ import numpy as np
 from guara_perception.app.robot_folder.leg_solver import LegSolver
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from kinematics.numeric_ik import NumericLeg
+from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
 # Where the wave gait sets a foot, from the place where it stands [m]: on level ground half a swing fore and aft and the

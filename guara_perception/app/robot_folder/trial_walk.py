@@ -10,9 +10,8 @@ import numpy as np
 from guara_perception.app.robot_folder.scan_checks import PICTURE_PX
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.settings import Settings
-from guara_perception.simulation.features import Box, Patch, Pit
+from guara_perception.simulation.features import Box, Patch, Pit, material_index
 from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.materials import material_index
 from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen

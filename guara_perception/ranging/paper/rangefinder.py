@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.height_rows import plane_in_frame
+from guara_perception.calibration.height_sigma import plane_in_frame
 from guara_perception.ranging.paper.equations import (
     StripeConstants,
     depth_from_constants,

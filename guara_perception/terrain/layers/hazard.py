@@ -1,8 +1,10 @@
-"""The hazard flags of a cell, values that never change, and the safety invariant: what no grid may ever claim."""
+"""Hazard flags of a cell and reasons of a refusal, values that never change; the invariant: what no grid may claim."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntFlag
 
 import cv2
@@ -139,3 +141,30 @@ def _refuse(broken: Mask, rule: str) -> None:
     if broken.any():
         iy, ix = (int(i[0]) for i in np.nonzero(broken))
         raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is not published")
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """A failed test.
+
+    Attributes:
+        test: name of the test, for instance "slope".
+        value: what was found, in `unit`.
+        limit: what is allowed, in `unit`.
+        unit: "m", "rad", "cells", "share" ...
+        detail: further text, such as where; may be empty.
+    """
+
+    test: str
+    value: float
+    limit: float
+    unit: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        """Text for people, in millimetres and degrees."""
+        scale, unit = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg")}.get(self.unit, (1.0, self.unit))
+        if math.isnan(self.value):
+            return f"{self.test} impossible" + (f" ({self.detail})" if self.detail else "")
+        text = f"{self.test} {self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
+        return f"{text} ({self.detail})" if self.detail else text

@@ -8,11 +8,10 @@ import numpy as np
 
 from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.polygon import inside_polygon
+from guara_perception.terrain.layers.geometry import inside_polygon
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.look import LOOKED_AT
-from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.touched import SHRUNK_M
+from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,8 @@ import numpy as np
 from guara_perception.arrays import Float, Float32, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.layered_grid import Ceiling
 from guara_perception.terrain.map.terrain_map import TerrainMap
 
 # Light that passes higher than this over the soles bounds nothing that a swing needs.

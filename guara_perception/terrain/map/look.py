@@ -12,8 +12,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import Heights
-from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.touched import Squares
+from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
 # The cell was looked at, and what came back (if anything) was no height that may be used.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)

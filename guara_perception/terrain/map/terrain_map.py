@@ -12,21 +12,18 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput
-from guara_perception.robot_model import RobotLike, robot_model
-from guara_perception.settings import Settings
+from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.map.checked_pose import checked_covariance, checked_pose
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.fuse_scan import check_scan, fuse_known_ground, fuse_scan
-from guara_perception.terrain.map.height_anchor import HeightAnchor
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.map_file import read_map, write_map
-from guara_perception.terrain.map.map_report import map_report
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.sideways import SidewaysDrift
-from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
-from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
+from guara_perception.terrain.map.snapshot import MapPause, map_report, snapshot_layers
+from guara_perception.terrain.map.support_feet import HeightAnchor, fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import WalkCorrection
 from kinematics import RobotModel
 

@@ -15,7 +15,7 @@ from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_
 from guara_perception.terrain.questions.normal import normal_at
 
 if TYPE_CHECKING:
-    from guara_perception.robot_model import RobotLike
+    from guara_perception.settings import RobotLike
 
 
 # At the rim of the search a place scores half: near the wish the body moves as the gait planned it.

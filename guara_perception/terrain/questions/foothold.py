@@ -1,4 +1,4 @@
-"""`check_foothold`: may a sole be set here, and if not, why."""
+"""`check_foothold`: whether a sole may be set here, and the reasons against it; `explain` says it in a sentence."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Float, Mask, readonly
+from guara_perception.arrays import Array, Flags, Float, Index, Mask, readonly
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
-from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, Reason, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
-from guara_perception.terrain.layers.reason import Reason
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
-from guara_perception.terrain.questions.sole_cells import sole_flags, sole_window
 
 if TYPE_CHECKING:
-    from guara_perception.robot_model import RobotLike
+    from guara_perception.settings import RobotLike
+
+# Positions that are computed together: keeps the memory small for whole grids of positions.
+CHUNK = 4096
+# A sole that only shares an edge with a cell does not cover it.
+TOLERANCE_CELLS = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,3 +213,95 @@ def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> floa
     """Clearance from which on a cell is never EDGE [m]: distance of the farthest corner that its tests read."""
     kernel = disc_kernel(limits.disc_radius / terrain.resolution)
     return widest_window(kernel, terrain.resolution, limits, is_map=terrain.extent == "map")
+
+
+def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits: TraversabilityLimits) -> Flags:
+    """Union of the flags of all cells that the sole rectangle, aligned with x, covers wholly or partly.
+
+    Args:
+        hazard: (ny, nx).
+        geometry: geometry of the grid.
+        x, y: (n,) sole centres, finite.
+        limits: limits of the robot, with the sole's size.
+
+    Returns:
+        (n,) uint16; a sole that reaches off the grid has UNSCANNED among its flags.
+    """
+    result = np.empty(x.size, dtype=np.uint16)
+    for start in range(0, x.size, CHUNK):
+        part = slice(start, start + CHUNK)
+        columns = _covered(x[part], geometry.origin[0], limits.sole_length, geometry.resolution)
+        rows = _covered(y[part], geometry.origin[1], limits.sole_width, geometry.resolution)
+        ny, nx = geometry.shape
+        outside = ((columns < 0) | (columns >= nx)).any(axis=1) | ((rows < 0) | (rows >= ny)).any(axis=1)
+        columns, rows = np.clip(columns, 0, nx - 1), np.clip(rows, 0, ny - 1)
+        cells = hazard.ravel()[(rows * nx)[:, :, None] + columns[:, None, :]]
+        flags = np.bitwise_or.reduce(cells.reshape(len(cells), -1), axis=1)
+        result[part] = flags | np.where(outside, np.uint16(Hazard.UNSCANNED), 0).astype(np.uint16)
+    return result
+
+
+def sole_window(
+    geometry: GridGeometry, x: float, y: float, limits: TraversabilityLimits
+) -> tuple[slice, slice, int, int]:
+    """Rows and columns of the cells on the grid that one sole covers, how many it covers, and how many are off it."""
+    columns = np.unique(_covered(np.array([x]), geometry.origin[0], limits.sole_length, geometry.resolution))
+    rows = np.unique(_covered(np.array([y]), geometry.origin[1], limits.sole_width, geometry.resolution))
+    ny, nx = geometry.shape
+    on_x, on_y = columns[(columns >= 0) & (columns < nx)], rows[(rows >= 0) & (rows < ny)]
+    total, on = columns.size * rows.size, on_x.size * on_y.size
+    if not on:
+        return slice(0, 0), slice(0, 0), total, total
+    return slice(int(on_y[0]), int(on_y[-1]) + 1), slice(int(on_x[0]), int(on_x[-1]) + 1), total, total - on
+
+
+def _covered(centre: Float, origin: float, length: float, resolution: float) -> Index:
+    """Cell indices (n, w) along one axis; where a sole covers fewer than w the last one is repeated."""
+    at = (centre - origin) / resolution
+    half = length / 2 / resolution
+    # Far off the grid is off the grid: no overflow for absurd positions.
+    first = np.clip(np.floor(at - half + TOLERANCE_CELLS), -(2**31), 2**31).astype(np.int64)
+    last = np.clip(np.ceil(at + half - TOLERANCE_CELLS) - 1, -(2**31), 2**31).astype(np.int64)
+    last = np.maximum(last, first)
+    width = int((last - first).max()) + 1 if first.size else 1
+    return np.minimum(first[:, None] + np.arange(width), last[:, None])
+
+
+def explain(terrain: LayeredGrid, x: float, y: float) -> str:
+    """One sentence: what is known about the ground at a point, and why a foot may or may not go there."""
+    flags = terrain.hazard_at(float(x), float(y))
+    point = f"x={float(x):.3f} y={float(y):.3f}"
+    iy, ix = terrain.geometry.indices(float(x), float(y))
+    if not terrain.geometry.contains(iy, ix):
+        (x0, y0), (ny, nx) = terrain.origin, terrain.shape
+        end_x, end_y = x0 + nx * terrain.resolution, y0 + ny * terrain.resolution
+        return f"{point} is off the grid (x {x0:.3f} ... {end_x:.3f}, y {y0:.3f} ... {end_y:.3f} m): not traversable"
+    causes = "; ".join(MEANING[flag] for flag in Hazard if flag and flag in flags)
+    if int(flags) & int(UNKNOWN_MASK):
+        return f"{point} is unknown: {causes}; not traversable"
+    layer = {name: float(values[iy, ix]) for name, values in terrain.layers.items()}
+    phrases = [
+        f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm)",
+        _slope_words(layer["slope"], layer["roughness"]),
+        f"step {layer['step_height'] * 1e3:.1f} mm",
+        f"clearance {layer['clearance'] * 1e3:.0f} mm",
+        _seen_words(int(layer["looks"]), int(layer["age"])),
+    ]
+    text = ", ".join(phrases)
+    if flags == Hazard.NONE:
+        return f"{text}: traversable, score {layer['traversability']:.2f}"
+    verdict = check_foothold(terrain, x, y)
+    assert isinstance(verdict, FootholdVerdict)
+    tests = "; ".join(str(reason) for reason in verdict.reasons)
+    return f"{text}: not traversable: {causes}" + (f" [{tests}]" if tests else "")
+
+
+def _slope_words(slope: float, roughness: float) -> str:
+    if not np.isfinite(slope):
+        return "slope not known (too little around it)"
+    return f"slope {np.degrees(slope):.1f} deg, roughness {roughness * 1e3:.1f} mm"
+
+
+def _seen_words(looks: int, age: int) -> str:
+    source = "felt by a foot or declared by the gait" if looks == 0 else f"seen by {looks} scan" + "s" * (looks > 1)
+    return source + (f", last {age} pause{'s' * (age > 1)} ago" if age else ", now")

@@ -13,9 +13,9 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from guara_perception.robot_model import RobotLike, robot_model
+from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.rounding import rounding_of
+from guara_perception.terrain.layers.limits_of import rounding_of
 from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 from kinematics.stance_pose import sole_covariances

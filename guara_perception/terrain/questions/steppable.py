@@ -12,12 +12,12 @@ import numpy as np
 from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.rounding import rounding_of
+from guara_perception.terrain.layers.limits_of import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 
 if TYPE_CHECKING:
-    from guara_perception.robot_model import RobotLike
+    from guara_perception.settings import RobotLike
 
 # Ground that lies further off the plane of a region does not belong to it.
 PLANE_TOLERANCE_M = 0.006

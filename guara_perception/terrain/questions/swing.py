@@ -11,16 +11,22 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.ceiling import Ceiling
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.reason import Reason
-from guara_perception.terrain.questions.corridor import confidences, corridor_of, sampled
+from guara_perception.terrain.layers.hazard import Reason
+from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
 from guara_perception.terrain.questions.leg_reach import beyond_reach
-from guara_perception.terrain.questions.path import LONGEST_PATH_M, check_clearance, check_over, checked_points
+from guara_perception.terrain.questions.path import (
+    LONGEST_PATH_M,
+    check_clearance,
+    check_over,
+    checked_points,
+    confidences,
+    corridor_of,
+    sampled,
+)
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 if TYPE_CHECKING:
-    from guara_perception.robot_model import RobotLike
+    from guara_perception.settings import RobotLike
 
 
 # Where the straight path is barred, corners are tried at these shares of its length and these distances beside it [m].

@@ -9,12 +9,10 @@ import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.limits_of import limits_of
-from guara_perception.terrain.layers.rounding import rounding_of
+from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
+from guara_perception.terrain.layers.limits_of import limits_of, rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.robot_model import RobotLike, robot_model
-from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.settings import RobotLike, Settings, limits_to_dict, robot_model
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster, merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid

@@ -8,8 +8,7 @@ import numpy as np
 
 from guara_perception.arrays import Index, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.robot_model import RobotLike, robot_model
-from guara_perception.settings import Settings
+from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
 

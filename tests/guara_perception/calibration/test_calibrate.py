@@ -14,8 +14,7 @@ from guara_perception.calibration.bundle import fit_camera
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.checks import mount_checks
 from guara_perception.calibration.faults import suspect_plate
-from guara_perception.calibration.height_rows import plane_in_frame
-from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.calibration.height_sigma import HeightUncertainty, plane_in_frame
 from guara_perception.calibration.laser import LeaveOneOut, fit_laser
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, check_drift
-from guara_perception.calibration.drift_watch import DriftWatch
+from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch, check_drift
 from guara_perception.process import run_scan
 from guara_perception.scan_drift import scan_drift
 from kinematics import RobotModel

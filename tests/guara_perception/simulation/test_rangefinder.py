@@ -12,9 +12,8 @@ import guara_perception as gp
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.simulation.features import Box, Patch, Pit
-from guara_perception.simulation.laser_planes import LaserPlanes
 from guara_perception.simulation.light import Light
-from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.rangefinder import LaserPlanes, SimulatedRangefinder
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, Stance, load_robot

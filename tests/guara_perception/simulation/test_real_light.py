@@ -12,7 +12,7 @@ import guara_perception as gp
 from guara_perception.arrays import Float, Image
 from guara_perception.simulation import EFFECTS, Light, SimulatedRangefinder, World, real_light, specimen
 from guara_perception.simulation.features import Patch
-from guara_perception.simulation.picture_effects import Blotches, scattered
+from guara_perception.simulation.sensor import Blotches, scattered
 from kinematics import load_robot
 
 STRIPE = 25

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.features import Box, Step
-from guara_perception.simulation.gait import WaveGait
-from guara_perception.simulation.stand import OutOfReach, body_pose, stand_on
+from guara_perception.simulation.gait import OutOfReach, WaveGait, body_pose, stand_on
 from guara_perception.simulation.walk import WalkEnded, WalkNoise, simulate_walk
 from guara_perception.simulation.world import World
 from kinematics import RobotModel, load_robot

@@ -13,8 +13,13 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.figures import figures
-from guara_perception.app.figures.figure_frames import as_grey, corrected_image, median_stripe_frame, stripes_together
-from guara_perception.app.figures.figures import draw_figures
+from guara_perception.app.figures.figures import (
+    as_grey,
+    corrected_image,
+    draw_figures,
+    median_stripe_frame,
+    stripes_together,
+)
 from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
 from guara_perception.app.main import run
 from guara_perception.process import run_scan, with_pictures

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_invariant
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, Reason, check_invariant
 from tests.thorough import examples
 
 # Three cells of disc, two by one cells of sole: windows small enough for small grids.
@@ -222,3 +222,17 @@ def cell_centres(terrain: gp.TerrainGrid, mask: np.ndarray) -> tuple[np.ndarray,
     x, y = terrain.geometry.centres()
     iy, ix = np.nonzero(mask)
     return x[ix], y[iy]
+
+
+@pytest.mark.parametrize(
+    ("reason", "expected_text"),
+    [
+        (Reason("step", 0.0125, 0.01, "m"), "step 12.5 mm, allowed 10 mm"),
+        (Reason("slope", 0.6, 0.54, "rad", "to the left"), "slope 34.4 deg, allowed 30.9 deg (to the left)"),
+        (Reason("reach", float("nan"), 0.0, "rad", "of lf beyond"), "reach impossible (of lf beyond)"),
+        (Reason("reach", float("nan"), 0.0, "rad"), "reach impossible"),
+    ],
+)
+def test_text(reason: Reason, expected_text: str):
+    """A value that does not exist is not printed as nan."""
+    assert str(reason) == expected_text

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
-from guara_perception.terrain.layers.rounding import rounding_of
+from guara_perception.terrain.layers.limits_of import rounding_of
 from kinematics import RobotModel
 from testbed.truth import truth_calibration
 from tests.thorough import examples, further

@@ -11,13 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.terrain.layers.polygon import distance_to_segment, inside_polygon, touched_cells
+from guara_perception.terrain.layers.geometry import GridGeometry, distance_to_segment, inside_polygon, touched_cells
+from guara_perception.terrain.questions.path import corridor_of, sampled
 from kinematics import RobotModel
 from tests.thorough import examples
 
 MakeScan = Callable[..., gp.TerrainGrid]
-
 PROPERTY = settings(max_examples=examples(60), deadline=None, derandomize=True)
+GRID = GridGeometry((-0.1, -0.1), 0.005, (40, 40))
+WITHIN = st.floats(-0.0999, 0.0999)
+# Points of the whole path that the cells are compared with lie this near to one another.
+FINE_M = 5e-4
 
 
 def holed(seed: int) -> gp.TerrainGrid:
@@ -286,3 +290,22 @@ def test_bad_polygons_are_refused() -> None:
     """Two corners are no polygon."""
     with pytest.raises(gp.InvalidInput, match="3 or more finite points"):
         holed(0).check_polygon([[0, 0], [1, 1]])
+
+
+@settings(max_examples=examples(100), derandomize=True)
+@given(st.lists(st.tuples(WITHIN, WITHIN, st.floats(0, 0.1)), min_size=1, max_size=4), st.floats(0, 0.04))
+def test_the_corridor_is_what_lies_within_the_clearance(points: list[tuple[float, float, float]], clearance: float):
+    """Also between two samples and beyond the border of the grid: by brute force over a path cut five times finer."""
+    path = np.array(points)
+    iy, ix = corridor_of(GRID, sampled(path, GRID.resolution / 2), clearance).unique()
+    found = set(zip(iy.tolist(), ix.tolist(), strict=True))
+    fine = sampled(path, FINE_M)
+    rows = np.arange(-10, 50)
+    x, y = (GRID.origin[axis] + (rows + 0.5) * GRID.resolution for axis in (0, 1))
+    over_x = np.maximum(np.abs(x[:, None] - fine[:, 0]) - GRID.resolution / 2, 0)
+    over_y = np.maximum(np.abs(y[:, None] - fine[:, 1]) - GRID.resolution / 2, 0)
+    for row, aside_y in zip(rows, over_y, strict=True):
+        distance = np.hypot(over_x, aside_y).min(axis=1)
+        corridor = np.array([(int(row), int(column)) in found for column in rows])
+        assert corridor[distance <= clearance - FINE_M].all()
+        assert not corridor[distance > clearance + GRID.resolution / 4 + FINE_M].any()

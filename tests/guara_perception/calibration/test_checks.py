@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from guara_perception.calibration.stance_checks import stance_checks
+from guara_perception.calibration.checks import stance_checks
 from kinematics import RobotModel, Stance
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.view.moment import Moment
-from guara_perception.view.timeline import KEPT, Timeline
+from guara_perception.view.moment import KEPT, Moment, Timeline
 
 
 def moment(grid: gp.TerrainGrid, step: int, walk: str = "a", x: float = 0.0) -> Moment:

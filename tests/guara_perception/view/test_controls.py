@@ -8,7 +8,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.terrain.drawing.style import HAZARD_COLOURS, UNKNOWN_COLOUR
-from guara_perception.view.legend import cell_text, legend_html, status_text
+from guara_perception.view.controls import cell_text, legend_html, status_text
 from guara_perception.view.terrain_mesh import terrain_mesh
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kinematics import StanceError
-from kinematics.support import fit_support_plane
+from kinematics.footprint import fit_support_plane
 
 FEET = np.array([[0.3, 0.18, 0.0], [0.3, -0.18, 0.0], [-0.3, 0.18, 0.0], [-0.3, -0.18, 0.0]])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.terrain.map.height_anchor import HeightAnchor, SoleError
+from guara_perception.terrain.map.support_feet import HeightAnchor, SoleError
 
 
 def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
