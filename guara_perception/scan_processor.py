@@ -26,7 +26,7 @@ from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import Stance, StancePose
+from kinematics import Stance, StanceError, StancePose, Stillness
 
 
 class ScanProcessor:
@@ -100,13 +100,26 @@ class ScanProcessor:
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
         self._body = OwnBody(self._pose.state, self._pose.transform_base_to_footprint, self._geometry.sensor_origins)
         height_limits = self._settings.minimum_height, self._settings.maximum_height
-        self._ranger = StripeRanger(calibration, self._geometry, self._locator, height_limits, self._body.contains)
+        self._ranger = StripeRanger(
+            calibration, self._geometry, self._locator, height_limits, self._body.contains, self._unseen_motion()
+        )
         self._order = list(self._geometry.stripes)
         self._profiles: dict[int, StripeProfile] = {}
         self._glances = Glances(self._order, calibration.camera.size[0])
         self._light = LightSamples(self._order, calibration.camera.size[1])
         self._surface = ScanSurface(cell, self._geometry, calibration, self._settings, self._pattern, self._body)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
+
+    def _unseen_motion(self) -> Float | None:
+        """Covariance (6, 6) of the motion of the camera that a reading before and one after the scan cannot tell.
+
+        None on fewer than three feet: nothing tells whether the camera stood, and no node confirms such a scan.
+        """
+        camera = self._calibration.transform_camera_to_base
+        try:
+            return Stillness(self._robot, self._stance, 0.0, transform_camera_to_base=camera).covariance
+        except StanceError:
+            return None
 
     @property
     def settings(self) -> Settings:

@@ -113,6 +113,7 @@ class StripeRanger:
         locator: Locator,
         height_limits: tuple[float, float],
         on_robot: Callable[[Float], Mask],
+        motion_covariance: Float | None = None,
     ) -> None:
         """Keep what does not depend on the frames.
 
@@ -122,6 +123,7 @@ class StripeRanger:
             locator: makes points of rows.
             height_limits: lowest and highest height that counts as terrain [m].
             on_robot: says which points (n, 3) in base_footprint lie on the robot itself.
+            motion_covariance: (6, 6) of what the camera may have moved in the scan, in `base_link`; None = nothing.
 
         Raises:
             FileFormatError: the covariance of the calibration is not as documented.
@@ -132,6 +134,12 @@ class StripeRanger:
         self._height_limits = height_limits
         self._on_robot = on_robot
         self._uncertainty = HeightUncertainty.of(calibration)
+        # Of the motions in base_footprint those that move heights: z, and turns about x and y.
+        self._motion: Float | None = None
+        if motion_covariance is not None:
+            turn = geometry.transform_camera_to_footprint[:3, :3] @ calibration.transform_camera_to_base[:3, :3].T
+            rows = np.kron(np.eye(2), turn)[2:5]
+            self._motion = rows @ motion_covariance @ rows.T
 
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
         """Points of stripes by index; their frames must not be bad."""
@@ -149,20 +157,29 @@ class StripeRanger:
         return found
 
     def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
-        """Variances (s, n) [m^2] of heights at points (3, s, n) that come from the uncertainty of the calibration.
+        """Variances (s, n) [m^2] of heights at points (3, s, n) by the calibration and by motions of the camera.
 
-        None for a calibration without covariance (one made from a drawing).
+        None for a calibration without covariance (one made from a drawing) and a camera that is known to have stood.
         """
         uncertainty, calibration, geometry = self._uncertainty, self._calibration, self._geometry
         if uncertainty is None:
-            return None
-        return lambda points: uncertainty.variance_of_scan(
-            indices,
-            np.array([geometry.stripes[index].plane_in_camera for index in indices]),
-            points,
-            geometry.transform_camera_to_footprint,
-            calibration.transform_camera_to_base,
-        )
+            return None if self._motion is None else self._variance_by_motion
+        planes = np.array([geometry.stripes[index].plane_in_camera for index in indices])
+
+        def variance(points: Float) -> Float:
+            camera = geometry.transform_camera_to_footprint, calibration.transform_camera_to_base
+            by_calibration = uncertainty.variance_of_scan(indices, planes, points, *camera)
+            return by_calibration if self._motion is None else by_calibration + self._variance_by_motion(points)
+
+        return variance
+
+    def _variance_by_motion(self, points: Float) -> Float:
+        """Variances (s, n) of heights at points (3, s, n): z moves by v_z + w_x r_y - w_y r_x, r from the camera."""
+        assert self._motion is not None
+        x, y = points[:2] - self._geometry.transform_camera_to_footprint[:2, 3, None, None]
+        (zz, zx, zy), (_, xx, xy), (_, _, yy) = self._motion
+        # Element by element: rounding does not depend on what other stripes there are.
+        return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
 
 
 def in_groups(items: list[Item], size: int = TOGETHER) -> Iterator[list[Item]]:

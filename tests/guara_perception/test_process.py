@@ -1,6 +1,7 @@
 """A recorded scan becomes terrain, whole or streaming; what does not belong together is refused."""
 
 import dataclasses
+import itertools
 import logging
 from collections.abc import Callable
 
@@ -9,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from kinematics import RobotModel
+from kinematics import RobotModel, Stillness
 
 
 def same_bytes(a: gp.TerrainGrid, b: gp.TerrainGrid) -> None:
@@ -265,3 +266,30 @@ def test_progress_counts_every_stripe(paper_scan, calibration, robot):
     )
     count = len(paper_scan.stripes)
     assert heard == [(done, count) for done in range(1, count + 1)]
+
+
+def test_a_motion_too_small_for_the_joints_enters_the_variance(
+    paper_scan: gp.Scan, calibration: gp.Calibration, robot: RobotModel, monkeypatch: pytest.MonkeyPatch
+):
+    """The heights' variance holds what each motion of the camera, in axes of base_link, would do to them."""
+    sigmas = np.array([1e-3, 2e-3, 0.5e-3, 1e-3, 2e-3, 3e-3])
+    processors = []
+    for covariance in (np.zeros((6, 6)), np.diag(sigmas**2)):
+        monkeypatch.setattr(Stillness, "covariance", covariance)
+        processors.append(gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode))
+    for stripe, on, off in itertools.islice(paper_scan.frames(), 10, 12):
+        for processor in processors:
+            processor.add(stripe.index, on, off)
+    to_footprint = np.asarray(processors[0].pose.transform_base_to_footprint)[:3, :3]
+    camera = processors[0].transform_camera_to_footprint[:3, 3]
+    for index, points in processors[0].points.items():
+        arms = np.asarray(points.points, dtype=np.float64) - camera
+        expected = np.zeros(len(arms))
+        for axis in range(3):
+            direction = to_footprint[:, axis]
+            expected += (sigmas[axis] * direction[2]) ** 2
+            expected += (sigmas[3 + axis] * np.cross(direction, arms)[:, 2]) ** 2
+        added = processors[1].points[index].variance - points.variance
+        known = np.isfinite(added)
+        assert known.sum() > 300
+        np.testing.assert_allclose(added[known], expected[known], rtol=1e-3, atol=1e-10)
