@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class PerceptionError(Exception):
-    """Root of every error that guara_perception raises on purpose."""
+    """Root of the errors of this package; `guara_perception.Errors` adds those of the packages that it uses."""
 
 
 class InvalidInput(PerceptionError, ValueError):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 from transport import clock
+from transport.evidence import G
 from transport.exceptions import MessageError, StaleTerrain
-from transport.grid_judge import G, GridJudge
+from transport.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
 from transport.grid_waiter import SETTLE, GridWaiter
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
 from transport.messages.regions_message import RegionsMessage, decode_regions
@@ -23,7 +25,7 @@ from transport.node_clock import ClockOffset
 from transport.query import query_terrain
 from transport.received import Received
 from transport.receiver import NewestReceiver
-from transport.scan_client import request_grid
+from transport.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.seldom import Seldom
 from transport.session import Session
 
@@ -119,19 +121,21 @@ class PerceptionClient:
         """[s] since the end of the scan of a received grid; see `GridJudge.age`."""
         return self._judge.age(received)
 
-    def latest(self, *, extent: str = "footprint", max_age: float | None = None) -> TerrainMessage:
-        """The newest grid, if it may still be used.
+    def latest(self, *, extent: str = "footprint", **accepted: Unpack[Accepted]) -> TerrainMessage:
+        """The newest grid, if it may be used.
 
         Args:
             extent: "footprint" or "map".
-            max_age: [s] since the end of the scan; None takes the grid's own validity, in time and in pauses.
+            accepted: fields of `Terms`: `max_age` stretches the age alone; with `allow_stale` a grid says in
+                `stale_because` why it would not be handed out otherwise.
 
         Raises:
-            StaleTerrain: the newest grid is too old, or there is none yet.
+            StaleTerrain: the newest grid may not be used, or there is none yet.
             ScannerUnavailable: there is no grid and no node.
             MessageError: the newest sample is no valid grid.
         """
-        received = self.receiver(extent).latest() or self._first(extent, SETTLE)
+        receiver = self.receiver(extent)
+        received = receiver.latest() or self._first(extent, SETTLE)
         if received is None and self.is_alive:
             received = self._first(extent, FIRST_GRID)
         if received is None:
@@ -139,9 +143,18 @@ class PerceptionClient:
                 older = "" if self._encoding == "lossless" else "; nodes of earlier versions have none in 'compact'"
                 raise StaleTerrain(f"the node of {self.robot!r} runs, but has published no {extent} grid yet{older}")
             raise self._waiter.unavailable()
-        return self._judge.check(received, max_age, wait=SETTLE)
+        deadline = time.monotonic() + SETTLE
+        while True:
+            try:
+                left, is_superseded = deadline - time.monotonic(), partial(receiver.has_newer, received)
+                return self._judge.check(received, Terms(**accepted), patience=left, is_superseded=is_superseded)
+            except StaleTerrain:
+                newer = receiver.latest()
+                if newer is None or newer.number == received.number:
+                    raise
+                received = newer
 
-    def summary(self, *, timeout: float, max_age: float | None = None) -> SummaryMessage:
+    def summary(self, *, timeout: float, **accepted: Unpack[Accepted]) -> SummaryMessage:
         """The newest summary of the map; waits for one while there is none that may be used.
 
         It has no history: what was sent before the first call is not received. Samples that are no valid summary are
@@ -149,23 +162,23 @@ class PerceptionClient:
 
         Args:
             timeout: [s] to wait for one that may be used.
-            max_age: as in `latest`.
+            accepted: as in `latest`.
 
         Raises:
-            StaleTerrain: the newest is too old and no newer one came in time.
+            StaleTerrain: the newest may not be used and no newer one came in time.
             ReceiveTimeout: none came although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
         """
         receiver = self._of_map(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
-        return self._waiter.newest(receiver, timeout, max_age)
+        return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
-    def regions(self, *, timeout: float, max_age: float | None = None) -> RegionsMessage:
+    def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
         """The steppable regions of the newest map that may still be used, waited for as in `summary`.
 
         Arguments and errors as in `summary`, but the last regions sent before the first call are received too.
         """
         receiver = self._of_map(RegionsMessage.extent, regions_key(self.robot), decode_regions)
-        return self._waiter.newest(receiver, timeout, max_age)
+        return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
     def _of_map(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
@@ -186,24 +199,33 @@ class PerceptionClient:
         *,
         timeout: float | None,
         extent: str = "footprint",
-        max_age: float | None = None,
         after: int = 0,
+        takes_back: bool = False,
+        **accepted: Unpack[Accepted],
     ) -> Received[TerrainMessage]:
-        """Wait until the newest grid is one that `predicate` accepts and that may still be used.
+        """Wait until the newest grid is one that `predicate` accepts and that may be used.
 
         Args:
             predicate: called with each newest grid.
             timeout: longest wait [s]; None waits without end.
             extent: "footprint" or "map".
-            max_age: as in `latest`; infinite takes grids of any age.
             after: number of a sample; only later ones count.
+            takes_back: a message that takes an earlier grid back is handed out too, whatever is accepted.
+            accepted: as in `latest`.
 
         Raises:
-            ReceiveTimeout: none came in time although the node lives; the message says so when only old ones came.
+            ReceiveTimeout: none came in time although the node lives; the message says so when only stale ones came.
             ScannerGone: none came, and the node went away.
             ScannerUnavailable: none came, and no node was ever seen.
         """
-        return self._waiter.wait(self.receiver(extent), predicate, timeout, max_age, after=after)
+        return self._waiter.wait(
+            self.receiver(extent),
+            lambda received: predicate(received.message),
+            timeout,
+            Terms(**accepted),
+            after=after,
+            takes_back=takes_back,
+        )
 
     def wait_for(
         self,
@@ -211,10 +233,10 @@ class PerceptionClient:
         *,
         timeout: float,
         extent: str = "footprint",
-        max_age: float | None = None,
+        **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
         """Wait until the newest grid is one that `predicate` accepts; arguments and errors as in `receive`."""
-        return self.receive(predicate, timeout=timeout, extent=extent, max_age=max_age).message
+        return self.receive(predicate, timeout=timeout, extent=extent, **accepted).message
 
     def wait_for_step(
         self,
@@ -223,8 +245,7 @@ class PerceptionClient:
         timeout: float,
         extent: str = "footprint",
         epoch: str | None = None,
-        confirmed: bool = False,
-        max_age: float | None = None,
+        **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
         """Wait for the grid of stance pause `step` or a later one; errors as in `receive`.
 
@@ -232,33 +253,36 @@ class PerceptionClient:
             step: number of the pause.
             timeout: longest wait [s].
             extent: "footprint" or "map".
-            epoch: identity of the walk; None = any walk with `max_age`, else the one that the node is on.
-            confirmed: whether to skip provisional grids.
-            max_age: as in `receive`.
+            epoch: identity of the walk; None = the one that the node is on.
+            accepted: as in `latest`.
         """
-        predicate = self._waiter.is_of_step(step, epoch, confirmed=confirmed)
-        return self.wait_for(predicate, timeout=timeout, extent=extent, max_age=max_age)
+        predicate = self._waiter.is_of_step(step, epoch)
+        return self._waiter.wait(self.receiver(extent), predicate, timeout, Terms(**accepted)).message
 
     def on_terrain(
-        self, callback: Callable[[TerrainMessage], None], *, extent: str = "footprint", max_age: float | None = None
+        self,
+        callback: Callable[[TerrainMessage], None],
+        *,
+        extent: str = "footprint",
+        **accepted: Unpack[Accepted],
     ) -> None:
         """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`.
 
-        A grid that may no longer be used when its turn comes is not handed over; a withdrawn one always is.
+        A grid that may not be used when its turn comes is not handed over. One that takes another back always is,
+        with what speaks against it.
         """
-        notices = Seldom(logger)
+        notices, terms, receiver = Seldom(logger), Terms(**accepted), self.receiver(extent)
 
         def hand_over(received: Received[TerrainMessage]) -> None:
-            if received.message.withdrawn:
-                # What was handed over before is taken back, however late.
-                callback(received.message)
-                return
+            # What was handed over before is taken back, however late.
+            mine = TAKING_BACK if received.message.withdrawn else terms
+            newer = partial(receiver.has_newer, received)
             try:
-                callback(self._judge.check(received, max_age, wait=SETTLE))
+                callback(self._judge.check(received, mine, patience=SETTLE, is_superseded=newer))
             except StaleTerrain as error:
                 notices.say("not handed over: %s", error)
 
-        self.receiver(extent).on_newest(hand_over)
+        receiver.on_newest(hand_over)
 
     def request_scan(
         self,
@@ -267,18 +291,19 @@ class PerceptionClient:
         timeout: float = 30.0,
         request_id: str | None = None,
         on_progress: Callable[[ScanReply], None] | None = None,
+        **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
         """Ask for a scan and return its grid; arguments and errors as in `scan_client.request_scan`.
 
         Raises:
-            ReceiveTimeout: the scan was done, but its grid did not arrive in time.
+            ReceiveTimeout: the scan was done, but no grid of it that may be used arrived in time.
         """
-        receiver = self.receiver()
+        receiver, start = self.receiver(), time.monotonic()
         if not self.wait_until_alive(min(timeout, SETTLE)):
             raise self._waiter.unavailable()
-        return request_grid(
+        before = receiver.received
+        done = request_scan(
             self._session,
-            receiver,
             robot=self.robot,
             mode=mode,
             timeout=timeout,
@@ -286,6 +311,8 @@ class PerceptionClient:
             on_progress=on_progress,
             is_alive=lambda: self.is_alive,
         )
+        left = max(ARRIVES_WITHIN, start + timeout - time.monotonic())
+        return self._waiter.wait(receiver, result_of(done, before), left, Terms(**accepted)).message
 
     def query(
         self,
@@ -293,7 +320,7 @@ class PerceptionClient:
         extent: str = "footprint",
         region: tuple[float, float, float, float] | None = None,
         timeout: float = 5.0,
-        max_age: float | None = None,
+        **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
         """Ask the node for its newest grid or a region of it; errors as in `query.query_terrain`.
 
@@ -301,10 +328,10 @@ class PerceptionClient:
             extent: "footprint" or "map".
             region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
             timeout: longest wait [s].
-            max_age: as in `latest`.
+            accepted: as in `latest`.
 
         Raises:
-            StaleTerrain: the newest grid is too old, or there is none yet.
+            StaleTerrain: the newest grid may not be used, or there is none yet.
             MessageError: the answer is of another robot, extent or frame, or of a node that no longer runs.
         """
         asked = time.time_ns(), clock.now()
@@ -314,7 +341,7 @@ class PerceptionClient:
         refusal = self._judge.refusal(terrain, extent, is_newest=False)
         if refusal:
             raise MessageError(f"answer on {query_key(self.robot)!r} not taken: {refusal}")
-        return self._judge.check(Received(terrain, 0, asked[1], asked[0]), max_age, wait=SETTLE)
+        return self._judge.check(Received(terrain, 0, asked[1], asked[0]), Terms(**accepted), patience=SETTLE)
 
     def close(self) -> None:
         """Close the session with all receivers; safe to call twice."""

@@ -48,7 +48,16 @@ class ScannerGone(TransportError, ConnectionError):
 
 
 class StaleTerrain(TransportError, LookupError):
-    """The newest grid is older than it may be."""
+    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or no node vouches for it.
+
+    Attributes:
+        is_final: whether no later message can make this grid usable again.
+    """
+
+    def __init__(self, message: str = "", *, is_final: bool = True) -> None:
+        """Keep whether it may be asked for again."""
+        super().__init__(message)
+        self.is_final = is_final
 
 
 class ReceiveTimeout(TransportError, TimeoutError):

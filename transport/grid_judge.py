@@ -1,18 +1,20 @@
-"""Whether a grid may be used, by its sender and its age: the same for every way of receiving it."""
+"""`GridJudge`: follows one node and applies the rule of `evidence` to every grid that is asked for."""
 
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections.abc import Mapping
-from typing import Protocol, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict, cast
 
 from transport import clock
-from transport.exceptions import MessageError, StaleTerrain
+from transport.evidence import SILENT, Cure, Evidence, G, Objection, read_word, silent_for
+from transport.exceptions import StaleTerrain
 from transport.keys import alive_key, run_key, status_key
 from transport.liveliness import AliveWatcher, TokenWatcher
-from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
+from transport.messages.status_message import Status, StatusItem, decode_status
+from transport.messages.terrain_message import Health
 from transport.node_clock import NodeClock
 from transport.received import Received
 from transport.receiver import NewestReceiver
@@ -20,65 +22,40 @@ from transport.seldom import Seldom
 from transport.session import Session
 
 NS = 1e-9
-# The only frame that grids of this major version are in.
-FRAME = "base_footprint"
-# Runs of nodes that are over and may not speak again.
-REMEMBERED = 64
-# [s] Between two queries for news.
+# [s] Between two looks for news.
 POLL = 0.05
+# [s] Longest wait for one answer of the node.
+ANSWER = 1.0
 logger = logging.getLogger(__name__)
-ADVICE = "Wait for the next, ask for a scan, or give a larger max_age"
+ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) while the robot stands"
 
 
-class Grid(Protocol):
-    """What a grid of either extent, a summary and regions of a map say of themselves; each as in `TerrainMessage`."""
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What a caller accepts.
 
-    @property
-    def robot(self) -> str:
-        """Instance name."""
+    Attributes:
+        max_age: allowed time since the end of the scan [s]; None takes the grid's own validity.
+        allow_stale: also grids that are too old or that something else speaks against; they say what.
+        confirmed_only: no provisional grids.
+    """
 
-    @property
-    def extent(self) -> str:
-        """Kind: "footprint", "map", "summary" or "regions"."""
-
-    @property
-    def frame_id(self) -> str:
-        """Frame of the grid."""
-
-    @property
-    def run(self) -> str:
-        """Identity of the run of the node."""
-
-    @property
-    def epoch(self) -> str:
-        """Identity of the walk."""
-
-    @property
-    def sequence(self) -> int:
-        """Number within the run."""
-
-    @property
-    def step(self) -> int:
-        """Number of the stance pause."""
-
-    @property
-    def scan_end(self) -> int:
-        """End of the scan [ns]."""
-
-    @property
-    def scan_end_clock(self) -> float | None:
-        """End of the scan by a clock that never jumps [s]."""
-
-    @property
-    def valid_for(self) -> float:
-        """Validity [s]."""
-
-    @property
-    def valid_pauses(self) -> int:
-        """Validity in pauses."""
+    max_age: float | None = None
+    allow_stale: bool = False
+    confirmed_only: bool = False
 
 
-G = TypeVar("G", bound=Grid)
+TERMS = Terms()
+# Of a message that takes another grid back.
+TAKING_BACK = Terms(allow_stale=True)
+
+
+class Accepted(TypedDict, total=False):
+    """The same as keyword arguments."""
+
+    max_age: float | None
+    allow_stale: bool
+    confirmed_only: bool
 
 
 class GridJudge:
@@ -92,72 +69,37 @@ class GridJudge:
     def __init__(self, session: Session, robot: str) -> None:
         """Watch the node and its status."""
         self._robot = robot
-        self._lock = threading.Lock()
-        self._run = ""
-        self._over: dict[str, None] = {}
-        self._sequences: dict[str, int] = {}
         self._unasked = Seldom(logger)
-        self._live = TokenWatcher(session, run_key(robot, "*"))
-        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False)
-        self.clock = NodeClock(session, robot)
+        self._evidence = evidence = Evidence(robot)
+        self.refusal = evidence.refusal
+        self._live = TokenWatcher(session, run_key(robot, "*"), lambda: evidence.tokens(self._live.names))
+        self.clock = NodeClock(session, robot, evidence.hear)
+        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False, refusal=self._hear)
         self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)
 
     def status(self) -> Status | None:
         """The newest status of the node, sent or asked for; None when none came yet.
 
+        One that is older than `SILENT` has an item `node` of level STALE, which says so.
+
         Raises:
             MessageError: the newest status is damaged.
         """
-        received = self._status.latest()
-        sent, asked = None if received is None else received.message, self.clock.status
-        if sent is None or asked is None:
-            return sent or asked
-        return asked if _clock_of(asked) > _clock_of(sent) else sent
+        received, word = self._status.latest(), self._evidence.word
+        if word is None:
+            return None if received is None else received.message
+        silence = clock.now() - word.heard
+        if silence <= SILENT:
+            return word.status
+        text = f"the node {silent_for(silence)}; what it said before may no longer hold"
+        item = StatusItem(name="node", level=Health.STALE, message=text)
+        return replace(word.status, items=(*word.status.items, item))
 
-    def refusal(self, terrain: Grid, extent: str, *, is_newest: bool = True) -> str:
-        """Why a grid that came must not be taken for one of this robot; empty when it may.
-
-        Args:
-            terrain: the grid.
-            extent: extent that was asked for.
-            is_newest: whether it must be newer than all before it, as in what is published; an answer need not be.
-        """
-        for what, given, wanted in (
-            ("robot", terrain.robot, self._robot),
-            ("extent", terrain.extent, extent),
-            ("frame", terrain.frame_id, FRAME),
-        ):
-            if given != wanted:
-                return f"it is of {what} {given!r}, not {wanted!r}"
-        with self._lock:
-            return self._refused_run(terrain) or (self._refused_order(terrain) if is_newest else "")
-
-    def _refused_run(self, terrain: Grid) -> str:
-        run = terrain.run
-        # A sender that reports no run is one of an earlier version, or another tool: it is judged by order alone.
-        if not run or run == self._run:
-            return ""
-        if run in self._over:
-            return f"it is of run {run!r} of the node, and another has taken over since"
-        live = self._live.names
-        if self._run and self._run in live and run not in live:
-            return f"it is of run {run!r}, which shows no sign of life, and run {self._run!r} lives"
-        if self._run and self._run in live:
-            return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
-        if self._run:
-            self._over[self._run] = None
-            while len(self._over) > REMEMBERED:
-                del self._over[next(iter(self._over))]
-        self._run, self._sequences = run, {}
-        return ""
-
-    def _refused_order(self, terrain: Grid) -> str:
-        # While no node has announced its run, any may have started again: its sequences mean nothing.
-        last = self._sequences.get(terrain.extent, 0) if self._run else 0
-        if terrain.sequence <= last:
-            return f"its sequence {terrain.sequence} comes after {last}"
-        self._sequences[terrain.extent] = terrain.sequence
-        return ""
+    def _hear(self, status: Status) -> str:
+        word = read_word(status, clock.now())
+        # What lay in a queue on the way was said before it arrived.
+        heard = clock.now() if word is None else min(word.heard, self.clock.said(word.run, word.clock))
+        return self._evidence.hear(status, heard)
 
     def age(self, received: Received[G]) -> float:
         """[s] since the end of the scan of a received grid; where it is uncertain, rather too much than too little.
@@ -178,71 +120,60 @@ class GridJudge:
                 )
         return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
 
-    def check(self, received: Received[G], max_age: float | None, *, wait: float = 0.0) -> G:
-        """The grid, if it may still be used.
+    def check(
+        self,
+        received: Received[G],
+        terms: Terms = TERMS,
+        *,
+        patience: float = 0.0,
+        is_superseded: Callable[[], bool] = lambda: False,
+    ) -> G:
+        """The grid, if it may be used; with `allow_stale` any grid, with what speaks against it.
 
         Args:
             received: grid with its arrival.
-            max_age: [s] since the end of the scan; None takes the grid's own validity, in time and in pauses.
-            wait: how long to wait for the first answer of a node that lives [s].
+            terms: what the caller accepts.
+            patience: how long to wait for a message that ends the objections [s].
+            is_superseded: whether a newer grid has arrived, so that no message is worth waiting for.
 
         Raises:
-            StaleTerrain: it may not; the message says why and what to do.
+            StaleTerrain: it may not be used; the message says why and what to do.
         """
-        terrain = received.message
+        grid, deadline = received.message, clock.now() + patience
         if self.node.is_alive:
-            self.clock.wait(wait)
-        age = self.age(received)
-        limit = terrain.valid_for if max_age is None else max_age
-        name = f"newest {terrain.extent} grid (step {terrain.step})"
-        if age > limit:
-            gone = "" if self.node.is_alive else "; its node is gone"
-            raise StaleTerrain(f"{name} is {age:.2f} s old; allowed: {limit:g} s{gone}. {ADVICE}")
-        if max_age is None:
-            self._check_pauses(terrain, name)
-        return terrain
+            self.clock.wait(patience)
+        while True:
+            found = self._against(received, terms)
+            cure = min((objection.cure for objection in found), default=Cure.NONE)
+            left = deadline - clock.now()
+            if cure <= Cure.RETURN or left <= 0.0 or is_superseded():
+                break
+            if cure is not Cure.WORD or not self.clock.ask(min(left, ANSWER)):
+                time.sleep(min(left, POLL))
+        reasons = tuple(f"the {grid.extent} grid of step {grid.step} {objection.text}" for objection in found)
+        refused = [] if terms.allow_stale else [objection.text for objection in found]
+        if terms.confirmed_only and grid.provisional:
+            refused.append("is provisional; allowed: confirmed ones")
+        if refused:
+            text = f"newest {grid.extent} grid (step {grid.step}) {', and '.join(refused)}. {ADVICE}"
+            raise StaleTerrain(text, is_final=not found or cure is Cure.NONE)
+        return grid if not reasons else cast(G, replace(cast(Any, grid), stale_because=reasons))
 
     def wait_for_news(self, timeout: float) -> None:
         """Ask the node; where its pause is over, wait up to `timeout` [s] for the next one to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
-            if self._values_of("").get("standing") != "false" or clock.now() > deadline:
+            word = self._evidence.word
+            if word is None or word.standing is not False or clock.now() > deadline:
                 return
             time.sleep(POLL)
 
-    def _check_pauses(self, terrain: Grid, name: str) -> None:
-        values = self._values_of(terrain.run)
-        epoch, step = values.get("epoch", ""), whole_number(values.get("step", ""))
-        knows = _knows(values, terrain)
-        if epoch and terrain.epoch and epoch != terrain.epoch:
-            if knows:
-                raise StaleTerrain(f"{name} is of walk {terrain.epoch!r}; the robot is on walk {epoch!r}. {ADVICE}")
-            return
-        pauses = 0 if step is None else step - terrain.step
-        if pauses > terrain.valid_pauses:
-            frame = "; the frame of a footprint ends with its pause" if terrain.extent == "footprint" else ""
-            raise StaleTerrain(f"{name} is {pauses} pauses old; allowed: {terrain.valid_pauses}{frame}. {ADVICE}")
-
-    def _values_of(self, run: str) -> Mapping[str, str]:
-        try:
-            status = self.status()
-        except MessageError:
-            status = self.clock.status
-        item = None if status is None else status.item(STATUS_NAME)
-        if item is None or (run and item.values.get("run", run) != run):
-            return {}
-        return item.values
-
-
-def _knows(values: Mapping[str, str], terrain: Grid) -> bool:
-    """Whether a status was made after a grid was published: it then knows better which walk the robot is on."""
-    last = whole_number(values.get("last_scan_sequence" if terrain.extent == "footprint" else "last_map_sequence", ""))
-    return last is not None and last >= terrain.sequence
-
-
-def _clock_of(status: Status) -> float:
-    item = status.item(STATUS_NAME)
-    try:
-        return float(item.values["clock_s"]) if item is not None else 0.0
-    except (KeyError, ValueError):
-        return 0.0
+    def _against(self, received: Received[G], terms: Terms) -> tuple[Objection, ...]:
+        grid, evidence = received.message, self._evidence
+        return evidence.against(
+            grid,
+            age=self.age(received),
+            limit=grid.valid_for if terms.max_age is None else terms.max_age,
+            now=clock.now(),
+            is_gone=evidence.is_gone(grid, is_alive=self.node.is_alive, was_alive=self.node.was_seen),
+        )

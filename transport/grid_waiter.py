@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
+from transport import clock
+from transport.evidence import G
 from transport.exceptions import ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
-from transport.grid_judge import G, GridJudge
+from transport.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
 from transport.messages.terrain_message import TerrainMessage
 from transport.received import Received
 from transport.receiver import NewestReceiver
@@ -33,60 +39,71 @@ class GridWaiter:
         except ReceiveTimeout:
             return None
 
-    def newest(self, receiver: NewestReceiver[G], timeout: float, max_age: float | None) -> G:
-        """The newest message that may still be used; arguments and errors as of `PerceptionClient.summary`."""
-        return self.wait(receiver, lambda _: True, timeout, max_age, says_stale=True).message
+    def newest(self, receiver: NewestReceiver[G], timeout: float, terms: Terms) -> G:
+        """The newest message that may be used; arguments and errors as of `PerceptionClient.summary`."""
+        return self.wait(receiver, lambda _: True, timeout, terms, says_stale=True).message
 
     def wait(
         self,
         receiver: NewestReceiver[G],
-        predicate: Callable[[G], bool],
+        predicate: Callable[[Received[G]], bool],
         timeout: float | None,
-        max_age: float | None,
+        terms: Terms,
         *,
         after: int = 0,
         says_stale: bool = False,
+        takes_back: bool = False,
     ) -> Received[G]:
-        """The newest message that `predicate` accepts and that may still be used.
+        """The newest message that `predicate` accepts and that may be used.
 
         Args:
             receiver: receiver of the messages.
             predicate: called with each newest message.
             timeout: longest wait [s]; None waits without end.
-            max_age: as in `PerceptionClient.latest`.
+            terms: what the caller accepts.
             after: number of a sample; only later ones count.
-            says_stale: raise StaleTerrain when one came in time and was too old, instead of saying so in the error.
+            says_stale: raise StaleTerrain when one came in time and was refused, instead of saying so in the error.
+            takes_back: a message that takes another back is one too, with what speaks against it.
 
         Raises:
             StaleTerrain: see `says_stale`.
             ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
         """
+        deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None
-
-        def accepts(received: Received[G]) -> bool:
-            nonlocal stale
-            if not predicate(received.message):
-                return False
+        while True:
+            left = deadline - clock.now()
             try:
-                self._judge.check(received, max_age, wait=SETTLE)
+                received = receiver.wait_until(predicate, None if timeout is None else max(left, 0.0), after=after)
+                message = self._judge.check(
+                    received,
+                    TAKING_BACK if takes_back and received.message.withdrawn else terms,
+                    patience=max(0.0, min(left, SETTLE)),
+                    is_superseded=partial(receiver.has_newer, received),
+                )
+                return replace(received, message=message)
             except StaleTerrain as error:
                 stale = error
-                return False
-            return True
+                if error.is_final:
+                    after = received.number
+                elif clock.now() < deadline:
+                    # The node may come back, and the grid be good: it is judged again.
+                    time.sleep(min(POLL, deadline - clock.now()))
+                else:
+                    after = received.number
+            except ReceiveTimeout:
+                if stale is not None and says_stale:
+                    raise stale from None
+                found = receiver.nothing(timeout or 0.0)
+                raise self._not_received(found if stale is None else f"{found}; {stale}") from None
 
-        try:
-            return receiver.wait_until(accepts, timeout, after=after)
-        except ReceiveTimeout as error:
-            if stale is not None and says_stale:
-                raise stale from error
-            raise self._not_received(f"{error}" if stale is None else f"{error}; {stale}") from error
-
-    def is_of_step(self, step: int, epoch: str | None, *, confirmed: bool) -> Callable[[TerrainMessage], bool]:
+    def is_of_step(self, step: int, epoch: str | None) -> Callable[[Received[TerrainMessage]], bool]:
         """Whether a grid is of stance pause `step` or a later one; arguments as of `PerceptionClient.wait_for_step`."""
 
-        def predicate(terrain: TerrainMessage) -> bool:
-            if terrain.step < step or (confirmed and terrain.provisional):
+        def predicate(received: Received[TerrainMessage]) -> bool:
+            terrain = received.message
+            if terrain.step < step:
                 return False
             if epoch is not None:
                 return terrain.epoch == epoch

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from transport import clock
@@ -58,12 +60,12 @@ class _Bound:
 class NodeClock(Resource):
     """Asks the node for its status now and then; the answer gives its clock, as exactly as the answer was quick."""
 
-    def __init__(self, session: Session, robot: str) -> None:
-        """Begin to ask, on a thread of its own."""
+    def __init__(self, session: Session, robot: str, hear: Callable[[Status, float], str]) -> None:
+        """Begin to ask, on a thread of its own; `hear` gets each answer, with the instant [s] at which it was asked."""
         self._key = status_key(robot)
         self._lock = threading.Lock()
         self._bounds: dict[str, _Bound] = {}
-        self._status: Status | None = None
+        self._hear = hear
         self._offset: ClockOffset | None = None
         self._jumps = 0
         self._detector = clock.JumpDetector()
@@ -72,11 +74,6 @@ class NodeClock(Resource):
         super().__init__(session)
         self._thread = session.thread(f"transport-clock {robot}", self._run)
         self._thread.start()
-
-    @property
-    def status(self) -> Status | None:
-        """The newest answer."""
-        return self._status
 
     @property
     def offset(self) -> ClockOffset | None:
@@ -102,6 +99,12 @@ class NodeClock(Resource):
             bound = self._bounds.get(run)
         return None if bound is None else max(0.0, clock.now() - bound.asked + bound.clock - reading)
 
+    def said(self, run: str, reading: float) -> float:
+        """Latest instant [s] at which the clock of a run of the node showed `reading`; infinite when not known."""
+        with self._lock:
+            bound = self._bounds.get(run)
+        return math.inf if bound is None else bound.answered - bound.clock + reading
+
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
         """Ask now, in this thread; whether an answer came.
 
@@ -117,6 +120,9 @@ class NodeClock(Resource):
                 except MessageError as error:
                     logger.warning("answer on %s refused: %s", self._key, error)
                     return False
+                if self._hear(status, asked):
+                    # Of a run that is over, or of another node.
+                    continue
                 self._take(status, asked, answered, wall)
                 return True
         return False
@@ -130,7 +136,6 @@ class NodeClock(Resource):
             return
         bound = _Bound(reading, asked, answered)
         with self._lock:
-            self._status = status
             before = self._bounds.pop(run, None)
             if before is not None and bound.doubt > before.doubt and answered - before.answered < BOUND_LIFE:
                 bound = before

@@ -187,10 +187,7 @@ class NewestReceiver(Resource, Generic[T]):
         while True:
             sample = self._next(after, deadline)
             if sample is None:
-                raise ReceiveTimeout(
-                    f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
-                    f"{self.rejected} were damaged, {self.missed} were lost"
-                )
+                raise ReceiveTimeout(self.nothing(timeout or 0.0))
             after = sample.number
             try:
                 received = self._open(sample)
@@ -199,6 +196,17 @@ class NewestReceiver(Resource, Generic[T]):
                 continue
             if predicate(received):
                 return received
+
+    def has_newer(self, received: Received[T]) -> bool:
+        """Whether a message has arrived after a received one."""
+        return self._received > received.number
+
+    def nothing(self, timeout: float) -> str:
+        """Message about a wait of `timeout` seconds that ended without a message."""
+        return (
+            f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
+            f"{self.rejected} were damaged, {self.missed} were lost"
+        )
 
     def _next(self, after: int, deadline: float | None) -> Sample[T] | None:
         with self._changed:

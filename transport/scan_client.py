@@ -30,7 +30,6 @@ from transport.messages.scan_messages import (
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REQUEST
 from transport.received import Received
-from transport.receiver import NewestReceiver
 from transport.session import Session
 
 # [s] A process that died is known to be gone within this time.
@@ -95,36 +94,13 @@ def request_scan(
     )
 
 
-def request_grid(
-    session: Session,
-    receiver: NewestReceiver[TerrainMessage],
-    *,
-    robot: str,
-    mode: str,
-    timeout: float,
-    request_id: str | None,
-    on_progress: Callable[[ScanReply], None] | None,
-    is_alive: Callable[[], bool],
-) -> TerrainMessage:
-    """Ask for a scan and wait for its grid; arguments and errors as in `request_scan`.
+def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage]], bool]:
+    """Recognises the grid of a scan that was requested, or a later one.
 
     Args:
-        session: open session.
-        receiver: receiver of the grids of single scans.
-
-    Raises:
-        ReceiveTimeout: the scan was done, but its grid did not arrive in time.
+        done: reply that ended the request.
+        before: number of samples that had arrived before the request.
     """
-    start, before = time.monotonic(), receiver.received
-    done = request_scan(
-        session,
-        robot=robot,
-        mode=mode,
-        timeout=timeout,
-        request_id=request_id,
-        on_progress=on_progress,
-        is_alive=is_alive,
-    )
 
     def is_result(received: Received[TerrainMessage]) -> bool:
         terrain = received.message
@@ -132,7 +108,7 @@ def request_grid(
         is_later = received.number > before and terrain.sequence > done.sequence
         return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
 
-    return receiver.wait_until(is_result, max(ARRIVES_WITHIN, start + timeout - time.monotonic())).message
+    return is_result
 
 
 def _asked(

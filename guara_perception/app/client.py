@@ -26,7 +26,8 @@ class TerrainClient:
 
     Example:
         with TerrainClient("tcp/127.0.0.1:7447", robot="guara") as client:
-            terrain = client.latest(max_age=60.0)
+            for terrain in client.stream():
+                print(terrain.best_foothold(0.72, 0.18, radius=0.05))
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class TerrainClient:
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """The node's newest status, or None when none came yet."""
+        """The node's newest status, or None when none came yet; an item `node` says when the node has been silent."""
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
@@ -92,54 +93,100 @@ class TerrainClient:
         """How the node's wall clock stands against this machine's; ages do not depend on it. None: not known yet."""
         return self._client.clock_offset
 
-    def latest(self, max_age: float | None = None, extent: str = "footprint") -> TerrainGrid:
-        """The newest grid, if it may still be used.
+    def latest(
+        self,
+        max_age: float | None = None,
+        extent: str = "footprint",
+        allow_stale: bool = False,
+        *,
+        confirmed_only: bool = False,
+    ) -> TerrainGrid:
+        """The newest grid, if it may be used.
+
+        A footprint may be used from its scan until the next pause begins, or until the gait tells of movement, while
+        its node lives and says so. A map may be used for as many pauses as it says.
 
         Args:
-            max_age: seconds since the end of its scan; None = the grid's own validity, in time and pauses.
+            max_age: seconds since the end of its scan; None = the grid's own validity. It stretches the age alone.
             extent: "footprint" (last scan) or "map" (fused).
+            allow_stale: hand out a stale grid too: of another pause or walk, withdrawn, too old, or no longer vouched
+                for by a living node. `stale_because` of the grid says why, and its questions want `allow_stale` too.
+            confirmed_only: refuse a provisional grid.
 
         Raises:
-            StaleTerrain: the newest grid is too old, or there is none yet.
+            StaleTerrain: the newest grid may not be used, or there is none yet.
             ScannerUnavailable: no grid and no node.
             UnsafeGrid: the grid breaks the safety invariant and must not be used.
         """
-        return message_to_terrain(self._client.latest(extent=extent, max_age=max_age))
+        return message_to_terrain(
+            self._client.latest(extent=extent, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only)
+        )
 
-    def summary(self, timeout: float = 30.0, max_age: float | None = None) -> TerrainSummary:
+    def summary(
+        self,
+        timeout: float = 30.0,
+        max_age: float | None = None,
+        *,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
+    ) -> TerrainSummary:
         """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
 
         It has no history, so that a router on the way may thin it out: the first call waits for one, a later one only
-        when the newest is too old.
+        when the newest may not be used.
 
         Args:
-            timeout: seconds to wait for one that is not too old.
-            max_age: seconds since the end of its scan; None = its own validity, in time and pauses.
+            timeout: seconds to wait for one that may be used.
+            max_age, allow_stale, confirmed_only: as in `latest`.
 
         Raises:
-            StaleTerrain: the newest summary is too old, and no newer one came in time.
+            StaleTerrain: the newest summary may not be used, and no newer one came in time.
             transport.ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
             UnsafeGrid: it breaks the safety invariant and must not be used.
         """
-        return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age))
+        return message_to_summary(
+            self._client.summary(
+                timeout=timeout, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
+            )
+        )
 
-    def regions(self, timeout: float = 30.0, max_age: float | None = None) -> MapRegions:
-        """The convex steppable regions of the newest fused map, without the map itself.
+    def regions(
+        self,
+        timeout: float = 30.0,
+        max_age: float | None = None,
+        *,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
+    ) -> MapRegions:
+        """The convex steppable regions of the newest fused map, largest first, without the map itself.
 
         Arguments and errors are those of `summary`; a client that connects later gets the last message at once.
         """
-        return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age))
+        return message_to_regions(
+            self._client.regions(
+                timeout=timeout, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
+            )
+        )
 
     def stream(
-        self, timeout: float | None = None, extent: str = "footprint", *, max_age: float | None = None
+        self,
+        timeout: float | None = None,
+        extent: str = "footprint",
+        *,
+        max_age: float | None = None,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
     ) -> Iterator[TerrainGrid]:
-        """Yield the newest grid, then each newer one as it comes; older ones, and those too old, are skipped.
+        """Yield the newest grid that may be used, then each newer one as it comes; stale ones are skipped.
+
+        Up to three grids of one pause come: coarse, refined, and confirmed once the gait has said that the robot stood
+        still. A grid that takes earlier ones back comes too: nothing is known in it, and `stale_because` says why.
 
         Args:
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
             extent: "footprint" or "map".
-            max_age: as in `latest`; infinite takes grids of any age.
+            max_age, allow_stale, confirmed_only: as in `latest`.
 
         Raises:
             transport.ReceiveTimeout: no grid in time.
@@ -148,17 +195,31 @@ class TerrainClient:
         number = 0
         while True:
             received = self._client.receive(
-                lambda _: True, timeout=timeout, extent=extent, max_age=max_age, after=number
+                lambda _: True,
+                timeout=timeout,
+                extent=extent,
+                after=number,
+                takes_back=True,
+                max_age=max_age,
+                allow_stale=allow_stale,
+                confirmed_only=confirmed_only,
             )
             number = received.number
             yield message_to_terrain(received.message)
 
     def on_terrain(
-        self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", *, max_age: float | None = None
+        self,
+        callback: Callable[[TerrainGrid], None],
+        extent: str = "footprint",
+        *,
+        max_age: float | None = None,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
     ) -> None:
         """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
 
-        A grid that is too old (`max_age` as in `latest`) or breaks the safety invariant is logged and not handed over.
+        Which grids come is as in `stream`. One that may not be used, or breaks the safety invariant, is logged and not
+        handed over.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -169,7 +230,9 @@ class TerrainClient:
                 return
             callback(terrain)
 
-        self._client.on_terrain(hand_over, extent=extent, max_age=max_age)
+        self._client.on_terrain(
+            hand_over, extent=extent, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
+        )
 
     def wait_for_step(
         self,
@@ -180,8 +243,10 @@ class TerrainClient:
         epoch: str | None = None,
         confirmed: bool = False,
         max_age: float | None = None,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
     ) -> TerrainGrid:
-        """Wait for the grid of stance pause `step`, or of a later one of the same walk.
+        """Wait for the newest grid of stance pause `step`, or of a later one of the same walk.
 
         Args:
             step: number of the pause.
@@ -189,9 +254,10 @@ class TerrainClient:
             extent: "footprint" or "map".
             epoch: identity of the walk as the gait announces it; None takes the walk that the node is on. A gait that
                 starts counting again should give it: before its first BEGIN is heard, the node is on the walk before.
-            confirmed: wait until the gait has said that the robot stood still through the scan; before, a grid is
+            confirmed: the same as `confirmed_only`.
+            max_age, allow_stale: as in `latest`.
+            confirmed_only: wait until the gait has said that the robot stood still through the scan; before, a grid is
                 provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
-            max_age: as in `latest`; infinite takes grids of any age.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
@@ -199,7 +265,13 @@ class TerrainClient:
         """
         return message_to_terrain(
             self._client.wait_for_step(
-                step, timeout=timeout, extent=extent, epoch=epoch, confirmed=confirmed, max_age=max_age
+                step,
+                timeout=timeout,
+                extent=extent,
+                epoch=epoch,
+                max_age=max_age,
+                allow_stale=allow_stale,
+                confirmed_only=confirmed or confirmed_only,
             )
         )
 
@@ -209,6 +281,8 @@ class TerrainClient:
         timeout: float = 30.0,
         *,
         on_progress: Callable[[ScanReply], None] | None = None,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
     ) -> TerrainGrid:
         """Ask for a scan now and return its grid.
 
@@ -216,6 +290,8 @@ class TerrainClient:
             mode: "coarse" or "standard".
             timeout: seconds until the grid must be there.
             on_progress: called with every reply on the way.
+            allow_stale: as in `latest`.
+            confirmed_only: wait until the gait has confirmed it; before, it is provisional.
 
         Raises:
             ScanBusy: a scan is under way.
@@ -224,7 +300,15 @@ class TerrainClient:
             ScannerGone: the node went away meanwhile.
             ScannerUnavailable: no node, or this side may not ask.
         """
-        return message_to_terrain(self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress))
+        return message_to_terrain(
+            self._client.request_scan(
+                mode=mode,
+                timeout=timeout,
+                on_progress=on_progress,
+                allow_stale=allow_stale,
+                confirmed_only=confirmed_only,
+            )
+        )
 
     def query(
         self,
@@ -233,13 +317,27 @@ class TerrainClient:
         extent: str = "footprint",
         *,
         max_age: float | None = None,
+        allow_stale: bool = False,
+        confirmed_only: bool = False,
     ) -> TerrainGrid:
         """The node's newest grid, or a region (x_min, x_max, y_min, y_max) [m] of it, asked for once.
 
+        `max_age`, `allow_stale` and `confirmed_only` are as in `latest`.
+
         Raises:
+            StaleTerrain: the newest grid may not be used, or there is none yet.
             ScannerUnavailable: nobody answers.
         """
-        return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, max_age=max_age))
+        return message_to_terrain(
+            self._client.query(
+                extent=extent,
+                region=region,
+                timeout=timeout,
+                max_age=max_age,
+                allow_stale=allow_stale,
+                confirmed_only=confirmed_only,
+            )
+        )
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""

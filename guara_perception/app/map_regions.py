@@ -17,12 +17,13 @@ class MapRegions:
 
     Attributes:
         robot: instance name.
-        regions: `steppable_regions` of the map, without a leg's reach; in base_footprint of the pause.
+        regions: `steppable_regions` of the map, largest first, without a leg's reach; in base_footprint of the pause.
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
         sequence: number of the map that the regions were made from.
         epoch: identity of the walk.
         is_provisional: whether the pause has yet to confirm that the robot stood still.
+        stale_because: as in `TerrainGrid`.
     """
 
     robot: str
@@ -32,6 +33,7 @@ class MapRegions:
     sequence: int = 0
     epoch: str = ""
     is_provisional: bool = False
+    stale_because: tuple[str, ...] = ()
 
 
 def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMessage:
@@ -61,12 +63,15 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
     """What a message of regions says."""
     return MapRegions(
         robot=message.robot,
+        # Nodes of earlier versions send them in the order in which they were found.
         regions=tuple(
-            SteppableRegion(r.halfspaces, r.vertices, r.plane, r.sigma, r.area, None) for r in message.regions
+            SteppableRegion(r.halfspaces, r.vertices, r.plane, r.sigma, r.area, None)
+            for r in sorted(message.regions, key=lambda region: -region.area)
         ),
         stamp=message.stamp,
         step=message.step,
         sequence=message.sequence,
         epoch=message.epoch,
         is_provisional=message.provisional,
+        stale_because=message.stale_because,
     )

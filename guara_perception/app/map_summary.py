@@ -47,6 +47,7 @@ class TerrainSummary(Gridded):
         sequence: number of the map that it was made from.
         epoch: identity of the walk.
         is_provisional: whether the pause has yet to confirm that the robot stood still.
+        stale_because: as in `TerrainGrid`.
     """
 
     robot: str
@@ -60,6 +61,7 @@ class TerrainSummary(Gridded):
     sequence: int = 0
     epoch: str = ""
     is_provisional: bool = False
+    stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the invariant and freeze."""
@@ -169,6 +171,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
             sequence=message.sequence,
             epoch=message.epoch,
             is_provisional=message.provisional,
+            stale_because=message.stale_because,
         )
     except UnsafeGrid as error:
         raise UnsafeGrid(f"summary received from {message.robot!r}, step {message.step}: {error}") from None

@@ -107,6 +107,7 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
             step=message.step,
             extent=message.extent,
             metadata=metadata,
+            stale_because=message.stale_because,
         )
     except UnsafeGrid as error:
         raise UnsafeGrid(f"grid received from {message.robot!r}, step {message.step}: {error}") from None

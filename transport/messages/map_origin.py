@@ -31,6 +31,7 @@ class MapOrigin:
         provisional, withdrawn: as in the map.
         frame_id: frame of what the message holds.
         version: (major, minor) of the message.
+        stale_because: as in `TerrainMessage`.
     """
 
     robot: str
@@ -47,6 +48,7 @@ class MapOrigin:
     withdrawn: bool = False
     frame_id: str = "base_footprint"
     version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+    stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what others rely on."""

@@ -118,6 +118,7 @@ class TerrainMessage:
         withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
         scan_end_clock: from the metadata: the end of the scan by a clock of the node that never jumps [s]; None when
             it does not say.
+        stale_because: does not travel: why a client that hands it out, having been told to, would not have.
     """
 
     robot: str
@@ -147,6 +148,7 @@ class TerrainMessage:
     metadata: str = "{}"
     frame_id: str = "base_footprint"
     version: tuple[int, int] = (VERSION_MAJOR, VERSION_MINOR)
+    stale_because: tuple[str, ...] = ()
     epoch: str = field(init=False, default="")
     run: str = field(init=False, default="")
     provisional: bool = field(init=False, default=False)

@@ -100,7 +100,7 @@ def plot(
 
 
 def describe(terrain: LayeredGrid) -> str:
-    """What a grid holds, in three lines."""
+    """What a grid holds, in three lines; a fourth says why it is stale."""
     hazard = terrain.layers["hazard"]
     known = (hazard & UNKNOWN_MASK) == 0
     (x0, y0), cell, (ny, nx) = terrain.origin, terrain.resolution, terrain.shape
@@ -117,6 +117,8 @@ def describe(terrain: LayeredGrid) -> str:
     if most:
         rest = f" and {len(counts) - len(most)} more kinds" if len(counts) > len(most) else ""
         lines.append("  hazards: " + ", ".join(f"{name} {counts[name]}" for name in most) + rest)
+    if terrain.stale_because:
+        lines.append("  stale: " + "; ".join(terrain.stale_because))
     return "\n".join(lines)
 
 

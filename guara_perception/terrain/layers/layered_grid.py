@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Array, Codes, Flags, Float, Float32, Mask, readonly
 from guara_perception.exceptions import InvalidInput
+from guara_perception.staleness import refuse_stale
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard, check_invariant, occupancy_values
 from guara_perception.terrain.layers.layers import LAYER_NAMES
@@ -20,7 +21,10 @@ EXTENTS = ("footprint", "map")
 
 
 class Gridded:
-    """Base of classes that hold layers; at least `elevation`, `hazard` and `traversability`."""
+    """Base of classes that hold layers; at least `elevation`, `hazard` and `traversability`.
+
+    Questions to a stale grid raise `transport.StaleTerrain` unless they are told to `allow_stale`.
+    """
 
     __slots__ = ()
 
@@ -29,6 +33,10 @@ class Gridded:
         @property
         def geometry(self) -> GridGeometry:
             """Origin, resolution and shape."""
+
+        @property
+        def stale_because(self) -> tuple[str, ...]:
+            """Why a client would not have handed it out without `allow_stale`; empty otherwise."""
 
     @property
     def resolution(self) -> float:
@@ -46,35 +54,38 @@ class Gridded:
         return self.geometry.shape
 
     @overload
-    def height_at(self, x: float, y: float) -> float: ...
+    def height_at(self, x: float, y: float, *, allow_stale: bool = False) -> float: ...
 
     @overload
-    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Float32: ...
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float32: ...
 
-    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+    def height_at(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Any:
         """Elevation of the cell under each point [m]; NaN where unknown or outside. Scalars give a float."""
+        refuse_stale(self.stale_because, allow_stale)
         height = look_up(self, "elevation", x, y, np.float32(np.nan))
         return height if height.ndim else float(height[()])
 
     @overload
-    def hazard_at(self, x: float, y: float) -> Hazard: ...
+    def hazard_at(self, x: float, y: float, *, allow_stale: bool = False) -> Hazard: ...
 
     @overload
-    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Flags: ...
+    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Flags: ...
 
-    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+    def hazard_at(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Any:
         """Hazard flags of the cell under each point; UNSCANNED outside. Scalars give a Hazard, arrays uint16."""
+        refuse_stale(self.stale_because, allow_stale)
         flags = look_up(self, "hazard", x, y, np.uint16(Hazard.UNSCANNED))
         return flags if flags.ndim else Hazard(int(flags[()]))
 
     @overload
-    def is_traversable(self, x: float, y: float) -> bool: ...
+    def is_traversable(self, x: float, y: float, *, allow_stale: bool = False) -> bool: ...
 
     @overload
-    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Mask: ...
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Mask: ...
 
-    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Any:
+    def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Any:
         """Whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
+        refuse_stale(self.stale_because, allow_stale)
         score = look_up(self, "traversability", x, y, np.float32(0))
         return score > 0 if score.ndim else bool(score > 0)
 
@@ -94,6 +105,7 @@ class LayeredGrid(Gridded):
         extent: "footprint" (this scan alone) or "map" (fused).
         metadata: mode, method, calibration hash, stance, transforms, coverage, health ... ; plain JSON values.
         pictures: range images by name, (512, 640) float32 [mm], where the scan was processed with them.
+        stale_because: why a client would not have handed it out without `allow_stale`; empty otherwise.
     """
 
     layers: Mapping[str, Array]
@@ -104,6 +116,7 @@ class LayeredGrid(Gridded):
     extent: str = "footprint"
     metadata: Mapping[str, Any] = field(default_factory=dict)
     pictures: Mapping[str, Float32] = field(default_factory=dict)
+    stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the invariant and freeze."""
@@ -219,6 +232,19 @@ class LayeredGrid(Gridded):
         if unknown not in (100, -1):
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
         return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
+
+
+G = TypeVar("G", bound=LayeredGrid)
+
+
+def asked(terrain: G, allow_stale: bool) -> G:
+    """The grid as a question sees it: one that is stale, and allowed to be, no longer says so.
+
+    Raises:
+        transport.StaleTerrain: it is stale, and that is not allowed.
+    """
+    refuse_stale(terrain.stale_because, allow_stale)
+    return replace(terrain, stale_because=()) if terrain.stale_because else terrain
 
 
 def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at
@@ -72,6 +72,8 @@ def best_foothold(
     leg: str | None = None,
     previous: Foothold | tuple[float, float] | None = None,
     robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
 ) -> Foothold | None:
     """The best place for a sole near a wish; None where there is none.
 
@@ -88,6 +90,7 @@ def best_foothold(
     Raises:
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
     """
+    terrain = asked(terrain, allow_stale)
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     if not (np.isfinite(x) and np.isfinite(y)):

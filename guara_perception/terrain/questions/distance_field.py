@@ -10,7 +10,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Float32, readonly
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.layers.limits_of import limits_of
 
 # Ten million voxels take about a second and 200 MB.
@@ -58,7 +58,7 @@ class DistanceField:
         return np.where(inside, distance, np.where(above, np.nan, -np.inf))
 
 
-def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceField:
+def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale: bool = False) -> DistanceField:
     """Signed distance from the ground in voxels of the cells' size, from height `low` to `high` over the grid [m].
 
     Ground is its highest samples plus confidence; what is unknown, STALE or beside the grid is solid at every
@@ -67,6 +67,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float) -> DistanceFie
     Raises:
         InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
     """
+    terrain = asked(terrain, allow_stale)
     # Costs as much to import as all the rest of a grid, which most programs want without it.
     from scipy.ndimage import distance_transform_edt
 

@@ -14,7 +14,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, Reason, names
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates, look_up
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 
@@ -95,18 +95,36 @@ class FootholdVerdicts:
 
 @overload
 def check_foothold(
-    terrain: LayeredGrid, x: float, y: float, leg: str | None = None, robot: RobotLike | None = None
+    terrain: LayeredGrid,
+    x: float,
+    y: float,
+    leg: str | None = None,
+    robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
 ) -> FootholdVerdict: ...
 
 
 @overload
 def check_foothold(
-    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
+    terrain: LayeredGrid,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    leg: str | None = None,
+    robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
 ) -> FootholdVerdicts: ...
 
 
 def check_foothold(
-    terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, leg: str | None = None, robot: RobotLike | None = None
+    terrain: LayeredGrid,
+    x: npt.ArrayLike,
+    y: npt.ArrayLike,
+    leg: str | None = None,
+    robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
 ) -> FootholdVerdict | FootholdVerdicts:
     """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
 
@@ -124,6 +142,7 @@ def check_foothold(
             given.
         kinematics.KinematicsError: no such leg or robot.
     """
+    terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
     limits = limits_of(terrain)
     flat_x, flat_y = np.atleast_1d(px).ravel(), np.atleast_1d(py).ravel()
@@ -267,8 +286,9 @@ def _covered(centre: Float, origin: float, length: float, resolution: float) -> 
     return np.minimum(first[:, None] + np.arange(width), last[:, None])
 
 
-def explain(terrain: LayeredGrid, x: float, y: float) -> str:
+def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = False) -> str:
     """One sentence: what is known about the ground at a point, and why a foot may or may not go there."""
+    terrain = asked(terrain, allow_stale)
     flags = terrain.hazard_at(float(x), float(y))
     point = f"x={float(x):.3f} y={float(y):.3f}"
     iy, ix = terrain.geometry.indices(float(x), float(y))

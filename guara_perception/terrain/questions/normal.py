@@ -7,12 +7,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, coordinates
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates
 from guara_perception.terrain.layers.limits_of import limits_of
 
 
-def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike) -> Float:
+def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
     """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
+    terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
     return _normals(terrain, px.ravel(), py.ravel()).reshape(*px.shape, 3)
 

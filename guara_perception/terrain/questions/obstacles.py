@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Index, Mask, readonly
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -69,12 +69,13 @@ class Obstacle:
         object.__setattr__(self, "position", readonly(np.asarray(self.position, dtype=np.float64)))
 
 
-def obstacles(terrain: LayeredGrid) -> list[Obstacle]:
+def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
     """Each connected thing that stands 6 mm or more above the floor, or lies as far below, sorted by x, then y.
 
     The floor is the plane that most of the known heights agree with; unknown ground is no obstacle, but is never
     traversable either.
     """
+    terrain = asked(terrain, allow_stale)
     cells, floor = _known_cells(terrain)
     if floor is None:
         return []

@@ -13,7 +13,7 @@ from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import GridGeometry, touched_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, Reason, names
-from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
+from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 # At its ends a swing touches the ground: there it may lie this much lower than the map.
@@ -54,7 +54,12 @@ class PathVerdict:
 
 
 def check_path(
-    terrain: LayeredGrid, points: npt.ArrayLike, clearance: float, *, ceiling: Ceiling | None = None
+    terrain: LayeredGrid,
+    points: npt.ArrayLike,
+    clearance: float,
+    *,
+    ceiling: Ceiling | None = None,
+    allow_stale: bool = False,
 ) -> PathVerdict:
     """Whether a foot may swing, or a part of the body pass, along a path over this terrain.
 
@@ -75,6 +80,7 @@ def check_path(
         InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m; a
             ceiling of another grid.
     """
+    terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")
     check_clearance(clearance)
     if path.shape[1] == 3:
@@ -116,12 +122,13 @@ def check_clearance(clearance: float) -> None:
         raise InvalidInput(f"clearance is {clearance}, it must be 0 ... 1 m")
 
 
-def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike) -> PathVerdict:
+def check_polygon(terrain: LayeredGrid, corners: npt.ArrayLike, *, allow_stale: bool = False) -> PathVerdict:
     """Whether every cell that a polygon (n, 2) [m] touches is known and free of hazards (EDGE does not count).
 
     Raises:
         InvalidInput: fewer than three corners, values that are not finite, or an area beyond 20 m.
     """
+    terrain = asked(terrain, allow_stale)
     outline = checked_points(corners, (2,), 3, "corners of a polygon")
     iy, ix = touched_cells(outline, terrain.geometry)
     return _verdict(_unknown(terrain, iy, ix) + _hazardous(terrain, iy, ix), np.nan)

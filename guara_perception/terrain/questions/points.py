@@ -12,7 +12,7 @@ from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, look_up
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 
 FRAMES = ("base_footprint", "base_link")
 
@@ -84,7 +84,9 @@ class HeightScan:
         return np.asarray(self.points[:, 2] - self.heights)
 
 
-def height_scan(terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint") -> HeightScan:
+def height_scan(
+    terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint", *, allow_stale: bool = False
+) -> HeightScan:
     """Heights of the ground under points, as locomotion policies take them, with a mask of what is known.
 
     Unknown heights are NaN and are never filled: the policy decides what to use instead.
@@ -96,6 +98,7 @@ def height_scan(terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_
     Raises:
         InvalidInput: points of another shape, an unknown frame, or base_link without the pose in the metadata.
     """
+    terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:
         raise InvalidInput(f"frame is {frame!r}, allowed: {', '.join(FRAMES)}")
     try:

@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 
 # A tread is level to this, and no smaller than this; level cells beside each other of one height are one tread.
 STEEPEST_TREAD_RAD = 0.12
@@ -95,7 +95,7 @@ class Stairs:
         object.__setattr__(self, "direction", readonly(self.direction))
 
 
-def stairs(terrain: LayeredGrid) -> Stairs | None:
+def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     """Stairs of two risers or more, as treads (planes) and risers (edges); None where there are none.
 
     Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between each two
@@ -103,6 +103,7 @@ def stairs(terrain: LayeredGrid) -> Stairs | None:
     to half the gap between what was seen of both treads; where that is over 30 mm wide, it is the upper tread's.
     `check_foothold` decides whether a foot may be set on a tread.
     """
+    terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)
     known = (np.asarray(terrain.hazard) & UNKNOWN_MASK) == 0
     x, y = np.meshgrid(*terrain.geometry.centres())

@@ -11,7 +11,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Mask, readonly
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.layers.limits_of import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
@@ -76,6 +76,8 @@ def steppable_region(
     leg: str | None = None,
     previous: SteppableRegion | None = None,
     robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
 ) -> SteppableRegion | None:
     """A convex area of places for a sole around a wish, for planners that optimise; None where there is none.
 
@@ -92,6 +94,7 @@ def steppable_region(
     Raises:
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
     """
+    terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
         raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
     if not (np.isfinite(radius) and 0 < radius <= 1):
@@ -116,7 +119,7 @@ def steppable_region(
 
 
 def steppable_regions(
-    terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None
+    terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None, *, allow_stale: bool = False
 ) -> list[SteppableRegion]:
     """Convex areas of places for a sole over the whole grid, the largest first; they may overlap.
 
@@ -125,6 +128,7 @@ def steppable_regions(
     Raises:
         InvalidInput: as `check_foothold`, where a leg is given.
     """
+    terrain = asked(terrain, allow_stale)
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
     centre = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
     whole = _Window.about(terrain, *centre, max(ny, nx) * terrain.resolution, leg, robot)
@@ -146,7 +150,7 @@ def steppable_regions(
         left[seed] = False
         if region.area >= LEAST_AREA_M2:
             found.append(region)
-    return found
+    return sorted(found, key=lambda region: -region.area)
 
 
 @dataclass(frozen=True, slots=True)

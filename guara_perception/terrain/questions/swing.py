@@ -12,7 +12,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, readonly
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import Reason
-from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
+from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import (
     LONGEST_PATH_M,
@@ -73,6 +73,7 @@ def swing(
     robot: RobotLike | None = None,
     *,
     ceiling: Ceiling | None = None,
+    allow_stale: bool = False,
 ) -> Swing:
     """A path for a foot from one place to another that `check_path` accepts, or why there is none.
 
@@ -92,6 +93,7 @@ def swing(
         InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
         kinematics.KinematicsError: no such leg or robot.
     """
+    terrain = asked(terrain, allow_stale)
     try:
         given = np.array([start, end], dtype=np.float64)
     except (ValueError, TypeError):

@@ -82,7 +82,7 @@ def test_old_grid_is_stale(node, client: gp.TerrainClient):
 
 
 def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventually: Callable):
-    """The robot walked on without a scan: the grid's own validity in pauses ends; a given age replaces it."""
+    """The robot walked on without a scan: the grid's own validity in pauses ends, and an age stretches nothing else."""
     node.tell("publish 20")
     node.tell("map 20")
     client.wait_for_step(20, timeout=180)
@@ -100,8 +100,14 @@ def test_grid_of_many_pauses_ago_is_stale(node, client: gp.TerrainClient, eventu
     assert client.latest(extent="map").step == 20
     node.tell("pause 70")
     assert eventually(lambda: is_stale("map", "50 pauses old; allowed: 40"))
-    assert client.latest(max_age=1000).step == 20
-    assert client.latest(max_age=1000, extent="map").step == 20
+    for extent in ("footprint", "map"):
+        with pytest.raises(gp.StaleTerrain, match="50 pauses old"):
+            client.latest(max_age=1000, extent=extent)
+        terrain = client.latest(extent=extent, allow_stale=True)
+        assert terrain.step == 20 and "50 pauses old" in terrain.stale_because[0]
+        with pytest.raises(gp.StaleTerrain, match="50 pauses old"):
+            terrain.is_traversable(0.7, 0.1)
+        assert terrain.is_traversable(0.7, 0.1, allow_stale=True) in (True, False)
     node.tell("pause 71")
 
 
@@ -125,10 +131,14 @@ def test_callback_gets_the_newest_on_another_thread(node, client: gp.TerrainClie
 def test_both_extents_are_received(node, client: gp.TerrainClient):
     """Footprint and map come on their own keys."""
     node.tell("publish 90")
-    node.tell("map 91")
-    fused = client.wait_for_step(91, timeout=30, extent="map")
-    assert fused.extent == "map" and client.latest(extent="map").step == 91
+    node.tell("map 90")
+    fused = client.wait_for_step(90, timeout=30, extent="map")
+    assert fused.extent == "map" and client.latest(extent="map").step == 90
     assert client.wait_for_step(90, timeout=180).extent == "footprint"
+    node.tell("map 91")
+    client.wait_for_step(91, timeout=30, extent="map")
+    with pytest.raises(gp.StaleTerrain, match="1 pauses old"):
+        client.latest()
 
 
 def test_flipped_bit_is_refused_everywhere(node, client: gp.TerrainClient, eventually: Callable, caplog):

@@ -154,7 +154,7 @@ def test_a_grid_scanned_with_a_slipped_mirror_is_withdrawn(bench: Bench) -> None
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: any("lost" in item.message for item in bench.status.items()))
     assert wait_until(lambda: bench.client.counts()["received"] >= 2)
-    withdrawn = bench.client.latest()
+    withdrawn = bench.client.latest(allow_stale=True)
     assert not np.isfinite(withdrawn.elevation).any()
     assert withdrawn.metadata["health"]["level"] == "failed"
     assert bench.client.counts("map")["received"] == 0

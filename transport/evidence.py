@@ -1,0 +1,336 @@
+"""Which grids may be used: what a client has heard of a robot, and the one rule that every way of asking applies.
+
+No Zenoh and no waiting here; time is an argument [s, of `clock.now()`].
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Protocol, TypeVar
+
+from transport.messages.status_message import STATUS_NAME, Status, whole_number
+
+# The only frame that grids of this major version are in.
+FRAME = "base_footprint"
+# [s] A node reports once a second and on change: one that says nothing for three reports may be gone, and the next
+# pause begun.
+SILENT = 3.0
+# Runs of nodes that are over and may not speak again.
+REMEMBERED = 64
+
+
+class Grid(Protocol):
+    """What a grid of either extent, a summary and regions of a map say of themselves; each as in `TerrainMessage`."""
+
+    @property
+    def robot(self) -> str:
+        """Instance name."""
+
+    @property
+    def extent(self) -> str:
+        """Kind: "footprint", "map", "summary" or "regions"."""
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the grid."""
+
+    @property
+    def run(self) -> str:
+        """Identity of the run of the node."""
+
+    @property
+    def epoch(self) -> str:
+        """Identity of the walk."""
+
+    @property
+    def sequence(self) -> int:
+        """Number within the run."""
+
+    @property
+    def step(self) -> int:
+        """Number of the stance pause."""
+
+    @property
+    def scan_end(self) -> int:
+        """End of the scan [ns]."""
+
+    @property
+    def scan_end_clock(self) -> float | None:
+        """End of the scan by a clock that never jumps [s]."""
+
+    @property
+    def valid_for(self) -> float:
+        """Validity [s]."""
+
+    @property
+    def valid_pauses(self) -> int:
+        """Validity in pauses."""
+
+    @property
+    def provisional(self) -> bool:
+        """Before its pause has confirmed it."""
+
+    @property
+    def withdrawn(self) -> bool:
+        """Takes another grid back."""
+
+    @property
+    def stale_because(self) -> tuple[str, ...]:
+        """Objections under which a client handed it out."""
+
+
+G = TypeVar("G", bound=Grid)
+
+
+class Cure(IntEnum):
+    """What may end an objection to a grid: nothing, the node's return, its next word, a grid that is on its way."""
+
+    NONE = 0
+    RETURN = 1
+    WORD = 2
+    GRID = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Objection:
+    """A reason against the use of a grid.
+
+    Attributes:
+        text: predicate of a sentence about the grid.
+        cure: what may end it.
+    """
+
+    text: str
+    cure: Cure = Cure.NONE
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What a node said of the robot in one status.
+
+    Attributes:
+        status: the status.
+        heard: when it was said, at the latest [s]; -inf once the link to the node was lost.
+        run: identity of the run of the node; empty where the status does not name it.
+        clock: the node's clock that never jumps [s].
+        epoch: identity of the walk.
+        step: number of the stance pause, the last one between two.
+        standing: whether the pause goes on; None where nobody announces pauses, as in a replay.
+        newest: last sequence published, by extent.
+    """
+
+    status: Status
+    heard: float
+    run: str
+    clock: float
+    epoch: str
+    step: int | None
+    standing: bool | None
+    newest: Mapping[str, int | None]
+
+
+def read_word(status: Status, heard: float) -> Word | None:
+    """The word in a status; None when it is none of a node of ours."""
+    item = status.item(STATUS_NAME)
+    if item is None:
+        return None
+    values = item.values
+    try:
+        reading = float(values.get("clock_s", "0"))
+    except ValueError:
+        reading = 0.0
+    return Word(
+        status=status,
+        heard=heard,
+        run=values.get("run", ""),
+        clock=reading if math.isfinite(reading) else 0.0,
+        epoch=values.get("epoch", ""),
+        step=whole_number(values.get("step", "")),
+        standing={"true": True, "false": False}.get(values.get("standing", "")),
+        newest={
+            "footprint": whole_number(values.get("last_scan_sequence", "")),
+            "map": whole_number(values.get("last_map_sequence", "")),
+        },
+    )
+
+
+def silent_for(silence: float) -> str:
+    """Predicate about a node that was last heard `silence` seconds ago."""
+    return f"has been silent {f'for {silence:.1f} s' if math.isfinite(silence) else 'since its link was lost'}"
+
+
+def objections(
+    grid: Grid,
+    word: Word | None,
+    *,
+    step: int | None = None,
+    age: float,
+    limit: float,
+    silence: float = 0.0,
+    is_gone: bool = False,
+) -> tuple[Objection, ...]:
+    """Reasons against the use of a grid; none when it may be used.
+
+    A grid is used while a living node vouches for it: the run that made it says, no longer than `SILENT` ago, that the
+    robot is in its walk and within its pauses. Between END and the next BEGIN the pause is the last one; a grid that is
+    still provisional then is not used.
+
+    Args:
+        grid: grid that was received.
+        word: last word of the run that lives, or lived last; None when none was heard.
+        step: newest step of the grid's walk that was heard of besides, from grids.
+        age: time since the end of the scan [s].
+        limit: allowed age [s].
+        silence: time since the word [s].
+        is_gone: whether the run has lost its sign of life.
+    """
+    found = []
+    if grid.withdrawn:
+        found.append(Objection("was withdrawn: its pause or its scan contradicted it"))
+    if age > limit:
+        found.append(Objection(f"is {age:.2f} s old; allowed: {limit:g} s{'; its node is gone' if is_gone else ''}"))
+    if word is None:
+        if grid.run:
+            found.append(Objection("is of a node that has not said in which pause the robot is", Cure.WORD))
+        return tuple(found)
+    if grid.run and word.run and grid.run != word.run:
+        found.append(Objection(f"is of run {grid.run!r} of the node; run {word.run!r} has taken over since"))
+        return tuple(found)
+    kind = "footprint" if grid.extent == "footprint" else "map"
+    newest = word.newest.get(kind)
+    is_another_walk = bool(word.epoch and grid.epoch and word.epoch != grid.epoch)
+    pauses = 0 if is_another_walk else max(s for s in (word.step, step, grid.step) if s is not None) - grid.step
+    if is_another_walk:
+        # A word from before the grid may not know its walk yet.
+        cure = Cure.NONE if newest is not None and newest >= grid.sequence else Cure.WORD
+        found.append(Objection(f"is of walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
+    elif pauses > grid.valid_pauses:
+        frame = "; the frame of a footprint ends with its pause" if kind == "footprint" else ""
+        found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
+    if word.standing is None:
+        return tuple(found)
+    if is_gone:
+        found.append(Objection("is no longer vouched for: its node is gone", Cure.RETURN))
+    elif silence > SILENT:
+        found.append(Objection(f"is no longer vouched for: its node {silent_for(silence)}", Cure.WORD))
+    if grid.provisional and (pauses or not word.standing):
+        found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
+    if kind == "footprint" and newest is not None and newest > grid.sequence:
+        found.append(Objection(f"was followed by sequence {newest}, which has not arrived", Cure.GRID))
+    return tuple(found)
+
+
+class Evidence:
+    """What was heard of one robot, from any run of its node.
+
+    Attributes:
+        word: last word of the run that lives, or lived last; None when none was heard.
+    """
+
+    def __init__(self, robot: str) -> None:
+        """Nothing heard yet of the instance `robot`."""
+        self._robot = robot
+        self._lock = threading.Lock()
+        self._run = ""
+        self._over: dict[str, None] = {}
+        self._sequences: dict[str, int] = {}
+        self._steps: dict[str, int] = {}
+        self._live: frozenset[str] = frozenset()
+        self._seen: dict[str, None] = {}
+        self.word: Word | None = None
+
+    def tokens(self, live: frozenset[str]) -> None:
+        """Take note of the runs that show a sign of life."""
+        with self._lock:
+            lost, self._live = self._live - live, live
+            self._seen.update(dict.fromkeys(live))
+            _forget(self._seen)
+            # What the gait said meanwhile was not heard here: the node has to speak again.
+            if self.word is not None and self.word.run in lost:
+                self.word = replace(self.word, heard=-math.inf)
+
+    def hear(self, status: Status, heard: float) -> str:
+        """Take note of a status; why it must not be taken, empty when it may.
+
+        Args:
+            status: status that was sent or asked for.
+            heard: when it was said, at the latest [s].
+        """
+        word = read_word(status, heard)
+        if word is None:
+            return ""
+        with self._lock:
+            refusal = self._refused_run(word.run)
+            if not refusal and (self.word is None or self.word.run != word.run or self.word.clock <= word.clock):
+                self.word = word
+            return refusal
+
+    def refusal(self, grid: Grid, extent: str, *, is_newest: bool = True) -> str:
+        """Why a grid that came must not be taken for one of this robot; empty when it may.
+
+        Args:
+            grid: the grid.
+            extent: extent that was asked for.
+            is_newest: whether it must be newer than all before it, as in what is published; an answer need not be.
+        """
+        for what, given, wanted in (
+            ("robot", grid.robot, self._robot),
+            ("extent", grid.extent, extent),
+            ("frame", grid.frame_id, FRAME),
+        ):
+            if given != wanted:
+                return f"it is of {what} {given!r}, not {wanted!r}"
+        with self._lock:
+            refusal = self._refused_run(grid.run) or (self._refused_order(grid) if is_newest else "")
+            if not refusal and grid.run:
+                self._steps[grid.epoch] = max(grid.step, self._steps.pop(grid.epoch, grid.step))
+                _forget(self._steps)
+            return refusal
+
+    def is_gone(self, grid: Grid, *, is_alive: bool, was_alive: bool) -> bool:
+        """Whether the run of a grid has lost its sign of life; of a node without runs by the node's own."""
+        if not grid.run:
+            return was_alive and not is_alive
+        return grid.run in self._seen and grid.run not in self._live
+
+    def against(self, grid: Grid, *, age: float, limit: float, now: float, is_gone: bool) -> tuple[Objection, ...]:
+        """`objections` by what was heard."""
+        with self._lock:
+            word, step = self.word, self._steps.get(grid.epoch)
+        silence = 0.0 if word is None else max(0.0, now - word.heard)
+        return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
+
+    def _refused_run(self, run: str) -> str:
+        # A sender that reports no run is one of an earlier version, or another tool: it is judged by order alone.
+        if not run or run == self._run:
+            return ""
+        if run in self._over:
+            return f"it is of run {run!r} of the node, and another has taken over since"
+        if self._run and self._run in self._live:
+            if run not in self._live:
+                return f"it is of run {run!r}, which shows no sign of life, and run {self._run!r} lives"
+            return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
+        if self._run:
+            self._over[self._run] = None
+            _forget(self._over)
+        self._run, self._sequences, self._steps = run, {}, {}
+        return ""
+
+    def _refused_order(self, grid: Grid) -> str:
+        last = self._sequences.get(grid.extent, 0)
+        if grid.sequence <= last:
+            return f"its sequence {grid.sequence} comes after {last}"
+        if grid.run:
+            # A sender that announces no run may have started again: its sequences mean nothing.
+            self._sequences[grid.extent] = grid.sequence
+        return ""
+
+
+def _forget(remembered: dict[str, None] | dict[str, int]) -> None:
+    """Keep the newest of what was heard."""
+    while len(remembered) > REMEMBERED:
+        del remembered[next(iter(remembered))]
