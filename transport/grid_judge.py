@@ -72,7 +72,7 @@ class GridJudge:
         self._unasked = Seldom(logger)
         self._evidence = evidence = Evidence(robot)
         self.refusal = evidence.refusal
-        self._live = TokenWatcher(session, run_key(robot, "*"), lambda: evidence.tokens(self._live.names))
+        self._live = TokenWatcher(session, run_key(robot, "*"), evidence.tokens)
         self.clock = NodeClock(session, robot, evidence.hear)
         self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False, refusal=self._hear)
         self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)

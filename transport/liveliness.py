@@ -75,8 +75,8 @@ class AliveWatcher(Resource):
 class TokenWatcher(Resource):
     """Knows which tokens of a group are there, by the last chunk of their keys."""
 
-    def __init__(self, session: Session, keys: str, on_change: Callable[[], None] | None = None) -> None:
-        """Watch `keys`, a key expression; `on_change()` runs on Zenoh's thread and must not block."""
+    def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None] | None = None) -> None:
+        """Watch `keys`, a key expression; `on_change(names)` runs on Zenoh's thread and must not block."""
         self._lock = threading.Lock()
         self._names: frozenset[str] = frozenset()
         self._on_change = on_change
@@ -93,9 +93,9 @@ class TokenWatcher(Resource):
     def _on_token(self, key: str, alive: bool) -> None:
         name = key.rpartition("/")[2]
         with self._lock:
-            self._names = self._names | {name} if alive else self._names - {name}
+            self._names = names = self._names | {name} if alive else self._names - {name}
         if self._on_change is not None:
-            self._on_change()
+            self._on_change(names)
 
     def _release(self) -> None:
         if not self._session.raw_is_closed:

@@ -24,9 +24,9 @@ class NameWatch:
             on_change: runs on Zenoh's thread and must not block.
         """
         self._robot, self._run = robot, run
-        self._claims = TokenWatcher(session, claim_key(robot), on_change)
+        self._claims = TokenWatcher(session, claim_key(robot), lambda _: on_change())
         # Over an uplink that was down when the name was claimed another node may come into sight later.
-        self._runs = TokenWatcher(session, run_key(robot), on_change)
+        self._runs = TokenWatcher(session, run_key(robot), lambda _: on_change())
 
     def items(self) -> list[StatusItem]:
         """Empty when nobody else is there."""
