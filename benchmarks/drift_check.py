@@ -1,7 +1,7 @@
 """Does the check of drift warn when it should, and only then: true scans, moved mounts and lost steps in simulation.
 
-`python -m benchmarks.drift_check [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten minutes of
-processor time.
+`python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten
+minutes of processor time.
 """
 
 from __future__ import annotations
@@ -9,17 +9,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
-
-from guara_perception.app.main import ENVIRONMENT
-
-# As the command does: before numpy is loaded.
-os.environ.update(ENVIRONMENT)
 
 import numpy as np
 
@@ -207,7 +201,7 @@ def _show(name: str, result: Tally) -> None:
 
 
 def main() -> None:
-    """Print false alarms and finds; exit 1 when a limit is not met."""
+    """False alarms and finds of the check for drift [--scans N, --walks N, --jobs N, --figure FILE.png, --json]."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=201, metavar="N", help="true scans of a flat floor")
     parser.add_argument(
@@ -248,7 +242,3 @@ def main() -> None:
         whole = {"true": true.scans, "rough": rough.scans, "false_alarms": alarms, "curves": curves, "passed": passed}
         print(json.dumps(whole))
     raise SystemExit(0 if passed else 1)
-
-
-if __name__ == "__main__":
-    main()

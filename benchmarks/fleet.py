@@ -1,4 +1,4 @@
-"""Many robots with a planner each on one router: delays, traffic, processor time, memory, and how they grow.
+"""Many robots with a planner each on one router: delays, traffic, processor time and memory.
 
 Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 15] [--held 10] [--bursts 5] [--json]
 
@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 
 import transport
-from benchmarks.growth import fit
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
 from benchmarks.report import machine
 from transport.configuration import router_configuration
@@ -268,20 +267,6 @@ def storm(fleet: Fleet) -> dict[str, Any]:
     }
 
 
-def exponents(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Exponents of power laws over the number of robots, fitted to the figures of fleets of five robots or more.
-
-    Returns:
-        Exponent by figure; empty with fewer than two such fleets.
-    """
-    large = [row for row in rows if row["robots"] >= 5]
-    if len(large) < 2:
-        return {}
-    sizes = [row["robots"] for row in large]
-    names = ("processor", "router_processor", "footprint_p99_ms", "map_p50_ms", "map_p99_ms", "mb_per_s")
-    return {name: round(fit(sizes, [max(row[name], 1e-3) for row in large]), 2) for name in names}
-
-
 def show(name: str, row: dict[str, Any]) -> None:
     """Two lines of the table."""
     delays = "  ".join(
@@ -322,9 +307,6 @@ def main() -> None:
             rows.append(measure(Fleet(stack, size, held=held), seconds))
         show(str(size), rows[-1])
     figures: dict[str, Any] = {"machine": machine(), "held_by_a_process": held, "period_s": PERIOD, "fleets": rows}
-    figures["exponents"] = exponents(rows)
-    if figures["exponents"]:
-        print("exponents: " + ", ".join(f"{name} {value:g}" for name, value in figures["exponents"].items()))
     with ExitStack() as stack:
         plain = Fleet(stack, COMPARED, held=held)
         figures["bursts"] = row = bursts(plain, min(max(options.bursts, 1), 50))

@@ -1,25 +1,28 @@
-"""Prints the figures of the package `kinematics` as a table: legs, poses, odometry, and what each call costs.
+"""The package `kinematics`: what each call costs, and stock quadrupeds from their URDF to a walk.
 
-Run it from the root of the checkout: `.venv/bin/python -m benchmarks.kinematics [--quick]`. Everything is computed here
-from the robot's model; no recorded scan is needed. Times are medians on the machine at hand.
+`python -m benchmarks kinematics times [--quick]`, `python -m benchmarks kinematics robots [--no-walk] [NAME ...]`; the
+second needs the extra `robots-test`. Errors of legs, covariances and odometry are held by tests/kinematics.
 """
+
+from __future__ import annotations
 
 import argparse
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
+import cv2
 import numpy as np
 
-from kinematics import LegOdometry, RobotModel, SelfFilter, Stance, load_robot, reach_from_pose
-from kinematics.footprint import fit_support_plane, transform_base_to_footprint
-from kinematics.leg import find_leg_geometry
-from kinematics.stance_pose import sole_covariances
-
-CYCLE = 0.140  # one cycle, four swings [m]
-HEIGHT = 0.360  # of the hips in the scan posture [m]
+from benchmarks.parts import run_part
+from kinematics import LegOdometry, SelfFilter, Stance, load_robot, reach_from_pose
+from testbed.analytic_walk import Ground, walk
+from testbed.stock_results import line, stock_result
+from testbed.stock_robots import FILES, StockRobotsMissing
 
 
 def median_ms(call: Callable[[], object], repeats: int) -> float:
@@ -42,107 +45,15 @@ def cold_load_seconds(repeats: int) -> float:
     )
 
 
-def leg_agreement(robot: RobotModel, count: int) -> tuple[float, float]:
-    """Largest differences [m]: closed form against Pinocchio, and the sole after inverse and forward kinematics."""
-    rng, forward, back = np.random.default_rng(0), 0.0, 0.0
-    for leg in robot.legs:
-        geometry = find_leg_geometry(robot.tree, leg)
-        if geometry is None:
-            raise SystemExit(f"the closed form does not fit leg {leg}")
-        positions = rng.uniform(geometry.lower, geometry.upper, (count, 4))
-        soles = geometry.soles_in_base(positions)
-        # Below the hip: for a sole above it another roll of the hip is the answer.
-        positions, soles = positions[soles[:, 2] < -0.02], soles[soles[:, 2] < -0.02]
-        for row in range(len(soles)):
-            joints = robot.posture("scan") | dict(zip(robot.tree.leg(leg).joints, positions[row].tolist(), strict=True))
-            forward = max(forward, float(np.abs(robot.state(joints).soles_in_base([leg])[0] - soles[row]).max()))
-        found = geometry.solve(soles, positions[:, 1:].sum(axis=1))
-        back = float(np.maximum(back, np.abs(geometry.soles_in_base(found) - soles).max()))  # NaN stays NaN
-    return forward, back
-
-
-def covariance_ratio(robot: RobotModel, with_gravity: bool, count: int) -> tuple[float, float]:
-    """Smallest and largest ratio of predicted to sampled sigma of the camera's pose, body tilted by 3 and 2 degrees."""
-    gravity = (0.052335956, -0.034851668, -0.998021197)
-    level = robot.stance_pose(Stance(robot.posture("scan"), robot.legs, gravity), find_unloaded=False)
-    floor = robot.state(robot.posture("scan")).soles_in_base()
-    joints = joints_for(robot, floor @ level.transform_base_to_footprint[:3, :3])
-    stance = Stance(joints, robot.legs, gravity if with_gravity else None)
-    pose = robot.stance_pose(stance, find_unloaded=False)
-    rng, noise, state = np.random.default_rng(1), robot.noise, robot.state(stance.joint_positions)
-    soles = state.soles_in_base()
-    roots = np.linalg.cholesky(sole_covariances(state, robot.legs, noise))
-    samples = np.zeros((count, 6))
-    nominal = pose.transform_camera_to_footprint
-    for row in range(count):
-        noisy = soles + np.einsum("nij,nj->ni", roots, rng.normal(size=(4, 3)))
-        up = fit_support_plane(noisy).normal
-        if with_gravity:
-            up = -np.array(gravity) + rng.normal(0.0, noise.imu_sigma, 3)
-            up /= np.linalg.norm(up)
-        sample = transform_base_to_footprint(noisy, up) @ robot.transform_camera_to_base
-        turned = sample[:3, :3] @ nominal[:3, :3].T
-        samples[row] = [*(sample - nominal)[:3, 3], *((turned - turned.T)[[2, 0, 1], [1, 2, 0]] / 2.0)]
-    ratios = np.sqrt(np.diag(pose.camera_covariance)) / samples.std(axis=0)
-    return float(ratios.min()), float(ratios.max())
-
-
-def crawl(robot: RobotModel, cycles: int, sway: float) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-    """A crawl on a flat floor: body position in `odom`, soles (4, 3) in `base_link`, row of the leg just set down."""
-    nominal = robot.state(robot.posture("scan")).soles_in_base() * (1.0, 1.0, 0.0)
-    order = [robot.legs.index(leg) for leg in ("rh", "rf", "lh", "lf")]
-    soles, body = nominal.copy(), np.array([0.0, 0.0, HEIGHT])
-    for number, row in enumerate(order):
-        soles[row, 0] += (number - 1.5) * CYCLE / 4.0
-    for _ in range(cycles):
-        for row in order:
-            body = body + (CYCLE / 4.0, 0.0, 0.0)
-            soles[row] = nominal[row] + (body[0] + 3.0 * CYCLE / 8.0, 0.0, 0.0)
-            here = body + (0.0, -sway if robot.legs[row].startswith("l") else sway, 0.0)
-            yield here, soles - here, row
-
-
-def joints_for(robot: RobotModel, soles: np.ndarray) -> dict[str, float]:
-    """Joint positions that bring level soles to these positions (4, 3) in `base_link`, legs in the robot's order."""
-    joints: dict[str, float] = {}
-    for leg, sole in zip(robot.legs, soles, strict=True):
-        joints.update(zip(robot.tree.leg(leg).joints, robot.reach(leg, sole).joint_positions.tolist(), strict=True))
-    return joints
-
-
-def odometry_errors(robot: RobotModel, *, gravity: bool, each_pause: bool, seeds: int) -> list[float]:
-    """Error of the last position [m] of noisy crawls: 12 cycles, 0.2 degrees per joint, 1 mm of contact per axis.
-
-    Contact noise is drawn again at each pause, or when a foot is set down (where it then stays).
-    """
-    walk, errors = list(crawl(robot, 12, 0.030)), []
-    for seed in range(seeds):
-        rng, odometry = np.random.default_rng(seed), LegOdometry(robot)
-        contact = rng.normal(0.0, 0.001, (4, 3))
-        for _, soles, row in walk:
-            contact[row] = rng.normal(0.0, 0.001, 3)
-            if each_pause:
-                contact = rng.normal(0.0, 0.001, (4, 3))
-            joints = joints_for(robot, soles + contact)
-            joints = {name: angle + rng.normal(0.0, np.radians(0.2)) for name, angle in joints.items()}
-            result = odometry.update(Stance(joints, robot.legs, (0.0, 0.0, -1.0) if gravity else None))
-        travelled = walk[-1][0] - walk[0][0]
-        errors.append(float(np.linalg.norm(result.transform_footprint_to_odom[:3, 3] - travelled)))
-    return errors
-
-
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def times() -> None:
+    """Median time of each call [--quick]."""
+    parser = argparse.ArgumentParser(description=times.__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repeats: for a first impression, not for figures")
     quick = parser.parse_args().quick
-    repeats, seeds = (5, 5) if quick else (50, 20)
+    repeats = 5 if quick else 50
     rows: list[tuple[str, str, str]] = []
     rows.append(("loading the robot, cold, fresh process", f"{cold_load_seconds(2 if quick else 5):.2f} s", "1.2 s"))
     robot = load_robot("guara")
-    forward, back = leg_agreement(robot, 20 if quick else 250)
-    rows.append(("leg: closed form against Pinocchio", f"{forward:.1e} m", "1e-12 m"))
-    rows.append(("leg: sole after inverse and forward", f"{back:.1e} m", "1e-12 m"))
     stance = Stance(robot.posture("scan"), robot.legs, (0.0, 0.0, -1.0))
     feet_only = Stance(robot.posture("scan"), robot.legs)
     for what, given in (("gravity known", stance), ("feet only", feet_only)):
@@ -163,18 +74,7 @@ def main() -> None:
         for name, origin in (("camera", camera), ("laser", laser)):
             shadow = median_ms(partial(own.blocks, origin, cloud), repeats)
             rows.append((f"self-filter, 40,000 points {what}: hidden from {name}", f"{shadow:.1f} ms", "10 ms"))
-    for gravity in (True, False):
-        low, high = covariance_ratio(robot, gravity, 500 if quick else 20_000)
-        source = "imu" if gravity else "support plane"
-        rows.append((f"camera sigmas, predicted / sampled, {source}", f"{low:.3f} ... {high:.3f}", "0.9 ... 1.1"))
-    for gravity in (True, False):
-        for each_pause in (False, True):
-            errors = odometry_errors(robot, gravity=gravity, each_pause=each_pause, seeds=seeds)
-            what = f"odometry, 1.68 m, {seeds} walks, {'imu' if gravity else 'feet only'}, contact noise "
-            what += "at each pause" if each_pause else "at each set-down"
-            share = 100.0 * float(np.median(errors)) / 1.68
-            rows.append((what, f"{1e3 * float(np.median(errors)):.1f} mm = {share:.2f} %", "1 %"))
-    stances = [Stance(joints_for(robot, soles), robot.legs) for _, soles, _ in crawl(robot, 1, 0.030)]
+    stances = [pause.stance for pause in walk(robot, Ground.random(0), 1, 0, has_gravity=False)]
     spent = float(np.median([ms_per_update(LegOdometry(robot), stances) for _ in range(repeats)]))
     rows.append(("odometry, one pause, feet only", f"{spent:.2f} ms", ""))
     width = max(len(what) for what, _, _ in rows)
@@ -189,6 +89,43 @@ def ms_per_update(odometry: LegOdometry, stances: list[Stance]) -> float:
     for stance in stances:
         odometry.update(stance)
     return 1e3 * (time.perf_counter() - start) / len(stances)
+
+
+def robots() -> None:
+    """Stock quadrupeds of the package index: load, check, walk; exit 1 unless all pass [--no-walk, NAME ...]."""
+    parser = argparse.ArgumentParser(description=robots.__doc__)
+    parser.add_argument("names", nargs="*", default=list(FILES), metavar="NAME", help=f"of: {', '.join(FILES)}")
+    parser.add_argument(
+        "--no-walk", action="store_true", help="without the simulated walk (15 s of processor time each)"
+    )
+    options = parser.parse_args()
+    unknown = sorted(set(options.names) - set(FILES))
+    if unknown:
+        parser.error(f"no stock robot {unknown[0]!r}; there are: {', '.join(FILES)}")
+    cv2.setNumThreads(1)
+    results = []
+    with tempfile.TemporaryDirectory() as made:
+        for name in options.names:
+            try:
+                results.append(stock_result(name, Path(made) / name, with_walk=not options.no_walk))
+            except StockRobotsMissing as error:
+                print(error, file=sys.stderr)
+                sys.exit(2)
+            print(line(results[-1]), flush=True)
+    loaded = sum(not result.error for result in results)
+    sound = sum(not result.error and not result.findings for result in results)
+    print(f"{loaded} of {len(results)} load, {sound} are sound", end="")
+    if not options.no_walk:
+        walked = sum(result.walk is not None and result.walk.is_passed for result in results)
+        print(f", {walked} walk ten pauses with nothing unknown called safe and no foot on a hazard", end="")
+    worst = np.nanmax([result.difference for result in results], initial=0.0)
+    print(f"; stance pose within {worst:.0e} m of yourdfpy's")
+    sys.exit(0 if all(result.is_passed for result in results) else 1)
+
+
+def main() -> None:
+    """Command line."""
+    run_part("kinematics", {"times": times, "robots": robots})
 
 
 if __name__ == "__main__":

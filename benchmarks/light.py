@@ -1,9 +1,9 @@
 """What each effect of real light does to a scan: stripes found, wrong and made up, and the error of the heights.
 
-`python -m benchmarks.light [--strengths 0.5 1] [--effects NAME ...] [--json]`: the benchmark's scene of boxes, a pit
-and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is what
-photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
-It takes 75 s of processor time.
+`python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...] [--json]`: a scene of boxes, a
+pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
+what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
+It takes 75 s of processor time. `python -m benchmarks light mosaics` takes no arguments.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
+from benchmarks import mosaics
+from benchmarks.parts import run_part
 from benchmarks.photographs import RIGHT_PX
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
@@ -141,9 +143,9 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[Effect
             )
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.light", description=__doc__)
+def effects() -> None:
+    """Each effect of real light on a scan: stripes found, wrong and made up [--strengths, --effects, --json]."""
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--strengths", type=float, nargs="+", default=[0.5, 1.0])
     names = [*EFFECTS, ALL]
     parser.add_argument("--effects", nargs="+", default=names, choices=names, metavar="NAME", help=", ".join(names))
@@ -161,6 +163,11 @@ def main() -> None:
         errors = f"{effect.mean_mm:6.3f} {effect.p95_mm:6.3f} {effect.unsafe:6d} {effect.made_up:7d}"
         with_off = "yes" if effect.with_off else "no"
         print(f"{effect.effect:12s} {effect.strength:8.2f} {with_off:3s} {shares} {errors} {effect.health}", flush=True)
+
+
+def main() -> None:
+    """Command line."""
+    run_part("light", {"effects": effects, "mosaics": mosaics.main})
 
 
 if __name__ == "__main__":

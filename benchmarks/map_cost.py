@@ -1,6 +1,7 @@
-"""Prints what scans as wide as the map cost at the end of a pause, and what steppable regions cost, in processor time.
+"""Processor time of scans as wide as the map at the end of a pause, of maps, layers, footholds and steppable regions.
 
-Beside the reference extraction in the same process, so that the speed of the machine drops out.
+`python -m benchmarks walks cost DATA`: beside the reference extraction in the same process, so that the speed of the
+machine drops out.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
+from guara_perception.settings import Settings
 from kinematics import LegOdometry, RobotModel, load_robot
 from testbed.analytic_walk import Ground, scan, walk
 from testbed.truth import truth_calibration
@@ -28,7 +30,7 @@ REGIONS_ASKED = 40
 
 
 def main() -> None:
-    """Command line."""
+    """Processor time of wide scans, maps, layers and questions [DATA, --rounds N]."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, help="data folder with scans/paper")
     parser.add_argument("--rounds", type=int, default=5)
@@ -41,7 +43,7 @@ def main() -> None:
     for _ in range(arguments.rounds):
         # Speed of the machine on which the limits were set, over the present speed of this one.
         scale = REFERENCE_STRIPE_S * yardstick.stripes / yardstick.seconds()
-        for name, seconds in (ends_of_scans(arguments.data, robot) | regions(terrain)).items():
+        for name, seconds in (ends_of_scans(arguments.data, robot) | questions(terrain, robot)).items():
             taken.setdefault(name, []).append(scale * seconds)
     print(f"processor time at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe")
     for name, each in taken.items():
@@ -90,8 +92,8 @@ def walked_map(robot: RobotModel) -> gp.TerrainGrid:
     return fused
 
 
-def regions(terrain: gp.TerrainGrid) -> dict[str, float]:
-    """One region about a wished position, the median of many, and all of a map."""
+def questions(terrain: gp.TerrainGrid, robot: RobotModel) -> dict[str, float]:
+    """Layers of two grids, footholds, one region about a wished position (the median of many), and all of a map."""
     free = np.argwhere(np.asarray(terrain.traversability) > 0)
     x, y = terrain.geometry.centres()
     each = [
@@ -99,7 +101,18 @@ def regions(terrain: gp.TerrainGrid) -> dict[str, float]:
         for at in free[:: max(len(free) // REGIONS_ASKED, 1)]
     ]
     found, whole = timed(terrain.steppable_regions)
-    return {"steppable_region, median": float(np.median(each)), f"steppable_regions, {len(found)} of a map": whole}
+    rng = np.random.default_rng(0)
+    result = {"steppable_region, median": float(np.median(each)), f"steppable_regions, {len(found)} of a map": whole}
+    for shape in ((108, 90), (1000, 1000)):
+        heights = rng.normal(0, 0.0003, shape)
+        heights[rng.random(shape) < 0.001] = np.nan
+        layers = partial(gp.assess_terrain, heights, terrain.resolution, limits=Settings.of(robot).limits)
+        result[f"all layers, {shape[0]} x {shape[1]} cells"] = timed(layers)[1]
+    at = rng.uniform(0.45, 1.0, 1000), rng.uniform(-0.3, 0.3, 1000)
+    result["check_foothold, 1000 positions"] = timed(lambda: terrain.check_foothold(*at))[1]
+    result["the same with reach of a leg"] = timed(lambda: terrain.check_foothold(*at, leg="lf", robot=robot))[1]
+    result["best_foothold, radius 0.08 m"] = timed(lambda: terrain.best_foothold(0.7, 0.1, 0.08))[1]
+    return result | {"obstacles": timed(terrain.obstacles)[1]}
 
 
 def timed(run: Callable[[], Result]) -> tuple[Result, float]:
@@ -107,7 +120,3 @@ def timed(run: Callable[[], Result]) -> tuple[Result, float]:
     begun = time.process_time()
     result = run()
     return result, time.process_time() - begun
-
-
-if __name__ == "__main__":
-    main()

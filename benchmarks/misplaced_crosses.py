@@ -1,20 +1,14 @@
 """What misplaced crosses do to the grid: a session calibrated again with wrong positions, one scan with each result.
 
-`python -m benchmarks.misplaced_crosses [SESSION SCAN]`; without arguments: the session and the scan of the tests.
+`python -m benchmarks calibration crosses [SESSION SCAN]`; without arguments: the session and the scan of the tests.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-from guara_perception.app.main import ENVIRONMENT
-
-# As the command does: before numpy is loaded.
-os.environ.update(ENVIRONMENT)
 
 import numpy as np
 
@@ -104,7 +98,7 @@ def effect(
 
 
 def main() -> None:
-    """Print the table."""
+    """Effect of misplaced crosses on the grid [SESSION SCAN]."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("session", nargs="?", type=Path, default=DATA / "calibration")
     parser.add_argument("scan", nargs="?", type=Path, default=DATA / "scans" / "paper")
@@ -121,7 +115,3 @@ def main() -> None:
         print(
             f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{scatter:.1f} mm | {verdict} |", flush=True
         )
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """What a Bayer camera costs: scans from mosaics as they are, their red pixels, red filled in, demosaiced; grey; colour.
 
-`python -m benchmarks.mosaics`: one rendered scan of the demo's world in each form, its errors against that world.
+`python -m benchmarks light mosaics`: one rendered scan of the demo's world in each form, its errors against that world.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def errors_of(terrain: gp.TerrainGrid, rig: SimulatedRangefinder, pause: WalkPau
 
 
 def main() -> None:
-    """Print the table."""
+    """Scans of Bayer mosaics, grey and colour pictures beside the truth."""
     robot, world = gp.load_robot("guara"), load_world(DEMO_WORLD)
     calibration = specimen(robot, SIZE)
     rig = SimulatedRangefinder(world, calibration, robot)
@@ -101,7 +101,3 @@ def main() -> None:
             rms = np.sqrt(np.mean(np.sort(errors)[: int(0.99 * errors.size)] ** 2))
             error_columns = f"{rms:.3f} | {np.percentile(errors, 99):.2f} |"
         print(f"| {name} | {known:.4f} | {error_columns} {1e3 * min(spent):.2f} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,8 @@
 """What a mount that moves after calibration costs: by how much the heights of a scan are then wrong.
 
-`python -m benchmarks.mounting`. Calibration measures the mount as it was built, so a constant error costs nothing; what
-counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not settled.
+`python -m benchmarks calibration mount`. Calibration measures the mount as it was built, so a constant error costs
+nothing; what counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not
+settled.
 
 The recorded frames are those of the mount as it was calibrated. Heights are computed from them with the calibration of
 the moved mount; on a robot it is the other way round, frames of the moved mount and the calibration from before, and
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
+from guara_perception.simulation.specimen import rotation
 from testbed import scenes
 
 SCAN = Path(__file__).resolve().parents[1] / "tests" / "data" / "scans" / "paper"
@@ -57,14 +59,6 @@ CHANGES = (
 )
 
 
-def _turn(axis: int, angle: float) -> np.ndarray:
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    turn = np.eye(3)
-    turn[i, i] = turn[j, j] = np.cos(angle)
-    turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
-    return turn
-
-
 def _moved(turn: np.ndarray, about: np.ndarray, shift: np.ndarray) -> np.ndarray:
     transform = np.eye(4)
     transform[:3, :3] = turn
@@ -77,8 +71,10 @@ def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:
     camera = calibration.transform_camera_to_base
     lift = np.eye(4)
     lift[2, 3] = change.camera_shift
-    head = _moved(_turn(1, change.pitch), camera[:3, 3], np.zeros(3))
-    laser = _moved(_turn(0, change.tilt) @ _turn(1, -change.mirror_turn), AXIS, np.array(change.shift))
+    head = _moved(rotation((0.0, change.pitch, 0.0)), camera[:3, 3], np.zeros(3))
+    laser = _moved(
+        rotation((change.tilt, 0.0, 0.0)) @ rotation((0.0, -change.mirror_turn, 0.0)), AXIS, np.array(change.shift)
+    )
     # A plane in the camera's frame transforms by the inverse transpose; the laser moves against the camera.
     moved_camera = lift @ camera
     moved_laser = np.linalg.inv(moved_camera) @ laser @ camera
@@ -117,11 +113,7 @@ def measure(scan: scenes.ScanInMemory) -> list[tuple[str, float, float]]:
 
 
 def main() -> None:
-    """Print the table."""
+    """Errors of heights after the mount has moved."""
     print(f"{'change after calibration':45s} {'median error':>15s} {'scatter':>10s}")
     for name, offset, scatter in measure(scenes.recorded(SCAN)):
         print(f"{name:45s} {1e3 * offset:+12.2f} mm {1e3 * scatter:7.2f} mm")
-
-
-if __name__ == "__main__":
-    main()

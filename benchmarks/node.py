@@ -1,17 +1,10 @@
-"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat.
-
-Ends with a table of sweeps, free-running and triggered, at the rates of cameras.
-"""
+"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat."""
 
 from __future__ import annotations
 
 import argparse
 import gc
-import os
 import resource
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,16 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from guara_perception.app.main import ENVIRONMENT
-
-# As the command does: before numpy is loaded.
-os.environ.update(ENVIRONMENT)
-
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import sweeps
-from benchmarks.processor_parts import EMULATED, REST, parts_of_the_node
+from benchmarks.peers import free_endpoint, peers
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -84,30 +71,12 @@ def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
     exposure = min(0.008, 0.4 / fps)
     camera = EmulatedCamera(board, RecordedView(recorded).render, fps=fps, exposure=exposure, latency=exposure)
     rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     with rangefinder, open_node(listen=endpoint) as session:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
         with PerceptionNode(robot, calibration, rangefinder, server, mode=recorded.mode, status=status) as node:
             yield Bench(recorded, node, status, fps, endpoint)
-
-
-def print_parts(bench: Bench, first: int, scans: int) -> None:
-    """Further scans with clocks in the code: processor time by part."""
-    rows = []
-    with parts_of_the_node() as parts:
-        for step in range(first, first + scans):
-            parts.seconds.clear()
-            total = bench.pause(step)[2]
-            emulated = sum(spent for part, spent in parts.seconds.items() if part in EMULATED)
-            rest = total - sum(parts.seconds.values())
-            rows.append({**parts.seconds, REST: rest, "all": total, "all but the emulated devices": total - emulated})
-    print(f"  by part, median of {scans} further scans with clocks in the code:")
-    medians = {name: np.median([row.get(name, 0.0) for row in rows]) for name in {name for row in rows for name in row}}
-    for name, seconds in sorted(medians.items(), key=lambda item: -item[1]):
-        print(f"  {1e3 * seconds:7.1f} ms  {name}")
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
@@ -121,25 +90,22 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
             made.append((time.monotonic(), terrain))
         return terrain
 
-    command = [sys.executable, "-P", str(Path(__file__).with_name("planner_peer.py")), bench.endpoint]
     waits, work = [], []
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as planner:
-        assert planner.stdin is not None and planner.stdout is not None
-        planner.stdout.readline()
+    with peers() as start:
+        planner = start("waiter", bench.endpoint)
         setattr(gp.ScanProcessor, "finish", noted)  # noqa: B010
         try:
             for step in range(first, first + scans):
                 made.clear()
-                print(step, file=planner.stdin, flush=True)
+                planner.tell(step=step)
                 bench.pause(step)
-                waits.append(float(planner.stdout.readline()) - made[0][0])
+                waits.append(planner.hear()["at"] - made[0][0])
                 before = time.thread_time()
                 message = terrain_to_message(made[0][1], robot="guara", sequence=step)
                 message_to_terrain(decode_terrain(encode_terrain(message)))
                 work.append(time.thread_time() - before)
         finally:
             setattr(gp.ScanProcessor, "finish", finish)  # noqa: B010
-            planner.stdin.close()
     print(
         f"grid -> planner                  median {1e3 * np.median(waits):5.1f} ms, quickest {1e3 * min(waits):5.1f} "
         f"ms (another process, loopback, wall clock); processor time {1e3 * np.median(work):.1f} ms, quickest "
@@ -185,9 +151,6 @@ def main() -> None:
         )
         print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
         print_way_to_planner(bench, arguments.scans + 1, arguments.scans)
-        print_parts(bench, 2 * arguments.scans + 1, arguments.scans)
-    sweeps.by_light()
-    sweeps.by_rate()
     if arguments.memory_scans:
         with running(arguments.data, folder, 240.0) as bench:
             for step in range(20):

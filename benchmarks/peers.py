@@ -1,7 +1,7 @@
 """Processes that benchmarks of the transport start, and the lines of JSON between them.
 
 `python -m benchmarks.peers ROLE ARGUMENT ...` is one of them: a router, a node that publishes when told, a node that
-answers scan requests, a planner, or a raw TCP echo.
+answers scan requests, planners, or a raw TCP echo.
 """
 
 from __future__ import annotations
@@ -198,10 +198,7 @@ def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: d
     for grid in grids[command.get("first", 1) - 1 :]:
         times[grid.step] = time.monotonic_ns()
         outbox.post("grid", lambda grid=grid: publisher.put(transport.encode_terrain(grid)))  # type: ignore[misc]
-        if command["period"]:
-            time.sleep(command["period"])
-        else:
-            outbox.flush(PATIENCE)
+        time.sleep(command["period"])
     outbox.flush(PATIENCE)
     say(times=times, longest_ms=1e3 * outbox.longest)
 
@@ -259,12 +256,24 @@ def run_tcp(port: str) -> None:
                 connection.sendall(buffer)
 
 
+def run_waiter(endpoint: str) -> None:
+    """A planner that waits for the pause of each {"step": n} by `gp.TerrainClient`; reports when it had its grid."""
+    import guara_perception as gp
+
+    with gp.TerrainClient(endpoint, timeout=2 * PATIENCE) as client:
+        say(ready=True)
+        for line in sys.stdin:
+            client.wait_for_step(json.loads(line)["step"], timeout=2 * PATIENCE)
+            say(at=time.monotonic())
+
+
 ROLES: dict[str, Callable[..., None]] = {
     "router": run_router,
     "node": run_node,
     "scanner": run_scanner,
     "planner": run_planner,
     "tcp": run_tcp,
+    "waiter": run_waiter,
 }
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a user would write to find a laser line in a photograph: three textbook methods.
+"""Photographs as they are read, and what a user would write to find a laser line in one: three textbook methods.
 
 Each is given the laser's channel, which the product has to find by itself.
 """
@@ -6,6 +6,7 @@ Each is given the laser's channel, which the product has to find by itself.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,6 +19,16 @@ STEGER_SIGMA_PX = 2.0
 STEGER_HIGH, STEGER_LOW_SHARE = 0.998, 0.5
 STEGER_SHORTEST_PX = 20
 ARGMAX_LEAST, GRAVITY_REACH_PX = 20.0, 4
+
+
+def read(folder: Path, name: str | None, colour: str) -> Image | None:
+    """One photograph, that of a mono camera ("m") with one channel."""
+    if name is None:
+        return None
+    picture = cv2.imread(str(folder / name))
+    if picture is None:
+        raise SystemExit(f"{folder / name}: no picture")
+    return np.ascontiguousarray(picture[:, :, 1]) if colour == "m" else picture
 
 
 def excess(on: Image, off: Image | None, along: str, channel: int) -> npt.NDArray[np.float32]:

@@ -1,8 +1,8 @@
-"""Judges stripe extraction on photographs of real laser lines, beside what a user would write instead.
+"""Stripe extraction on photographs of real laser lines, beside what a user would write instead.
 
-`python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
-per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
-camera, laser and scene count alike, whatever their number of pictures.
+`python -m benchmarks.photographs FOLDER [--pictures OUT | --board]`: FOLDER holds index.json (set, name, on, off,
+along, colour) and truth.npz, per picture where a stripe is seen (must), where one may be returned (may) and where none
+may be (gap). Families of one camera, laser and scene count alike, whatever their number of pictures.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.photograph_peers import PEERS
+from benchmarks import board_photographs, stripe_pictures
+from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
 
 Method = Callable[[Image, Image | None, str, int], Float]
@@ -114,16 +115,6 @@ def judge(folder: Path, method: Method, *, with_off: bool) -> dict[str, Counts]:
     return families
 
 
-def read(folder: Path, name: str | None, colour: str) -> Image | None:
-    """One photograph, that of a mono camera ("m") with one channel."""
-    if name is None:
-        return None
-    picture = cv2.imread(str(folder / name))
-    if picture is None:
-        raise SystemExit(f"{folder / name}: no picture")
-    return np.ascontiguousarray(picture[:, :, 1]) if colour == "m" else picture
-
-
 def means(families: dict[str, Counts]) -> tuple[float, float, float]:
     """Mean coverage, gross share and filled share of the families."""
     every = list(families.values())
@@ -155,12 +146,19 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.photographs", description=__doc__)
     parser.add_argument("folder", type=Path, help="folder with index.json, truth.npz and the pictures")
-    folder = parser.parse_args().folder
-    if not (folder / "index.json").is_file():
-        print(f"{folder}: no index.json there; the photographs are not part of the repository, nothing was measured")
-        return
+    parser.add_argument("--pictures", type=Path, metavar="OUT", help="draw found stripes into OUT instead")
+    parser.add_argument("--board", action="store_true", help="judge depths: the folder holds a board in 12 poses")
+    arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    report(folder)
+    if arguments.pictures is not None:
+        stripe_pictures.write(arguments.folder, arguments.pictures)
+    elif arguments.board:
+        board_photographs.report(arguments.folder)
+    elif (arguments.folder / "index.json").is_file():
+        report(arguments.folder)
+    else:
+        missing = "no index.json there; the photographs are not part of the repository, nothing was measured"
+        print(f"{arguments.folder}: {missing}")
 
 
 if __name__ == "__main__":

@@ -54,18 +54,11 @@ def growth_plot(section: Section, path: Path) -> None:
 
 
 def _plain_ticks(axes: npt.NDArray[Any]) -> None:
-    """Ticks at 1, 2 and 5 of each decade where there is room, written as people write numbers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    def tick_text(value: float, number: int | None = None) -> str:
-        for unit, sign in ((1e6, " M"), (1e3, " k")):
-            if value >= unit:
-                return f"{value / unit:g}{sign}"
-        return f"{value:g}"
+    """Ticks at 1, 2 and 5 of each decade where there is room, with k and M for thousands and millions."""
+    from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 
     for panel in axes.ravel():
-        for axis, span in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
-            subs = (1.0, 2.0, 5.0) if span[1] < 100 * span[0] else (1.0,)
-            axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+        for axis, (low, high) in ((panel.xaxis, panel.get_xlim()), (panel.yaxis, panel.get_ylim())):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,), numticks=12))
             axis.set_minor_locator(NullLocator())
-            axis.set_major_formatter(FuncFormatter(tick_text))
+            axis.set_major_formatter(EngFormatter() if low > 1 else "{x:g}")

@@ -1,12 +1,11 @@
-"""Draws found stripes for the documentation, good ones and bad: of two families of photographs and of rendered scenes.
+"""Pictures of found stripes for the documentation, good ones and bad: photographs of two families, rendered scenes.
 
-`python -m benchmarks.stripe_pictures FOLDER OUT`: FOLDER holds the photographs (see `benchmarks.photographs`), of which
-only CS (MIT) and JE (CC BY-SA 4.0) may be shown. Where it is not there only the rendered pictures are drawn.
+Of the photographs only CS (MIT) and JE (CC BY-SA 4.0) may be shown. Where they are not there only the rendered pictures
+are drawn.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.photographs import read
+from benchmarks.photograph_peers import read
 from guara_perception.arrays import Image
 from guara_perception.simulation import real_light
 from testbed.scenes import simulated
@@ -95,23 +94,15 @@ def draw(shown: Shown) -> Image:
     return np.asarray(cv2.hconcat([panels[0], np.full((len(panels[0]), 6, 3), 255, np.uint8), panels[1]]), np.uint8)
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.stripe_pictures", description=__doc__)
-    parser.add_argument("folder", type=Path, help="folder with index.json and the photographs")
-    parser.add_argument("out", type=Path, help="folder for the pictures")
-    arguments = parser.parse_args()
+def write(folder: Path, out: Path) -> None:
+    """Write one picture for each."""
     shown = rendered()
-    if (arguments.folder / "index.json").is_file():
-        shown |= photographs(arguments.folder)
+    if (folder / "index.json").is_file():
+        shown |= photographs(folder)
     else:
-        print(f"{arguments.folder}: no index.json there; the photographs are not part of the repository, none is drawn")
-    arguments.out.mkdir(parents=True, exist_ok=True)
+        print(f"{folder}: no index.json there; the photographs are not part of the repository, none is drawn")
+    out.mkdir(parents=True, exist_ok=True)
     for name, each in shown.items():
-        path = arguments.out / f"{name}.jpg"
+        path = out / f"{name}.jpg"
         cv2.imwrite(str(path), draw(each), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         print(f"picture: {path}")
-
-
-if __name__ == "__main__":
-    main()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ class Target:
     Attributes:
         what: text that says what is measured.
         must, goal: limits; the value may not be larger (smaller when `at_least`).
-        value: takes it from the sections.
+        path: section, and keys of its figures; SCAN stands for the name of the standard scan.
         at_least: whether more is better.
         reason: for the documents, why it is not met where it is not.
     """
@@ -28,93 +28,80 @@ class Target:
     what: str
     must: float
     goal: float | None
-    value: Callable[[Mapping[str, Section], str], float]
+    path: tuple[str, ...]
     at_least: bool = False
     reason: str = "see the stages of a scan above"
 
+    def value(self, sections: Mapping[str, Section], scan: str) -> float:
+        """The measured figure."""
+        figure: Any = sections[self.path[0]].figures
+        for key in self.path[1:]:
+            figure = figure[scan if key == SCAN else key]
+        return float(figure)
 
-def _whole(sections: Mapping[str, Section], scan: str, contender: str, key: str) -> float:
-    return float(sections["whole_scans"].figures[scan][contender][key])
 
-
+SCAN = "the standard scan"
 TARGETS = (
     Target(
         "extraction / reference extraction, synthetic clean stripes",
         2.6,
         1.75,
-        lambda s, scan: s["extraction_synthetic"].figures["clean"][PRECISE]["ratio"],
-        reason=(
-            "the reference only takes the highest peak; `precise` also smooths over three columns, looks for "
-            "rivals, judges the frame, gives a sigma and smooths the line: about 100 calls of numpy on arrays of "
-            "one row, each of which costs more to call than to carry out. A compiled kernel that fuses the passes "
-            "reached 0.4 of the reference in a prototype (numba: 200 MB more to install, 0.4 s more to start)"
-        ),
+        ("extraction_synthetic", "clean", PRECISE, "ratio"),
+        reason="the reference only takes the highest peak; `precise` also smooths over three columns, looks for "
+        "rivals, judges the frame, gives a sigma and smooths the line: about 100 calls of numpy on arrays of "
+        "one row, each of which costs more to call than to carry out. A compiled kernel that fuses the passes "
+        "reached 0.4 of the reference in a prototype (numba: 200 MB more to install, 0.4 s more to start)",
     ),
     Target(
         "extraction / reference extraction, frames of the scan",
         2.6,
         1.75,
-        lambda s, scan: s["extraction_scans"].figures[scan][PRECISE],
-        reason=("as above; where the stripe clips, all three channels are read and mixed"),
+        ("extraction_scans", SCAN, PRECISE),
+        reason="as above; where the stripe clips, all three channels are read and mixed",
     ),
     Target(
         "CPU of a whole scan / reference extraction of its frames",
         7.0,
         3.7,
-        lambda s, scan: _whole(s, scan, PRECISE, "ratio"),
-        reason=(
-            "extraction is half of it (see above); the rest is triangulation with its guards (ends of runs, own "
-            "body) and the raster of the surface between stripes, all of them numpy on one stripe at a time"
-        ),
+        ("whole_scans", SCAN, PRECISE, "ratio"),
+        reason="extraction is half of it (see above); the rest is triangulation with its guards (ends of runs, own "
+        "body) and the raster of the surface between stripes, all of them numpy on one stripe at a time",
     ),
     Target(
         "last frame to grid / reference extraction of one frame",
         26.0,
         14.0,
-        lambda s, scan: s["stages"].figures["latency"]["ratio"],
-        reason=(
-            "one stripe with all its guards, the causes of unknown cells (what hides each cell from camera and "
-            "laser) and the layers are most of it"
-        ),
+        ("stages", "latency", "ratio"),
+        reason="one stripe with all its guards, the causes of unknown cells (what hides each cell from camera and "
+        "laser) and the layers are most of it",
     ),
     Target(
         "memory growth in a scan, MB",
         14.0,
         12.0,
-        lambda s, scan: s["memory"].figures["first_mb"],
-        reason=(
-            "8 MB of it are the pair of frames itself and 4 MB what a scan keeps (profiles and points of every "
-            "stripe, for range images and for stripes that come late); the rest comes and goes, with a band as "
-            "with the layers at the end"
-        ),
+        ("memory", "first_mb"),
+        reason="8 MB of it are the pair of frames itself and 4 MB what a scan keeps (profiles and points of every "
+        "stripe, for range images and for stripes that come late); the rest comes and goes, with a band as "
+        "with the layers at the end",
     ),
     Target(
         "paper taken literally / ours, whole scan",
         5.0,
         10.0,
-        lambda s, scan: _whole(s, scan, LITERAL, "to_precise"),
+        ("whole_scans", SCAN, LITERAL, "to_precise"),
         at_least=True,
     ),
     Target(
-        "paper point by point / ours, whole scan",
-        20.0,
-        50.0,
-        lambda s, scan: _whole(s, scan, LOOPS, "to_precise"),
-        at_least=True,
+        "paper point by point / ours, whole scan", 20.0, 50.0, ("whole_scans", SCAN, LOOPS, "to_precise"), at_least=True
     ),
-    Target("exponent in stripes", 1.05, None, lambda s, scan: s["growth"].figures["stripes"]["exponent"]),
-    Target("exponent in cells", 1.05, None, lambda s, scan: s["growth"].figures["cells"]["exponent"]),
-    Target(
-        "import guara_perception / import numpy, cv2",
-        1.3,
-        None,
-        lambda s, scan: s["starting"].figures[starting.PACKAGE]["ratio"],
-    ),
+    Target("exponent in stripes", 1.05, None, ("growth", "stripes", "exponent")),
+    Target("exponent in cells", 1.05, None, ("growth", "cells", "exponent")),
+    Target("import guara_perception / import numpy, cv2", 1.3, None, ("starting", starting.PACKAGE, "ratio")),
     Target(
         "cold guara process of 35 frames of 640 x 512, s wall",
         3.0,
         None,
-        lambda s, scan: s["starting"].figures[starting.COMMAND]["seconds_wall"],
+        ("starting", starting.COMMAND, "seconds_wall"),
     ),
 )
 

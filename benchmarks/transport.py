@@ -20,7 +20,7 @@ import numpy as np
 import transport
 from benchmarks import announcements, compact, fleet, viewers
 from benchmarks.parts import run_part
-from benchmarks.peers import PATIENCE, Peer, free_endpoint, free_port, is_whole, make_terrain, peers
+from benchmarks.peers import PATIENCE, Peer, free_endpoint, free_port, make_terrain, peers
 from benchmarks.report import to_terminal
 from benchmarks.rounds import Ratio, number
 from benchmarks.section import FULL, QUICK, Effort, Section
@@ -109,25 +109,6 @@ def report(what: str, measured: str, allowed: str, is_met: bool) -> None:
     print(f"{'ok  ' if is_met else 'MISS'}  {what:<58} {measured:<44} {allowed}", flush=True)
 
 
-def late_joins(count: int) -> None:
-    """Clients that come after the last scan."""
-    times = []
-    with peers() as start:
-        endpoint = free_endpoint()
-        start("node", endpoint, "listen").tell(publish=7)
-        time.sleep(0.5)
-        for _ in range(count):
-            begin = time.monotonic()
-            with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
-                try:
-                    found = client.latest().sequence == 7
-                except transport.TransportError:
-                    found = False
-            times.append(time.monotonic() - begin if found else float("inf"))
-    served = sum(t <= 1.0 for t in times)
-    report(f"{count} late joins: last grid within 1 s", f"{served}, slowest {max(times):.3f} s", "all", served == count)
-
-
 def router_kills(count: int) -> None:
     """The router is killed; two grids are published while it is dead; it comes back."""
     times = []
@@ -203,31 +184,6 @@ def slow_link(count: int) -> None:
     report(f"last of {count} grids of 0.8 MB over 20 Mbit/s", measured, "arrives, put <= 50 ms", longest <= 50.0)
 
 
-def killed_nodes(count: int) -> None:
-    """Nodes are killed with -9 while they put 5 MB grids one after another."""
-    whole: list[bool] = []
-    endpoint = free_endpoint()
-    with peers() as start:
-        start("router", endpoint)
-        with transport.open_client(endpoint, timeout=PATIENCE) as session:
-            receiver = transport.NewestReceiver(session, keys.terrain_key(), transport.decode_terrain)
-            receiver.on_newest(lambda received: whole.append(is_whole(received.message, received.message.sequence)))
-            rng = np.random.default_rng(0)
-            for _ in range(count):
-                node = start("node", endpoint, "connect")
-                before = receiver.received
-                node.tell(stream=20, period=0.0, rows=310)
-                deadline = time.monotonic() + PATIENCE
-                while receiver.received == before and time.monotonic() < deadline:
-                    time.sleep(0.001)
-                time.sleep(float(rng.uniform(0.0, 0.05)))
-                node.end()
-            received, rejected = receiver.received, receiver.rejected
-    measured = f"{received} received, {rejected} damaged, {whole.count(False)} mixed"
-    met = rejected == 0 and all(whole) and received >= count
-    report(f"{count} kill -9 during puts of 5 MB", measured, "no partial grid", met)
-
-
 def deaths(count: int) -> None:
     """How soon a planner sees that a node was killed, or hangs."""
     for signal_number, limit, outcome in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
@@ -262,13 +218,11 @@ def messages() -> None:
     print(to_terminal(latency))
     ratio = latency.figures[TRANSPORT]["ratio"]
     report("a grid, array to array / raw TCP ping, there and back", f"{ratio:.2f}", "<= 3", ratio <= 3.0)
-    late_joins(5 if quick else 30)
     router_kills(1 if quick else 5)
     stopped_planner(2.0 if quick else 10.0)
     slow_planner(3.0 if quick else 10.0)
     slow_link(6 if quick else 20)
     deaths(1 if quick else 5)
-    killed_nodes(3 if quick else 50)
 
 
 def main() -> None:

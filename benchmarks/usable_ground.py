@@ -1,4 +1,4 @@
-"""Prints how much of the truly safe ground planners get, and whether anything truly bad is among it.
+"""How much of the truly safe ground planners get, whether anything truly bad is among it, and bounds of unknown ground.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
 With --rendered single scans of rendered pictures in place of walks.
@@ -35,6 +35,10 @@ CLEARANCE_M, APEX_M = 0.020, 0.060
 DANGEROUS_RELIEF_M = 0.010
 HARMLESS_RELIEF_M = 0.001
 REFUSED_BY_M = 0.001
+# A bound is broken where the truth is higher by more than BROKEN_BY_M plus BROKEN_BY_SIGMAS times its sigma.
+BROKEN_BY_M, BROKEN_BY_SIGMAS = 0.005, 4.0
+# The only count of which walks take the largest, not the sum.
+WORST = "bounds: truth higher by at most um"
 
 
 def main() -> None:
@@ -54,7 +58,9 @@ def main() -> None:
     for seed in range(arguments.seeds):
         world, pauses = scanned_walk(robot, seed, mode=arguments.mode, cycles=arguments.cycles, kept=arguments.kept)
         counts = judge(robot, TrueGround.of(world), pauses)
+        worst = max(total[WORST], counts[WORST])
         total.update(counts)
+        total[WORST] = worst
         print(f"world {seed}: {line(counts)}", flush=True)
     print(f"all worlds: {line(total)}")
     report(total)
@@ -69,6 +75,7 @@ def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> C
         cells(counts, robot, pause.fused, pause.oracle, pause.dark)
         beyond += beyond_oracle(pause.fused, pause.oracle, np.asarray(np.linalg.inv(pause.from_world), np.float64))
         swings(counts, robot, pause)
+        bounds(counts, pause)
     counts["beyond oracle, hazard at the rim of the sole's window"] += sum(each.at_rim for each in beyond)
     print("\n".join(explained(beyond)), end="\n" if beyond else "")
     return counts
@@ -137,13 +144,25 @@ def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask
     }
 
 
+def bounds(counts: Counter[str], pause: JudgedPause) -> None:
+    """Bounds of unknown ground by lines of sight, in a map that drifts as on a real walk, against the truth."""
+    ceiling, unknown = pause.ceiling, (pause.fused.hazard & UNKNOWN_MASK) != 0
+    is_bounded = unknown & np.isfinite(ceiling.height)
+    over = np.asarray(pause.oracle.elevation_max - ceiling.height, np.float64)[is_bounded]
+    counts["bounds: processor us"] += round(1e6 * pause.sight_seconds)
+    counts["bounds: unknown cells"] += int(unknown.sum())
+    counts["bounds"] += over.size
+    counts["bounds: truth higher"] += int((over > 0).sum())
+    counts["bounds: broken"] += int((over > BROKEN_BY_M + BROKEN_BY_SIGMAS * ceiling.sigma).sum())
+    counts["bounds: slack um"] += round(-1e6 * float(over.sum()))
+    counts[WORST] = max(counts[WORST], round(1e6 * float(over.max(initial=0.0))))
+
+
 def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None:
     """The next swing: whether there is a place, whether the planner finds it, whether the way there is accepted."""
     pause, fused, oracle = judged.item.pause, judged.fused, judged.oracle
     leg, wish = pause.next_leg, pause.nominal
-    kind = "hind" if wish[0] < 0 else "front"
     counts["swings"] += 1
-    counts[f"swings {kind}"] += 1
     found = plan_foothold(fused, leg, wish, robot=robot)
     for name, foothold in (
         ("truth", _bright(oracle, judged.dark, wish)),
@@ -151,7 +170,6 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
         ("map with reach", found),
     ):
         counts[f"place: {name}"] += foothold is not None
-        counts[f"place: {name}, {kind}"] += foothold is not None
     for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
         planned = plan_swing(fused, leg, wish, robot=robot, ceiling=ceiling)
         counts[f"place: map with reach and a swing{with_bounds}"] += planned is not None
@@ -164,29 +182,26 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
     start = judged.from_world[:3, :3] @ pause.soles_in_world[leg] + judged.from_world[:3, 3]
     end = np.array([found.x, found.y, found.z])
     true_end = np.array([found.x, found.y, oracle.height_at(found.x, found.y)])
-    for shape, make in (("up-over-down", up_over_down), ("arc", arc)):
-        by_truth = oracle.check_path(make(start, true_end), CLEARANCE_M)
-        counts[f"{shape}: asked"] += 1
-        counts[f"{shape}: truly good"] += by_truth.ok
-        for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
-            verdict = fused.check_path(make(start, end), CLEARANCE_M, ceiling=ceiling)
-            counts[f"{shape}: accepted{with_bounds}"] += verdict.ok
-            counts[f"{shape}: truly good and accepted{with_bounds}"] += verdict.ok and by_truth.ok
-            counts[f"{shape}: accepted{with_bounds}, truth lacks over 1 mm"] += (
-                verdict.ok and lack(by_truth) > REFUSED_BY_M
-            )
-            if by_truth.ok and not verdict.ok:
-                counts[f"{shape}: refused{with_bounds}, {_unknown_below(fused, judged.dark, make(start, end))}"] += 1
-                for reason in verdict.reasons:
-                    why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
-                    counts[f"{shape}: refused{with_bounds} for {why}"] += 1
-        if shape == "up-over-down" and by_truth.ok:
-            for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
-                way = fused.swing(start, end, CLEARANCE_M, ceiling=ceiling)
-                counts[f"up-over-down: truly good, swing() finds a way{with_bounds}"] += way.ok
-                if way.ok:
-                    short = lack(oracle.check_path(on_true_ground(way.points, oracle), CLEARANCE_M))
-                    counts[f"up-over-down: way of swing(){with_bounds}, truth lacks over 1 mm"] += short > REFUSED_BY_M
+    by_truth = oracle.check_path(up_over_down(start, true_end), CLEARANCE_M)
+    way = up_over_down(start, end)
+    counts["truly good"] += by_truth.ok
+    for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
+        verdict = fused.check_path(way, CLEARANCE_M, ceiling=ceiling)
+        counts[f"accepted{with_bounds}"] += verdict.ok
+        counts[f"truly good and accepted{with_bounds}"] += verdict.ok and by_truth.ok
+        counts[f"accepted{with_bounds}, truth lacks over 1 mm"] += verdict.ok and lack(by_truth) > REFUSED_BY_M
+        if not by_truth.ok:
+            continue
+        if not verdict.ok:
+            counts[f"refused{with_bounds}, {_unknown_below(fused, judged.dark, way)}"] += 1
+            for reason in verdict.reasons:
+                why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
+                counts[f"refused{with_bounds} for {why}"] += 1
+        found_way = fused.swing(start, end, CLEARANCE_M, ceiling=ceiling)
+        counts[f"truly good, swing() finds a way{with_bounds}"] += found_way.ok
+        if found_way.ok:
+            short = lack(oracle.check_path(on_true_ground(found_way.points, oracle), CLEARANCE_M))
+            counts[f"way of swing(){with_bounds}, truth lacks over 1 mm"] += short > REFUSED_BY_M
 
 
 def on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:
@@ -206,14 +221,6 @@ def up_over_down(start: Float, end: Float) -> Float:
     """A swing of three straight lines."""
     top = max(start[2], end[2]) + APEX_M
     return np.array([start, [start[0], start[1], top], [end[0], end[1], top], end])
-
-
-def arc(start: Float, end: Float) -> Float:
-    """Half a sine over the line from start to end."""
-    share = np.linspace(0, 1, 25)[:, None]
-    path = start + share * (end - start)
-    path[:, 2] += APEX_M * np.sin(np.pi * share[:, 0])
-    return path
 
 
 def _unknown_below(fused: gp.TerrainGrid, dark: Mask, way: Float) -> str:
@@ -252,9 +259,11 @@ def line(counts: Counter[str]) -> str:
     return (
         f"{ground_line(counts)}; places found for "
         f"{counts['swings']} swings: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
-        f"{counts['place: map with reach']}; of {counts['up-over-down: truly good']} truly good swings up, over, down "
-        f"{counts['up-over-down: truly good and accepted']} accepted, with bounds "
-        f"{counts['up-over-down: truly good and accepted with bounds']}; arcs {counts['arc: accepted']}"
+        f"{counts['place: map with reach']}; of {counts['truly good']} truly good swings up, over, down "
+        f"{counts['truly good and accepted']} accepted, with bounds "
+        f"{counts['truly good and accepted with bounds']}; "
+        f"{counts['bounds: broken']} of {counts['bounds']} bounds broken, the truth higher by "
+        f"{1e-3 * counts[WORST]:.1f} mm at most"
     )
 
 

@@ -33,7 +33,7 @@ class AravisCamera(Camera):
     """A camera of the GenICam family. Its frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
 
     The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone; filling in
-    what lies between, or making colour, costs more work and gives larger errors (`python -m benchmarks.mosaics`).
+    what lies between, or making colour, costs more work and gives larger errors (`python -m benchmarks light mosaics`).
 
     Frames arrive in the order of exposure, none is skipped; one whose packets did not all come shows as a gap in the
     counter.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.fleet import Fleet, bursts, exponents, measure, storm
+from benchmarks.fleet import Fleet, bursts, measure, storm
 
 pytestmark = pytest.mark.heavy
 
@@ -26,11 +26,3 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
         assert row["map_arrived"] + row["missed"] >= 12 and row["map_p99_ms"] <= row["map_worst_ms"]
         back = storm(fleet)
     assert back["came"] == 12 and 0 < back["newest_p50_s"] <= back["newest_worst_s"]
-
-
-def test_exponents_are_those_of_power_laws() -> None:
-    """Fleets of fewer than five are left out: their figures show the machine, not the number."""
-    names = ("processor", "router_processor", "footprint_p99_ms", "map_p50_ms", "map_p99_ms", "mb_per_s")
-    rows = [{"robots": size} | {name: 3.0 * size**power for power, name in enumerate(names)} for size in (1, 5, 20, 80)]
-    assert exponents(rows) == {name: float(power) for power, name in enumerate(names)}
-    assert exponents(rows[:2]) == {}

@@ -36,7 +36,7 @@ def node(folder: Path, endpoint: str, *arguments: str) -> Iterator[subprocess.Po
         "-X",
         "faulthandler",
         "-m",
-        "benchmarks.triggered_node",
+        "testbed.triggered_node",
         str(folder),
         "--listen",
         endpoint,

@@ -21,7 +21,7 @@ BESIDE_CELLS = 20
 # In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
 AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
-# Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.lines_of_sight` compares it
+# Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.usable_ground` compares it
 # with the truth. A height with a larger sigma gives no bound.
 BOUND_SIGMA_M = 0.003
 # The light may start to widen on the mirror, at a line lens before it, or farther away. Its sideways component, as a

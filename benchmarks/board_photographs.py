@@ -1,8 +1,11 @@
-"""Measures both methods on photographs of a real laser line: plane from 11 board poses, judged on the twelfth."""
+"""Both methods on photographs of a laser line on a board: the plane of 11 board poses, judged on the twelfth.
+
+The folder holds calib0 ... 11.jpg with the laser off, and light0 ... 11.jpg.
+"""
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,22 +124,22 @@ def robust_line(x: Float, y: Float) -> Float:
         if use.sum() < 2:
             break
         line = np.polyfit(x[use], y[use], 1)
-        error = np.abs(y - np.polyval(line, x))
-        use = error < max(3 * 1.4826 * float(np.median(error)), 2.0)
+        use = _without_outliers(np.abs(y - np.polyval(line, x)), 2.0)
     return line
 
 
 def robust_plane(points: Float) -> tuple[Float, float]:
     """Plane n . X = d through points with outliers."""
     use = np.ones(len(points), bool)
-    normal, distance = np.array([0.0, 1.0, 0.0]), 0.0
     for _ in range(FIT_ROUNDS):
         mean = points[use].mean(axis=0)
         normal = np.linalg.svd(points[use] - mean, full_matrices=False)[2][-1]
-        distance = float(normal @ mean)
-        error = np.abs(points @ normal - distance)
-        use = error < max(3 * 1.4826 * float(np.median(error)), 0.05)
-    return normal, distance
+        use = _without_outliers(np.abs((points - mean) @ normal), 0.05)
+    return normal, float(normal @ mean)
+
+
+def _without_outliers(error: Float, least: float) -> npt.NDArray[np.bool_]:
+    return error < max(3 * 1.4826 * float(np.median(error)), least)
 
 
 def leave_one_out(poses: list[Pose]) -> dict[str, float]:
@@ -160,21 +163,13 @@ def leave_one_out(poses: list[Pose]) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path, help="folder with calib0 ... 11.jpg and light0 ... 11.jpg")
-    parser.add_argument("--method", default="precise,paper", help="comma-separated methods")
-    arguments = parser.parse_args()
-    board = calibrate(arguments.folder)
+def report(folder: Path, methods: Sequence[str] = ("precise", "paper")) -> None:
+    """Print the table."""
+    board = calibrate(folder)
     print("method    bias mm   rms mm   p95 mm  > 1 mm %  worst mm  coverage")
-    for method in arguments.method.split(","):
-        f = leave_one_out([points_on_board(arguments.folder, board, i, method) for i in range(POSES)])
+    for method in methods:
+        f = leave_one_out([points_on_board(folder, board, i, method) for i in range(POSES)])
         print(
             f"{method:<8} {f['bias']:8.4f} {f['rms']:8.3f} {f['p95']:8.3f} {f['over_1mm']:9.2f} "
             f"{f['worst']:9.2f} {f['coverage']:9.3f}"
         )
-
-
-if __name__ == "__main__":
-    main()

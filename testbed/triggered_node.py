@@ -1,6 +1,6 @@
 """`guara run` with the firmware on its emulated chip and a fake GigE Vision camera, which it triggers.
 
-`python -m benchmarks.triggered_node FOLDER --listen tcp/127.0.0.1:7447` starts it and prints one JSON object for each
+`python -m testbed.triggered_node FOLDER --listen tcp/127.0.0.1:7447` starts it and prints one JSON object for each
 scan. Emulated are the light (rendered), the chip, the motor and the camera's sensor; the rest is what a robot runs: the
 firmware's bytes, pyusb and the driver, GigE Vision packets, Aravis, the node, Zenoh. The chip's time stands still while
 a picture is drawn and sent. The scene is lit as if the lens were opened until a short exposure shows what 8 ms show.
@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.emulated_sweeps import FIRMWARE
 from drivers import CameraSettings, StripeCapture
 from drivers.board import usb_link
 from drivers.cameras.aravis_camera import AravisCamera
@@ -43,6 +42,7 @@ from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
 from testbed.gige import FakeGigeCamera
 from transport.messages.terrain_codec import encode_terrain
 
+FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
 # Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.
 SIZE = (320, 256)
 FLASH = 0.004
@@ -244,7 +244,7 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.triggered_node", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m testbed.triggered_node", description=__doc__)
     parser.add_argument("folder", type=Path, help="where calibration.json and devices.toml are written")
     parser.add_argument("--listen", required=True, help="endpoint of the node")
     parser.add_argument("--flash", type=float, default=FLASH, help="light for each stripe [s]")

@@ -1,0 +1,267 @@
+"""Maps of walks beside the true ground: drift aside, heights under the feet; what maps cost.
+
+`python -m benchmarks walks PART ...`; without a part: a list of them.
+
+The part `drift` walks over mixed analytic ground, over level ground, which shows no sideways motion, and through
+simulated frames, each without and with registration of its scans. Drift is measured on ground seen at the near edge of
+the area, when the hind feet come to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import pickle
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks import map_cost
+from benchmarks.parts import run_part
+from benchmarks.scanned_walk import scanned_walk
+from guara_perception.arrays import Float
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from kinematics import LegOdometry, RobotModel, Stance, load_robot
+from testbed.analytic_walk import Ground, LevelGround, scan, seen_height, walk
+
+# From the near edge of the scanned area to the hind feet.
+PAUSES_BETWEEN = 21
+# A hind foot reaches ground that was scanned before the walk began only after this number of pauses.
+FIRST_HIND_PAUSE = 24
+SEEN_AT_M = ((0.50, -0.18), (0.50, 0.18))
+FOOT_HALF = (0.035, 0.025)
+# Pauses after which cells hidden in a scan are counted in the map.
+HIDDEN_AFTER = (0, 4, 8, 12)
+
+
+@dataclass(frozen=True)
+class WalkedPause:
+    """One pause of a walk.
+
+    Attributes:
+        stance: stance as the robot reports it.
+        scan: grid of the scan taken there.
+        to_world: (4, 4), where the scan's footprint truly was.
+        known_ground: what the gait declared.
+        feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
+        ground: analytic ground; None in simulated frames.
+    """
+
+    stance: Stance
+    scan: gp.TerrainGrid
+    to_world: Float
+    known_ground: tuple[gp.KnownGround, ...]
+    feet: Float
+    ground: Ground | None
+
+
+@dataclass(frozen=True)
+class WalkFigures:
+    """Figures of a walk.
+
+    Attributes:
+        x, y, worst: drift aside: rms by axis, and the largest [mm].
+        feet, bias, claimed: height under the hind feet's next footholds: rms, mean, rms of the map's own sigma [mm].
+        refused: scans that were not registered.
+        hidden: share of a scan's area that is hidden in the map HIDDEN_AFTER pauses after it.
+        unknown, dark: cells called traversable that are unknown, and that return no light.
+    """
+
+    x: float
+    y: float
+    worst: float
+    feet: float
+    bias: float
+    claimed: float
+    refused: int
+    hidden: tuple[float, ...]
+    unknown: int
+    dark: int
+
+    @property
+    def sideways(self) -> float:
+        """Mean of x and y."""
+        return (self.x + self.y) / 2
+
+
+def drift() -> None:
+    """Drift of the map and heights under the hind feet [--first, --walks, --flat, --frames, --cycles, --kept]."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=20, help="first seed; the settings were chosen on 0 to 9")
+    parser.add_argument("--walks", type=int, default=10, help="over mixed analytic ground")
+    parser.add_argument("--flat", type=int, default=3, help="over level ground")
+    parser.add_argument("--frames", type=int, default=0, help="through simulated frames; slow where no file is kept")
+    parser.add_argument("--cycles", type=int, default=10)
+    parser.add_argument("--kept", type=Path, help="folder that keeps the scans from run to run")
+    arguments = parser.parse_args()
+    robot, cycles, kept = load_robot("guara"), arguments.cycles, arguments.kept
+    kinds: tuple[tuple[str, int, int, Callable[[int], Iterator[WalkedPause]]], ...] = (
+        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic(robot, seed, cycles, kept)),
+        ("level ground", arguments.first, arguments.flat, lambda seed: analytic(robot, seed, cycles, kept, level=True)),
+        ("frames", 0, arguments.frames, lambda seed: frames(robot, seed, cycles, kept)),
+    )
+    for name, first, count, pauses_of in kinds:
+        if count:
+            compare(name, robot, {seed: list(pauses_of(seed)) for seed in range(first, first + count)})
+
+
+def compare(name: str, robot: RobotModel, walks: dict[int, list[WalkedPause]]) -> None:
+    """Print walks without and with registration, each as soon as it is done."""
+    pairs = []
+    print(f"{name}: sideways drift over {PAUSES_BETWEEN} pauses, x and y rms; height rms under hind feet [mm]")
+    for seed, pauses in walks.items():
+        off, on = (walk_figures(robot, pauses, registered=registered) for registered in (False, True))
+        pairs.append((off, on))
+        hidden = " ".join(f"{100 * share:.2f}" for share in on.hidden)
+        print(
+            f"  walk {seed:3d}  {off.x:5.2f} {off.y:5.2f} -> {on.x:5.2f} {on.y:5.2f}  worst {off.worst:5.1f} ->"
+            f" {on.worst:5.1f}  feet {off.feet:5.2f} -> {on.feet:5.2f}, bias {on.bias:+.2f}, claimed {on.claimed:.2f}"
+            f"  {on.refused:2d} scans not used  hidden after {HIDDEN_AFTER} pauses {hidden} %"
+            f"  unknown free {on.unknown}  dark free {on.dark}",
+            flush=True,
+        )
+    off_all, on_all = ([pair[i] for pair in pairs] for i in (0, 1))
+    worse = [max(getattr(on, what) - getattr(off, what) for off, on in pairs) for what in ("sideways", "feet")]
+    print(
+        f"  all: sideways {_rms_aside(off_all):.2f} -> {_rms_aside(on_all):.2f} mm, feet, mean "
+        f"{np.mean([each.feet for each in off_all]):.2f} -> {np.mean([each.feet for each in on_all]):.2f}, median "
+        f"{np.median([each.feet for each in on_all]):.2f} mm; the walks that gained least: sideways "
+        f"{worse[0]:+.2f} mm, feet {worse[1]:+.2f} mm"
+    )
+
+
+def _rms_aside(walks: list[WalkFigures]) -> float:
+    return float(np.mean([np.sqrt(np.mean([getattr(each, axis) ** 2 for each in walks])) for axis in "xy"]))
+
+
+def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bool) -> WalkFigures:
+    """Figures of a walk without or with registration."""
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    poses: list[Float] = []
+    errors: list[Float] = []
+    sigmas: list[Float] = []
+    hidden: list[tuple[Float, list[float]]] = []
+    refused = unknown = dark = 0
+    for pause in pauses:
+        pose = odometry.update(pause.stance)
+        fused = terrain_map.update(
+            pause.scan,
+            pose.transform_footprint_to_odom,
+            pose.covariance,
+            known_ground=pause.known_ground,
+            covariance_since_last=pose.covariance_since_last if registered else None,
+            own_covariance=pose.own_covariance if registered else None,
+        )
+        refused += registered and fused.metadata["registration_refused"] is not None
+        poses.append(np.array(fused.metadata["transform_footprint_to_odom"]))
+        unknown += int((((fused.hazard & UNKNOWN_MASK) != 0) & (fused.traversability > 0)).sum())
+        if pause.ground is not None:
+            dark += free_in_the_dark(pause.ground, fused, pause.to_world)
+        if pause.scan.step >= FIRST_HIND_PAUSE and len(pause.feet):
+            x, y, true = pause.feet.T
+            error = np.asarray(fused.height_at(x, y), np.float64) - true
+            known = np.isfinite(error)
+            iy, ix = fused.geometry.indices(x[known], y[known])
+            errors.append(error[known])
+            sigmas.append(np.sqrt(fused.variance[iy, ix].astype(np.float64)))
+        follow_hidden(hidden, pause.scan, fused, poses[-1])
+    aside = []
+    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
+        found = np.linalg.inv(poses[now]) @ poses[before]
+        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
+        aside += [((found - truly) @ (*point, 0.0, 1.0))[:2] for point in SEEN_AT_M]
+    sideways = 1e3 * np.array(aside)
+    heights, claimed = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
+    seen = [shares for _, shares in hidden if len(shares) > max(HIDDEN_AFTER)]
+    x_rms, y_rms = np.sqrt(np.mean(sideways**2, axis=0)).tolist()
+    return WalkFigures(
+        x=x_rms,
+        y=y_rms,
+        worst=float(np.abs(sideways).max()),
+        feet=float(np.sqrt(np.mean(heights**2))),
+        bias=float(heights.mean()),
+        claimed=float(np.sqrt(np.mean(claimed**2))),
+        refused=refused,
+        hidden=tuple(float(np.mean([shares[after] for shares in seen])) for after in HIDDEN_AFTER),
+        unknown=unknown,
+        dark=dark,
+    )
+
+
+def free_in_the_dark(ground: Ground, fused: gp.TerrainGrid, to_world: Float) -> int:
+    """Number of traversable cells whose ground returns no light: nobody can have seen them."""
+    x, y = (a.ravel() for a in np.meshgrid(*fused.geometry.centres()))
+    free = (fused.traversability > 0).ravel()
+    _, world = seen_height(ground, to_world, x[free], y[free])
+    return int(ground.is_dark(world[:, 0], world[:, 1]).sum())
+
+
+def follow_hidden(
+    followed: list[tuple[Float, list[float]]], terrain: gp.TerrainGrid, fused: gp.TerrainGrid, pose: Float
+) -> None:
+    """Follow the cells that each scan found OCCLUDED: which share of its area is still hidden in the map later."""
+    iy, ix = np.nonzero((terrain.hazard & np.uint16(Hazard.OCCLUDED)) != 0)
+    x, y = terrain.geometry.centres()
+    followed.append((np.column_stack((x[ix], y[iy])) @ pose[:2, :2].T + pose[:2, 3], []))
+    for points, shares in followed:
+        local = (points - pose[:2, 3]) @ pose[:2, :2]
+        is_hidden = (np.asarray(fused.hazard_at(local[:, 0], local[:, 1])) & np.uint16(Hazard.OCCLUDED)) != 0
+        shares.append(float(is_hidden.sum()) / terrain.geometry.size)
+
+
+def analytic(
+    robot: RobotModel, seed: int, cycles: int, kept: Path | None = None, *, level: bool = False
+) -> Iterator[WalkedPause]:
+    """A walk over analytic ground: joint and contact noise, no frames."""
+    ground = Ground.random(seed)
+    if level:
+        ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
+    file = None if kept is None else kept / f"{'level' if level else 'mixed'}-wide-{seed}-{cycles}.pickle"
+    if file is not None and file.is_file():
+        items = pickle.loads(file.read_bytes())
+    else:
+        items = [(pause, scan(robot, ground, pause, seed)) for pause in walk(robot, ground, cycles, seed)]
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(pickle.dumps(items))
+    for pause, terrain in items:
+        to_world = _to_world(pause.transform_base_to_world, terrain)
+        under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
+        height = ground.height_at(under[:, 0], under[:, 1])
+        yield WalkedPause(pause.stance, terrain, to_world, (), _in_footprint(to_world, under, height), ground)
+
+
+def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
+    """A walk through simulated frames."""
+    world, pauses = scanned_walk(robot, seed, cycles=cycles, kept=kept)
+    for item in pauses:
+        pause, to_world = item.pause, _to_world(item.pause.transform_base_to_world, item.scan)
+        under = _sole(np.array(pause.to_world(*pause.nominal))) if pause.nominal[0] < 0 else np.empty((0, 2))
+        feet = _in_footprint(to_world, under, world.height(under[:, 0], under[:, 1]))
+        yield WalkedPause(pause.stance, item.scan, to_world, pause.known_ground, feet, None)
+
+
+def _to_world(base_to_world: Float, terrain: gp.TerrainGrid) -> Float:
+    return np.asarray(base_to_world @ np.linalg.inv(np.array(terrain.metadata["transform_base_to_footprint"])))
+
+
+def _sole(centre: Float) -> Float:
+    """Points (n, 2) under a sole."""
+    dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
+    return np.asarray(centre + np.column_stack((dx, dy)))
+
+
+def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
+    points = np.column_stack((points_xy, height))
+    return np.asarray((points - to_world[:3, 3]) @ to_world[:3, :3])
+
+
+def main() -> None:
+    """Command line."""
+    run_part("walks", {"drift": drift, "cost": map_cost.main})
+
+
+if __name__ == "__main__":
+    main()
