@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from transport.exceptions import MessageError
+from transport.messages.ranges import check_ranges
 from transport.messages.typestore import message_class, typestore
 
 # [byte] Larger payloads are refused before they are looked at; a map of all layers has under 2 MB.
@@ -46,15 +47,18 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
         The message object. Its arrays are read-only views of `payload`.
 
     Raises:
-        MessageError: the payload is too long, cut, has bytes left over or breaks the type's rules.
+        MessageError: the payload is too long, cut, has bytes left over or breaks the type's rules, or a field is out
+            of the range that `transport.messages.ranges` allows.
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:
         raise MessageError(f"{type_name} of {len(payload)} bytes refused; allowed: {MAXIMUM_PAYLOAD} bytes")
     try:
-        return typestore().deserialize_cdr(memoryview(payload).toreadonly(), type_name)
+        message = typestore().deserialize_cdr(memoryview(payload).toreadonly(), type_name)
     except Exception as error:  # a hostile payload may trip generated code anywhere
         raise MessageError(f"{len(payload)} bytes are not a {type_name}: {error}") from error
+    check_ranges(message)
+    return message
 
 
 def make_time(stamp: int) -> Any:

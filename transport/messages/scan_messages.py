@@ -7,6 +7,7 @@ from enum import IntEnum
 
 from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode, make_time, read_time
+from transport.messages.ranges import SENTENCE, check_value
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
 from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, message_class
@@ -50,6 +51,7 @@ class ScanRequest:
             raise MessageError(f"mode is {self.mode!r}; allowed: {', '.join(map(repr, MODES))}")
         if finite(self.timeout, "timeout") <= 0.0:
             raise MessageError(f"timeout is {self.timeout} s; allowed: more than 0")
+        check_value(SCAN_REQUEST, "timeout", self.timeout)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +149,7 @@ def encode_scan_reply(reply: ScanReply) -> bytearray:
             sequence=reply.sequence,
             stamp=make_time(reply.stamp),
             code=reply.code,
-            message=reply.message,
+            message=SENTENCE.cut(reply.message),
         )
     )
 
@@ -174,7 +176,7 @@ def decode_scan_reply(payload: bytes) -> ScanReply:
 
 def encode_refusal(refusal: Refusal) -> bytearray:
     """CDR payload of a Refusal."""
-    return encode(message_class(REFUSAL)(refusal.id, refusal.code, refusal.message))
+    return encode(message_class(REFUSAL)(refusal.id, refusal.code, SENTENCE.cut(refusal.message)))
 
 
 def decode_refusal(payload: bytes) -> Refusal:

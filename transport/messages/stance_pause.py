@@ -9,6 +9,7 @@ from typing import Any
 from transport.exceptions import MessageError, TransportError, UnknownPhase
 from transport.keys import check_name
 from transport.messages.codec import decode, encode, make_header, read_time
+from transport.messages.ranges import LARGEST_COUNT, check_value
 from transport.messages.submessage_codec import make_ground, make_stance, read_ground, read_stance
 from transport.messages.submessages import GroundPatch, StanceMessage, finite
 from transport.messages.typestore import STANCE_PAUSE, message_class
@@ -17,7 +18,6 @@ from transport.messages.typestore import STANCE_PAUSE, message_class
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
 # Characters of the identity of a walk.
 MAXIMUM_EPOCH = 100
-LARGEST_STEP = 2**53
 
 
 class PausePhase(IntEnum):
@@ -63,7 +63,7 @@ class StancePause:
             KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
-        if abs(self.step) > LARGEST_STEP:
+        if abs(self.step) > LARGEST_COUNT:
             raise MessageError(f"step is {self.step}; allowed: -2^53 to 2^53")
         if not isinstance(self.epoch, str) or len(self.epoch) > MAXIMUM_EPOCH:
             raise MessageError(f"epoch is {self.epoch!r}; allowed: text of up to {MAXIMUM_EPOCH} characters")
@@ -75,10 +75,10 @@ class StancePause:
                 "changes nothing here"
             ) from error
         available = finite(self.time_available, "time_available")
-        if available < 0.0:
-            raise MessageError(f"time_available is {available} s; allowed: 0 or more")
+        check_value(STANCE_PAUSE, "time_available", available)
         object.__setattr__(self, "time_available", available)
         object.__setattr__(self, "known_ground", tuple(self.known_ground))
+        check_value(STANCE_PAUSE, "known_ground", self.known_ground)
 
 
 def make_stance_pause(pause: StancePause) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode, make_header, read_time
+from transport.messages.ranges import SENTENCE, WORD
 from transport.messages.terrain_message import Health
 from transport.messages.typestore import STATUS, message_class
 
@@ -35,8 +36,10 @@ class StatusItem:
     values: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Freeze the figures as text."""
-        values = {str(key): str(value) for key, value in self.values.items()}
+        """Freeze the figures as text; what is longer than a message may be is cut, so that the rest arrives."""
+        for name, allowed in (("name", WORD), ("message", SENTENCE), ("hardware_id", WORD)):
+            object.__setattr__(self, name, allowed.cut(getattr(self, name)))
+        values = {WORD.cut(str(key)): SENTENCE.cut(str(value)) for key, value in self.values.items()}
         object.__setattr__(self, "values", MappingProxyType(values))
 
 

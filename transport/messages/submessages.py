@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from transport.arrays import Float
 from transport.exceptions import MessageError
+from transport.messages.ranges import GROUND_PATCH, check_gravity, check_value
 
 Point = tuple[float, float, float]
 
@@ -65,7 +66,8 @@ class StanceMessage:
     Attributes:
         joint_positions: [rad] by joint name, read-only.
         support_feet: names of the legs that carry weight.
-        gravity_in_base: direction of gravity in `base_link`, pointing down, any length; None when unknown.
+        gravity_in_base: direction of gravity in `base_link`, pointing down, of a length that
+            `ranges.GRAVITY_LENGTH` allows; None when unknown.
     """
 
     joint_positions: Mapping[str, float]
@@ -80,6 +82,7 @@ class StanceMessage:
         if self.gravity_in_base is not None:
             gravity = checked_array(self.gravity_in_base, (3,), "gravity_in_base")
             object.__setattr__(self, "gravity_in_base", tuple(gravity.tolist()))
+            check_gravity(self.gravity_in_base)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -165,6 +168,7 @@ class GroundPatch:
         outline = checked_array(self.outline, (None, 2), "outline of known ground")
         if len(outline) < 3:
             raise MessageError(f"outline of known ground has {len(outline)} corners; at least 3 are needed")
+        check_value(GROUND_PATCH, "outline", outline)
         object.__setattr__(self, "outline", outline)
         object.__setattr__(self, "height", finite(self.height, "height of known ground"))
         sigma = finite(self.sigma, "sigma of known ground")

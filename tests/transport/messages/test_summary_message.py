@@ -87,16 +87,16 @@ def _broken(change) -> bytes:
     ("change", "expected_text"),
     [
         (lambda m: setattr(m, "nx", 7), "has 48 bytes; 56 are"),
-        (lambda m: setattr(m, "nx", 0), "summary of 4 x 0 cells"),
+        (lambda m: setattr(m, "nx", 0), "nx of TerrainSummary is 0"),
         (lambda m: setattr(m, "nx", 4_000_000), "summary of 4 x 4000000 cells"),
         (lambda m: setattr(m, "hazard", m.hazard[:-3]), "no whole zstd frame"),
         (lambda m: setattr(m, "heights", np.zeros(0, np.uint8)), "no whole zstd frame"),
-        (lambda m: setattr(m, "resolution", 0.0), "resolution is 0"),
-        (lambda m: setattr(m, "origin_x", math.nan), "origin x"),
-        (lambda m: setattr(m, "valid_for", math.nan), "valid_for is nan"),
+        (lambda m: setattr(m, "resolution", 0.0), "resolution of TerrainSummary is 0"),
+        (lambda m: setattr(m, "origin_x", math.nan), "origin_x of TerrainSummary is nan"),
+        (lambda m: setattr(m, "valid_for", math.nan), "valid_for of TerrainSummary is nan"),
         (lambda m: setattr(m, "scan_end_clock", math.inf), "scan_end_clock"),
         (lambda m: setattr(m, "robot", "a/b"), "a/b"),
-        (lambda m: setattr(m, "run", "r" * 101), "longer than 100"),
+        (lambda m: setattr(m, "run", "r" * 101), "run of TerrainSummary has 101 characters"),
     ],
 )
 def test_what_is_not_as_it_must_be_is_refused(change, expected_text: str) -> None:

@@ -162,15 +162,15 @@ def _damage(message, what: str) -> None:
         ("unit", "unit 'mm'; allowed:"),
         ("other array", "none in the others"),
         ("huge", "grid of 60000 x 60000 cells"),
-        ("empty", "grid of 2 x 0 cells"),
+        ("empty", "nx of Terrain is 0; allowed: 1 to"),
         ("missing", "layers looks are missing"),
         ("names", "stage times has 1 different names and 2 values"),
         ("joints", "names a joint twice"),
         ("joint count", "1 joint names but 2 positions"),
-        ("nan", "position of joint .* is nan"),
-        ("quaternion", "unit quaternion"),
+        ("nan", "entry .* of joint_positions of Stance is nan"),
+        ("quaternion", "w of Quaternion is 5; allowed: -1 to 1"),
         ("covariance", "35 numbers; allowed: 0 or 36"),
-        ("time", "is not valid"),
+        ("time", "nanosec of Time is 2e"),
         ("health", "77"),
     ],
 )
@@ -218,7 +218,7 @@ def test_other_parts_refuse_bad_numbers(peer) -> None:
         transport.ObstacleMessage(outline=line, height=0, position=(0, 0, 0), sigma=0, hazard=65536)
     with pytest.raises(MessageError, match="phase is 9"):
         transport.StancePause(robot="g", step=0, phase=9, stamp=0, stance=peer.make_stance())
-    with pytest.raises(MessageError, match="time_available is -1"):
+    with pytest.raises(MessageError, match="time_available of StancePause is -1; allowed: 0 to 3,600 s"):
         transport.StancePause(robot="g", step=0, phase=1, stamp=0, stance=peer.make_stance(), time_available=-1.0)
     with pytest.raises(MessageError, match="'x' is 'y'; a number is needed"):
         transport.StanceMessage(joint_positions={"x": "y"}, support_feet=())
