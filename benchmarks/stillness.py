@@ -2,7 +2,8 @@
 
 `python -m benchmarks.stillness [--pauses 1000]`. Joints have a bias of 0.2 degrees, white noise and an encoder's step.
 "Before" is the comparison of single readings with that of BEGIN that the test of all readings replaces. Go2 is made
-from its stock URDF (extra `robots-test`). Two minutes on two cores; a third of the pauses for motions with HOLD.
+from its stock URDF (extra `robots-test`). Some three
+minutes on two free cores; a third of the pauses for motions with HOLD.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Row:
         pauses: number of pauses.
         before: share of them that single readings report as moved.
         now: share that `Stillness` reports.
-        microseconds: time of one reading, median.
+        microseconds: processor time of one reading, median.
         undetectable: what `Stillness` says that it cannot tell, at the last pause.
     """
 
@@ -135,10 +136,12 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
         before += geometry.single_readings(readings)
         stances = [Stance(dict(zip(robot.joint_names, at.tolist(), strict=True)), robot.legs) for at in readings]
         stillness = Stillness(robot, stances[0], 0.0)
-        start = time.perf_counter()
-        for at, stance in zip(times[1:], stances[1:], strict=True):
+        start, taken = time.thread_time(), 0
+        for taken, (at, stance) in enumerate(zip(times[1:], stances[1:], strict=True), 1):
             stillness.add(float(at), stance)
-        spent.append((time.perf_counter() - start) / (len(times) - 1))
+            if stillness.motion:
+                break
+        spent.append((time.thread_time() - start) / taken)
         now += bool(stillness.motion)
     assert stillness is not None
     said = "" if stillness.motion else stillness.undetectable
