@@ -2,8 +2,8 @@
 
 `python -m benchmarks.stillness [--pauses 1000]`. Joints have a bias of 0.2 degrees, white noise and an encoder's step.
 "Before" is the comparison of single readings with that of BEGIN that the test of all readings replaces. Go2 is made
-from its stock URDF (extra `robots-test`). Some three
-minutes on two free cores; a third of the pauses for motions with HOLD.
+from its stock URDF (extra `robots-test`). Some three minutes on two free cores; motions with HOLD have a third of the
+pauses.
 """
 
 from __future__ import annotations
@@ -137,10 +137,9 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
         stances = [Stance(dict(zip(robot.joint_names, at.tolist(), strict=True)), robot.legs) for at in readings]
         stillness = Stillness(robot, stances[0], 0.0)
         start, taken = time.thread_time(), 0
-        for taken, (at, stance) in enumerate(zip(times[1:], stances[1:], strict=True), 1):
-            stillness.add(float(at), stance)
-            if stillness.motion:
-                break
+        while taken + 1 < len(times) and not stillness.motion:
+            taken += 1
+            stillness.add(float(times[taken]), stances[taken])
         spent.append((time.thread_time() - start) / taken)
         now += bool(stillness.motion)
     assert stillness is not None
