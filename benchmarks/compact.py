@@ -17,7 +17,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.messages import terrain_to_message
-from kinematics import load_robot
+from kinematics import PoseInOdom, load_robot
 from testbed.truth import truth_calibration
 from transport import decode_terrain, encode_terrain
 from transport.messages.compact import encode_compact
@@ -54,7 +54,7 @@ def grids(data: Path) -> list[tuple[str, gp.TerrainGrid]]:
         grid = gp.process_scan(gp.open_scan(data / "scans" / name), calibration, robot)
         found.append((f"{name}, footprint", grid))
     walk = gp.TerrainMap(robot)
-    found.append(("map of one scan", walk.update(found[0][1], np.eye(4), 1e-8 * np.eye(6))))
+    found.append(("map of one scan", walk.update(found[0][1], PoseInOdom(np.eye(4), 1e-8 * np.eye(6)))))
     return found
 
 

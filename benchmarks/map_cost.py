@@ -20,7 +20,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
 from guara_perception.settings import Settings
-from kinematics import LegOdometry, RobotModel, load_robot
+from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.analytic_walk import Ground, scan, walk
 from testbed.truth import truth_calibration
 
@@ -70,7 +70,7 @@ def update_again(robot: RobotModel, grid: gp.TerrainGrid) -> float:
     again = dataclasses.replace(grid, stamp=grid.stamp + 1, step=grid.step + 1)
 
     def update(new: gp.TerrainGrid) -> gp.TerrainGrid:
-        return terrain_map.update(new, np.eye(4), still, covariance_since_last=still, own_covariance=still)
+        return terrain_map.update(new, PoseInOdom(np.eye(4), still, still, still))
 
     update(grid)
     return timed(lambda: update(again))[1]
@@ -81,14 +81,7 @@ def walked_map(robot: RobotModel) -> gp.TerrainGrid:
     ground = Ground.random(0)
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     for pause in walk(robot, ground, 6, 0):
-        pose = odometry.update(pause.stance)
-        fused = terrain_map.update(
-            scan(robot, ground, pause, 0),
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            covariance_since_last=pose.covariance_since_last,
-            own_covariance=pose.own_covariance,
-        )
+        fused = terrain_map.update(scan(robot, ground, pause, 0), odometry.update(pause.stance))
     return fused
 
 

@@ -69,15 +69,7 @@ def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPa
     sight = gp.LinesOfSight(terrain_map)
     for item in pauses:
         pause, scan = item.pause, item.scan
-        pose = odometry.update(pause.stance)
-        fused = terrain_map.update(
-            scan,
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            known_ground=pause.known_ground,
-            covariance_since_last=pose.covariance_since_last,
-            own_covariance=pose.own_covariance,
-        )
+        fused = terrain_map.update(scan, odometry.update(pause.stance), known_ground=pause.known_ground)
         begun = time.process_time()
         sight.add(scan, fused)
         ceiling = sight.ceiling(fused)

@@ -21,6 +21,7 @@ from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.arrays import Float
 from guara_perception.process import with_pictures
 from guara_perception.settings import Settings
+from kinematics import PoseInOdom
 from testbed.grid_truth import Truth
 from testbed.scenes import ScanInMemory
 from transport import encode_terrain
@@ -254,7 +255,7 @@ def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
         step = next(steps)
         pose = np.eye(4)
         pose[0, 3] = 0.035 * step
-        terrain_map.update(replace(terrain, step=step), pose, np.eye(6) * 1e-6 * step)
+        terrain_map.update(replace(terrain, step=step), PoseInOdom(pose, np.eye(6) * 1e-6 * step))
 
     jpeg = cv2.imencode(".jpg", scan.frames[0][1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
     one = f"{REFERENCE} / {len(bands)}"

@@ -23,7 +23,7 @@ from benchmarks.parts import run_part
 from benchmarks.scanned_walk import scanned_walk
 from guara_perception.arrays import Float
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from kinematics import LegOdometry, RobotModel, Stance, load_robot
+from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
 from testbed.analytic_walk import Ground, LevelGround, scan, seen_height, walk
 
 # From the near edge of the scanned area to the hind feet.
@@ -146,14 +146,8 @@ def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bo
     refused = unknown = dark = 0
     for pause in pauses:
         pose = odometry.update(pause.stance)
-        fused = terrain_map.update(
-            pause.scan,
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            known_ground=pause.known_ground,
-            covariance_since_last=pose.covariance_since_last if registered else None,
-            own_covariance=pose.own_covariance if registered else None,
-        )
+        unregistered = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
+        fused = terrain_map.update(pause.scan, pose if registered else unregistered, known_ground=pause.known_ground)
         refused += registered and fused.metadata["registration_refused"] is not None
         poses.append(np.array(fused.metadata["transform_footprint_to_odom"]))
         unknown += int((((fused.hazard & UNKNOWN_MASK) != 0) & (fused.traversability > 0)).sum())

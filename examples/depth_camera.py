@@ -9,6 +9,7 @@ rest is what any depth camera needs: points in base_footprint, their sigma, wher
 import numpy as np
 
 import guara_perception as gp
+from kinematics import PoseInOdom
 
 # Focal length and size of a picture of 212 x 120 pixels [px]; a camera at the nose that looks 50 degrees down.
 FOCAL_PX, SIZE_PX = 110.0, (212, 120)
@@ -50,9 +51,9 @@ def main(grid: str) -> None:
         points, sigma, CAMERA_IN_FOOTPRINT, stamp=scan.stamp + 1, step=scan.step + 1, resolution=CELL_M, metadata=pose
     )
     terrain_map = gp.TerrainMap("guara")
-    still, sure = np.eye(4), 1e-6 * np.eye(6)
-    alone = terrain_map.update(scan, still, sure)
-    both = terrain_map.update(depth, still, sure)
+    still = PoseInOdom(np.eye(4), 1e-6 * np.eye(6))
+    alone = terrain_map.update(scan, still)
+    both = terrain_map.update(depth, still)
     print(f"depth camera: {len(points)} points, {np.isfinite(depth.elevation).mean():.0%} of its grid known")
     known = np.isfinite(both.elevation) & (both.looks > 1)
     print(f"seen by both: {known.sum()} cells, {np.count_nonzero(both.hazard & gp.Hazard.CONFLICT)} in conflict")

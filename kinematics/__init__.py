@@ -23,7 +23,7 @@ from kinematics.exceptions import (
 from kinematics.footprint import BASE_FOOTPRINT, ODOM
 from kinematics.load import describe_robot, load_robot, robot_from_description
 from kinematics.model import RobotModel
-from kinematics.odometry import LegOdometry, OdometryPose
+from kinematics.odometry import LegOdometry, OdometryPose, PoseInOdom
 from kinematics.pause import PauseDetector, PauseReport
 from kinematics.reach import Reach, reach_from_pose, reach_in_base
 from kinematics.self_filter import SelfFilter
@@ -50,6 +50,7 @@ __all__ = [
     "OdometryPose",
     "PauseDetector",
     "PauseReport",
+    "PoseInOdom",
     "Reach",
     "RobotFileError",
     "RobotFileWarning",

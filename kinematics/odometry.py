@@ -24,8 +24,26 @@ PLANAR = [0, 1, 2, 5]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OdometryPose:
-    """The footprint of one pause in `odom`; arrays are read-only.
+class PoseInOdom:
+    """The footprint of one pause in `odom`, from whatever odometry there is; `LegOdometry` gives an `OdometryPose`.
+
+    Attributes:
+        transform_footprint_to_odom: (4, 4) for the base_footprint of the pause's scan.
+        covariance: (6, 6) its covariance, REP-103 order, relative to the start; must not shrink as the walk goes on.
+        covariance_since_last: (6, 6) covariance of the motion since the last pause; None where it is not known.
+        own_covariance: (6, 6) covariance of the error of this pause alone, which is not carried on to the next; None =
+            no such error.
+    """
+
+    transform_footprint_to_odom: Float
+    covariance: Float
+    covariance_since_last: Float | None = None
+    own_covariance: Float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OdometryPose(PoseInOdom):
+    """The footprint of one pause in `odom` by leg odometry; arrays are read-only.
 
     Attributes:
         step: number of the pause since the start, from 0.
@@ -48,8 +66,6 @@ class OdometryPose:
 
     step: int
     pose: StancePose
-    transform_footprint_to_odom: Float
-    covariance: Float
     covariance_since_last: Float
     own_covariance: Float
     stayed_feet: tuple[str, ...]

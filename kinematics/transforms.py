@@ -10,6 +10,8 @@ from kinematics.exceptions import ArgumentError
 
 # A rotation written with seven digits.
 ROTATION_TOLERANCE = 1e-6
+# An inverse by elimination leaves rounding there.
+LAST_ROW_TOLERANCE = 1e-9
 
 
 def inverse(transform: Float) -> Float:
@@ -39,7 +41,7 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Float:
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if error > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         raise ArgumentError(f"{name} holds no rotation: R R' misses the identity by {error:.2g}")
-    if not np.array_equal(transform[3], [0.0, 0.0, 0.0, 1.0]):
+    if np.abs(transform[3] - [0.0, 0.0, 0.0, 1.0]).max() > LAST_ROW_TOLERANCE:
         raise ArgumentError(f"{name} ends in the row {transform[3].tolist()}; 0 0 0 1 is needed")
     return transform
 

@@ -79,14 +79,10 @@ def _walk() -> gp.TerrainGrid:
         )
         for index, on, off in rangefinder.frames(range(0, 70, 2)):
             processor.add(index, on, off)
-        pose = odometry.update(pause.stance)
         fused = walk_map.update(
             _with_fixed_seconds(processor.finish("wide")),
-            pose.transform_footprint_to_odom,
-            pose.covariance,
+            odometry.update(pause.stance),
             known_ground=pause.known_ground,
-            covariance_since_last=pose.covariance_since_last,
-            own_covariance=pose.own_covariance,
         )
     assert fused is not None
     return fused

@@ -12,7 +12,7 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, RobotModel, load_robot
+from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.random_world import random_world
 
 # Under a foothold with this clearance the map is compared with the truth.
@@ -71,9 +71,8 @@ class _Walker:
             processor.add(index, on, off)
         pose = self._odometry.update(pause.stance)
         scan = processor.finish()
-        self._terrain = self._map.update(
-            processor.finish("wide"), pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
-        )
+        unregistered = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
+        self._terrain = self._map.update(processor.finish("wide"), unregistered, known_ground=pause.known_ground)
         self.figures.grids += 1
         for terrain in (scan, self._terrain):
             unknown = (terrain.hazard & UNKNOWN_MASK) != 0

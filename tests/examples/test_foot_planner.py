@@ -16,7 +16,7 @@ import guara_perception as gp
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, load_robot
+from kinematics import LegOdometry, PoseInOdom, load_robot
 from tests.ports import free_endpoint
 
 pytestmark = pytest.mark.heavy
@@ -39,7 +39,9 @@ def map_file(tmp_path: Path) -> Path:
         processor.add(index, on, off)
     pose = LegOdometry(robot).update(pause.stance)
     fused = TerrainMap(robot).update(
-        processor.finish(), pose.transform_footprint_to_odom, pose.covariance, known_ground=pause.known_ground
+        processor.finish(),
+        PoseInOdom(pose.transform_footprint_to_odom, pose.covariance),
+        known_ground=pause.known_ground,
     )
     fused.save(tmp_path / "map.npz")
     return tmp_path / "map.npz"

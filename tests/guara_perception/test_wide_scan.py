@@ -15,6 +15,7 @@ from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.sweep import Swept
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from kinematics import PoseInOdom
 from tests.calibrated_session import calibrated_session
 from tests.guara_perception.recordings import guara, recorded_scan, truth
 from tests.thorough import examples, further
@@ -93,7 +94,7 @@ def test_heights_beside_the_footprint_are_as_good_as_inside(tmp_path_factory: py
 
 def test_the_map_knows_more_ground_with_it(both: tuple[gp.TerrainGrid, gp.TerrainGrid]) -> None:
     """All that it knows from the footprint's grid, and more; soles can stand nearer to its sides."""
-    fused = [gp.TerrainMap(guara()).update(grid, np.eye(4), 1e-8 * np.eye(6)) for grid in both]
+    fused = [gp.TerrainMap(guara()).update(grid, PoseInOdom(np.eye(4), 1e-8 * np.eye(6))) for grid in both]
     free = [grid.traversability > 0 for grid in fused]
     assert not (free[0] & ~free[1]).any()
     assert np.count_nonzero(free[1]) > 1.2 * np.count_nonzero(free[0])

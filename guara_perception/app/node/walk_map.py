@@ -7,9 +7,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
@@ -105,10 +102,7 @@ class WalkMap:
         state.pose = pose = self._locate(stance)
         state.last = self._latest = state.map.update(
             terrain,
-            _transform_of(terrain, pose),
-            pose.covariance,
-            covariance_since_last=pose.covariance_since_last,
-            own_covariance=pose.own_covariance,
+            pose,
             known_ground=known_ground,
             metadata=self._reported(pose),
             time=time,
@@ -146,8 +140,7 @@ class WalkMap:
         known = TerrainMap(self._robot) if began_again else self._state.map
         self._latest = known.view(
             terrain,
-            _transform_of(terrain, pose),
-            pose.covariance,
+            pose,
             metadata={**self._reported(pose), "health": dict(terrain.metadata["health"])},
             time=time,
         )
@@ -172,15 +165,3 @@ class WalkMap:
         self._state.restarts.append(reason)
         self._state.odometry.reset()
         self._state.map = TerrainMap(self._robot)
-
-
-def _transform_of(terrain: TerrainGrid, pose: OdometryPose) -> Float:
-    """transform_footprint_to_odom (4, 4) for the footprint in which the scan was processed.
-
-    Without gravity the scan's footprint is parallel to the support plane, while that of odometry is horizontal by the
-    gravity of earlier pauses.
-    """
-    to_footprint = terrain.metadata.get("transform_base_to_footprint")
-    if to_footprint is None:
-        return np.asarray(pose.transform_footprint_to_odom)
-    return np.asarray(pose.transform_base_to_odom @ np.linalg.inv(np.array(to_footprint, dtype=np.float64)))

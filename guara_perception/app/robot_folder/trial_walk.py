@@ -120,15 +120,7 @@ class _Counts:
                 processor.add(index, on, off)
             terrain = processor.finish()
             pose = odometry.update(pause.stance)
-            to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
-            self._map = fused.update(
-                processor.finish("wide"),
-                pose.transform_base_to_odom @ np.linalg.inv(to_footprint),
-                pose.covariance,
-                covariance_since_last=pose.covariance_since_last,
-                own_covariance=pose.own_covariance,
-                known_ground=pause.known_ground,
-            )
+            self._map = fused.update(processor.finish("wide"), pose, known_ground=pause.known_ground)
             self.known.append(float(np.isfinite(terrain.elevation).mean()))
             for grid in (terrain, self._map):
                 unknown = (grid.hazard & UNKNOWN_MASK) != 0

@@ -1,11 +1,13 @@
-"""Brings one scan, and ground that the gait declares, into the memory of the map."""
+"""Fusion of one scan and of declared ground into the cells of the map, and the checks of scan and pose before it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -14,6 +16,13 @@ from guara_perception.terrain.map.known_ground import KnownGround, declared_heig
 from guara_perception.terrain.map.look import LOOKED_AT, look_at
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.snapshot import MapPause
+from kinematics import ArgumentError, OdometryPose, PoseInOdom
+from kinematics.transforms import checked_covariance, checked_transform, inverse
+
+# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
+LARGEST_TILT = 0.2
+# Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
+LEAST_TURN = 1e-9
 
 
 def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -> None:
@@ -68,3 +77,47 @@ def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step
         "sigma": ground.sigma,
         "cells": int(heights.slot.size),
     }
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPose:
+    """Copies of the arrays of a `PoseInOdom`, fit to be used; the transform is for the footprint of the scan."""
+
+    transform: Float
+    covariance: Float
+    since_last: Float | None
+    own: Float
+
+
+def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
+    """Check a pose, and take it to the footprint in which the scan was processed.
+
+    Without gravity the scan's footprint is parallel to the support plane, while that of leg odometry is horizontal by
+    the gravity of earlier pauses.
+
+    Raises:
+        InvalidInput: a transform that is not rigid or tilts by more than 0.2 rad; a covariance that is none.
+    """
+    given, own = pose.transform_footprint_to_odom, pose.own_covariance
+    since_last = pose.covariance_since_last
+    to_footprint = terrain.metadata.get("transform_base_to_footprint")
+    try:
+        if isinstance(pose, OdometryPose) and to_footprint is not None:
+            levelled = checked_transform(to_footprint, "transform_base_to_footprint")
+            given = pose.transform_base_to_odom @ inverse(levelled)
+        matrix = checked_transform(given, "transform_footprint_to_odom")
+        checked = CheckedPose(
+            matrix,
+            checked_covariance(pose.covariance, "covariance"),
+            None if since_last is None else checked_covariance(since_last, "covariance_since_last"),
+            checked_covariance(np.zeros((6, 6)) if own is None else own, "own_covariance"),
+        )
+    except ArgumentError as error:
+        raise InvalidInput(str(error)) from None
+    rotation = matrix[:3, :3]
+    if rotation[2, 2] < np.cos(LARGEST_TILT):
+        raise InvalidInput(
+            f"transform_footprint_to_odom tilts by more than {LARGEST_TILT} rad: both frames must be level"
+        )
+    rotation[np.abs(rotation) < LEAST_TURN] = 0.0
+    return checked

@@ -66,7 +66,7 @@ class LinesOfSight:
     the gap between two stripes, or one put there later that returns no light.
 
     Example:
-        fused = terrain_map.update(terrain, transform, covariance, covariance_since_last=since, own_covariance=own)
+        fused = terrain_map.update(terrain, odometry.update(stance))
         sight.add(terrain, fused)
         verdict = fused.check_path(points, 0.02, ceiling=sight.ceiling(fused))
     """

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.map.checked_pose import checked_covariance, checked_pose
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
-from guara_perception.terrain.map.fuse_scan import check_scan, fuse_known_ground, fuse_scan
+from guara_perception.terrain.map.fuse_scan import check_scan, checked_pose, fuse_known_ground, fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
@@ -25,7 +23,7 @@ from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, map_report, snapshot_layers
 from guara_perception.terrain.map.support_feet import HeightAnchor, fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import WalkCorrection
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.
 MARGIN_M = 0.2
@@ -56,9 +54,7 @@ class TerrainMap:
         odometry = LegOdometry(robot)
         for scan in scans:
             terrain = process_scan(scan, calibration, robot)
-            pose = odometry.update(scan.stance)
-            motion = {"covariance_since_last": pose.covariance_since_last, "own_covariance": pose.own_covariance}
-            fused = terrain_map.update(terrain, pose.transform_footprint_to_odom, pose.covariance, **motion)
+            fused = terrain_map.update(terrain, odometry.update(scan.stance))
     """
 
     def __init__(self, robot: RobotLike, *, resolution: float | None = None) -> None:
@@ -118,29 +114,22 @@ class TerrainMap:
     def update(
         self,
         terrain: TerrainGrid,
-        transform_footprint_to_odom: npt.ArrayLike,
-        covariance: npt.ArrayLike,
+        pose: PoseInOdom,
         *,
         known_ground: Sequence[KnownGround] = (),
         metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
-        covariance_since_last: npt.ArrayLike | None = None,
-        own_covariance: npt.ArrayLike | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and give the map as it is known now.
 
         Args:
             terrain: this pause's scan alone (extent "footprint").
-            transform_footprint_to_odom: (4, 4) for the base_footprint of `terrain`; where odometry levels the body by
-                other means than the scan did, `transform_base_to_odom @ transform_footprint_to_base` of the scan.
-            covariance: (6, 6) of that pose, REP-103 order, relative to the start; must not shrink as the walk goes on.
+            pose: where leg odometry found the body, or a `PoseInOdom` of another odometry. With its
+                `covariance_since_last` the scan is laid onto the map first, which corrects sideways drift where the
+                ground shows it, and its `own_covariance` is used; without, the walk is taken as odometry gives it; at
+                every pause or at none.
             known_ground: what the gait declares at this pause, in its base_footprint.
             metadata: more fields for the metadata of the result.
-            covariance_since_last: (6, 6) of the motion since the last pause (`OdometryPose.covariance_since_last`): the
-                scan is laid onto the map first, which corrects sideways drift where the ground shows it. None = the
-                walk is taken as odometry gives it; at every pause or at none.
-            own_covariance: (6, 6) of the error that odometry has at this pause alone (`OdometryPose.own_covariance`),
-                which is not carried on to the next. None = no such error; used with `covariance_since_last` only.
             time: time of the scan by a clock that never jumps [s], by which cells grow old; None takes the grid's
                 stamp. Time that runs backwards makes all that was seen before STALE.
 
@@ -150,18 +139,18 @@ class TerrainMap:
 
         Raises:
             InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a pose
-                that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6) with a positive
-                diagonal; covariance_since_last at some pauses and not at others.
+                that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6), symmetric and without
+                a negative eigenvalue; covariance_since_last at some pauses and not at others.
         """
         check_scan(terrain, self._grid.resolution, self._step)
-        transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
-        since_last = None if covariance_since_last is None else checked_covariance(covariance_since_last)
+        checked = checked_pose(terrain, pose)
+        transform, pose_covariance, since_last = checked.transform, checked.covariance, checked.since_last
         self._walk.check_kind(self._scans, is_registered=since_last is not None, step=terrain.step)
         self._pause += 1 if self._step is None else terrain.step - self._step
         self._step = terrain.step
         if since_last is not None:
-            own = checked_covariance(np.zeros((6, 6)) if own_covariance is None else own_covariance)
-            self._walk = self._walk.after(self._cells, terrain, transform, self._anchor.offset, since_last, own)
+            offset = self._anchor.offset
+            self._walk = self._walk.after(self._cells, terrain, transform, offset, since_last, checked.own)
         transform = self._walk.here @ transform
         clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
         position = transform[:2, 3]
@@ -196,8 +185,7 @@ class TerrainMap:
     def view(
         self,
         terrain: TerrainGrid,
-        transform_footprint_to_odom: npt.ArrayLike,
-        covariance: npt.ArrayLike,
+        pose: PoseInOdom,
         *,
         metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
@@ -207,13 +195,13 @@ class TerrainMap:
         Of `terrain` only stamp, step and metadata count.
         """
         check_scan(terrain, self._grid.resolution, self._step)
-        transform, pose_covariance = checked_pose(transform_footprint_to_odom, covariance)
-        transform = self._walk.transform @ transform
+        checked = checked_pose(terrain, pose)
+        transform = self._walk.transform @ checked.transform
         transform[2, 3] += self._anchor.offset
         pause = self._pause + (1 if self._step is None else terrain.step - self._step)
         clock = terrain.stamp if time is None else round(time * 1e9)
         now = MapPause(pause, clock, self._drift, self._sideways, transform)
-        return self._snapshot(terrain, now, pose_covariance, 0, {}, metadata)
+        return self._snapshot(terrain, now, checked.covariance, 0, {}, metadata)
 
     def save(self, path: str | Path) -> None:
         """Write the whole map to an .npz file, from which `load` goes on as if there had been no break.

@@ -15,7 +15,7 @@ from guara_perception.app.scene.scene import Scene
 from guara_perception.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel
 from transport import PerceptionServer, open_client, open_node, zenoh_api
 from transport.messages.codec import decode
 
@@ -60,7 +60,7 @@ def test_every_topic_arrives(
             changed.notify_all()
 
     pose = LegOdometry(robot).update(paper_scan.stance)
-    fused = TerrainMap(robot).update(paper_terrain, pose.transform_footprint_to_odom, pose.covariance)
+    fused = TerrainMap(robot).update(paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance))
     with open_node(listen=free_endpoint) as session:
         server = PerceptionServer(session, ros2_domain=5)
         mirror = SceneMirror(server, Scene(robot, calibration), unknown=unknown, with_tf=with_tf)

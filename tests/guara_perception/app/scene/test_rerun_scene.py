@@ -17,7 +17,7 @@ from guara_perception.app.scene import rerun_scene
 from guara_perception.app.scene.scene import Scene
 from guara_perception.process import run_scan
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel
 from transport.recording import RecordingWriter
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,9 @@ def walk(
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     pose = LegOdometry(robot).update(paper_scan.stance)
     placed = {"transform_footprint_to_odom": pose.transform_footprint_to_odom.tolist()}
-    fused = TerrainMap(robot).update(paper_terrain, pose.transform_footprint_to_odom, pose.covariance, metadata=placed)
+    fused = TerrainMap(robot).update(
+        paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance), metadata=placed
+    )
     scene = Scene(robot, calibration)
     with ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=90, scene=scene) as recorder:
         recording = recorder.begin(0, "coarse", paper_scan.stance)

@@ -11,7 +11,7 @@ from guara_perception.app.scene.scene import Scene
 from guara_perception.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, RobotModel, load_robot
+from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from transport.recording import CAMERA_FRAME
 from transport.recording.topics import TYPES
 
@@ -26,7 +26,7 @@ def scene(robot: RobotModel, calibration: gp.Calibration) -> Scene:
 @pytest.fixture(scope="module")
 def fused(paper_terrain: gp.TerrainGrid, robot: RobotModel, paper_scan: gp.Scan) -> gp.TerrainGrid:
     pose = LegOdometry(robot).update(paper_scan.stance)
-    return TerrainMap(robot).update(paper_terrain, pose.transform_footprint_to_odom, pose.covariance)
+    return TerrainMap(robot).update(paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance))
 
 
 def _to_root(messages: list, frame: str) -> tuple[str, np.ndarray]:

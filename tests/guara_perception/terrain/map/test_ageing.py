@@ -11,16 +11,16 @@ import pytest
 import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, only
 
 
 def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotModel, make_scan: MakeScan) -> None:
     """A clock set back by an hour: the age of the cells is not known, so they count as old, and the health says why."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO))
     away = at(0.3)
-    later = terrain_map.update(make_scan(0.0, step=1, stamp=(10_000 + 1_000 - 3_600) * 10**9), away, ZERO)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=(10_000 + 1_000 - 3_600) * 10**9), PoseInOdom(away, ZERO))
     old = np.isfinite(later.elevation) & (later.age > 0)
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
     assert any("went back by 2.6e+03 s" in reason for reason in later.metadata["health"]["reasons"])
@@ -29,8 +29,8 @@ def test_time_that_runs_backwards_makes_what_was_seen_before_stale(robot: RobotM
 def test_cells_age_by_the_clock_that_is_given(robot: RobotModel, make_scan: MakeScan) -> None:
     """The wall clock was set back, a clock that never jumps was not: 1,000 s are more than the validity of 420 s."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO, time=50.0)
-    later = terrain_map.update(make_scan(0.0, step=1, stamp=7_400 * 10**9), at(0.3), ZERO, time=1_050.0)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO), time=50.0)
+    later = terrain_map.update(make_scan(0.0, step=1, stamp=7_400 * 10**9), PoseInOdom(at(0.3), ZERO), time=1_050.0)
     old = np.isfinite(later.elevation) & (later.age > 0)
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()
     assert later.metadata["health"]["level"] == "ok"
@@ -41,20 +41,21 @@ def test_ground_turns_stale_by_pauses_and_by_seconds(robot: RobotModel, make_sca
     validity = Settings.of(robot)
     hidden = only(Hazard.UNSCANNED, scan_grid, AROUND)
     by_pauses = gp.TerrainMap(robot)
-    by_pauses.update(make_scan(0.0, step=0, stamp=1), at(), ZERO)
+    by_pauses.update(make_scan(0.0, step=0, stamp=1), PoseInOdom(at(), ZERO))
     last = validity.validity_pauses
-    still = by_pauses.update(make_scan(0.0, flags=hidden, step=last, stamp=2), at(), ZERO)
+    still = by_pauses.update(make_scan(0.0, flags=hidden, step=last, stamp=2), PoseInOdom(at(), ZERO))
     assert still.hazard_at(*POINT) == Hazard.NONE
-    stale = by_pauses.update(make_scan(0.0, flags=hidden, step=last + 1, stamp=3), at(), ZERO)
+    stale = by_pauses.update(make_scan(0.0, flags=hidden, step=last + 1, stamp=3), PoseInOdom(at(), ZERO))
     assert stale.hazard_at(*POINT) & Hazard.STALE
     assert stale.height_at(*POINT) == 0.0
-    fresh = by_pauses.update(make_scan(0.0, step=last + 2, stamp=4), at(), ZERO)
+    fresh = by_pauses.update(make_scan(0.0, step=last + 2, stamp=4), PoseInOdom(at(), ZERO))
     assert fresh.hazard_at(*POINT) == Hazard.NONE
     by_seconds = gp.TerrainMap(robot)
-    by_seconds.update(make_scan(0.0, step=0, stamp=10**9), at(), ZERO)
+    by_seconds.update(make_scan(0.0, step=0, stamp=10**9), PoseInOdom(at(), ZERO))
     late = 10**9 + int((validity.validity_seconds + 1) * 1e9)
     assert (
-        by_seconds.update(make_scan(0.0, flags=hidden, step=1, stamp=late), at(), ZERO).hazard_at(*POINT) & Hazard.STALE
+        by_seconds.update(make_scan(0.0, flags=hidden, step=1, stamp=late), PoseInOdom(at(), ZERO)).hazard_at(*POINT)
+        & Hazard.STALE
     )
 
 
@@ -69,9 +70,9 @@ def test_validity_outlasts_what_a_hind_foot_needs(robot: RobotModel) -> None:
 def test_cells_seen_by_another_clock_are_stale(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
     """A map filled by the wall clock, loaded and updated by a clock that began at boot: cells of unknown age."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), at(), ZERO)
+    terrain_map.update(make_scan(0.0, stamp=10_000 * 10**9), PoseInOdom(at(), ZERO))
     terrain_map.save(tmp_path / "map.npz")
     loaded = gp.TerrainMap.load(tmp_path / "map.npz", robot)
-    later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), at(0.3), ZERO, time=50.0)
+    later = loaded.update(make_scan(0.0, step=1, stamp=10_001 * 10**9), PoseInOdom(at(0.3), ZERO), time=50.0)
     old = np.isfinite(later.elevation) & (later.age > 0)
     assert old.any() and ((later.hazard[old] & Hazard.STALE) != 0).all()

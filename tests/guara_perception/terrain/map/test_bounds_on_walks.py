@@ -7,7 +7,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from kinematics import LegOdometry, RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel
 from testbed.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 
 
@@ -32,9 +32,7 @@ def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, 
         pose = odometry.update(pause.stance)
         fused = terrain_map.update(
             terrain,
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            covariance_since_last=pose.covariance_since_last,
+            PoseInOdom(pose.transform_footprint_to_odom, pose.covariance, pose.covariance_since_last),
         )
         sight.add(terrain, fused)
         ceiling = sight.ceiling(fused)

@@ -11,13 +11,13 @@ import pytest
 import guara_perception as gp
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.hazard import Hazard
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only, stance_metadata
 
 
 def test_soles_make_ground_known_that_no_scan_saw(robot: RobotModel, make_scan: MakeScan) -> None:
     """Under each sole z = 0 is known, with looks 0; 50 mm aside nothing is; no such cell is traversable by itself."""
-    fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=stance_metadata(robot)), at(), ZERO)
+    fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=stance_metadata(robot)), PoseInOdom(at(), ZERO))
     for x in (-0.3, 0.3):
         for y in (-0.18, 0.18):
             assert fused.height_at(x, y) == pytest.approx(0.0, abs=1e-6)
@@ -34,9 +34,9 @@ def test_the_residual_of_each_sole_is_published_and_holds_the_height(robot: Robo
     terrain_map = gp.TerrainMap(robot)
     # Two scans from behind bring the ground under all four feet into the map.
     for step, x in enumerate((-1.1, -0.75, -0.5)):
-        terrain_map.update(make_scan(0.0, step=step), at(x), ZERO)
+        terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(x), ZERO))
     pause = make_scan(0.0, step=3, metadata=stance_metadata(robot))
-    fused = terrain_map.update(pause, at(0.0, z=0.003), drift(0.01))
+    fused = terrain_map.update(pause, PoseInOdom(at(0.0, z=0.003), drift(0.01)))
     residuals = fused.metadata["support_residuals"]
     assert all(residual == pytest.approx(0.003, abs=3e-4) for residual in residuals.values() if residual is not None)
     assert sum(residual is not None for residual in residuals.values()) == 4
@@ -49,9 +49,9 @@ def test_a_sole_that_stands_far_off_is_not_used_but_named(robot: RobotModel, mak
     """20 mm are no drift of 1 mm: nothing is shifted, and the map's health says which soles."""
     terrain_map = gp.TerrainMap(robot)
     for step, x in enumerate((-1.1, -0.75, -0.5)):
-        terrain_map.update(make_scan(0.0, step=step), at(x), ZERO)
+        terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(x), ZERO))
     pause = make_scan(0.0, step=3, metadata=stance_metadata(robot))
-    fused = terrain_map.update(pause, at(0.0, z=0.020), drift(0.001))
+    fused = terrain_map.update(pause, PoseInOdom(at(0.0, z=0.020), drift(0.001)))
     assert fused.metadata["height_correction"] == 0.0
     assert fused.metadata["health"]["level"] == "degraded"
     assert any("the sole of lf stands +20" in reason for reason in fused.metadata["health"]["reasons"])
@@ -61,7 +61,7 @@ def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeS
     """Inside the polygon only, at its height and sigma, looks 0, listed in the metadata; a scan counts more."""
     ground = gp.KnownGround(np.array([[-0.5, -0.3], [0.45, -0.3], [0.45, 0.3], [-0.5, 0.3]]), 0.0, 0.002)
     dark = only(Hazard.DROPOUT, scan_grid, AROUND)
-    fused = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), at(), ZERO, known_ground=[ground])
+    fused = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), PoseInOdom(at(), ZERO), known_ground=[ground])
     assert fused.height_at(0.0, 0.0) == 0.0
     assert fused.is_traversable(0.0, 0.0)
     iy, ix = (int(i) for i in fused.geometry.indices(0.0, 0.0))
@@ -73,7 +73,7 @@ def test_declared_ground_is_known_and_marked(robot: RobotModel, make_scan: MakeS
     assert patch["step"] == 0
     assert patch["cells"] == 190 * 120
     everywhere = gp.KnownGround(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.05, 0.0)
-    over = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), at(), ZERO, known_ground=[everywhere])
+    over = gp.TerrainMap(robot).update(make_scan(0.0, flags=dark), PoseInOdom(at(), ZERO), known_ground=[everywhere])
     assert over.height_at(0.6, 0.1) == 0.0
     assert over.hazard_at(*POINT) & Hazard.DROPOUT
 
@@ -83,9 +83,11 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
     terrain_map = gp.TerrainMap(robot)
     nothing = np.full((108, 90), np.uint16(Hazard.UNSCANNED))
     ground = gp.KnownGround(np.array([[0.5, -0.2], [0.9, -0.2], [0.9, 0.2], [0.5, 0.2]]), 0.0, 0.001)
-    terrain_map.update(make_scan(0.0, flags=nothing), at(), ZERO, known_ground=[ground])
-    assert terrain_map.update(make_scan(0.03, step=1), at(), ZERO).hazard_at(*POINT) & Hazard.CONFLICT
-    assert terrain_map.update(make_scan(0.03, step=2), at(), ZERO).height_at(*POINT) == pytest.approx(0.03, abs=1e-4)
+    terrain_map.update(make_scan(0.0, flags=nothing), PoseInOdom(at(), ZERO), known_ground=[ground])
+    assert terrain_map.update(make_scan(0.03, step=1), PoseInOdom(at(), ZERO)).hazard_at(*POINT) & Hazard.CONFLICT
+    assert terrain_map.update(make_scan(0.03, step=2), PoseInOdom(at(), ZERO)).height_at(*POINT) == pytest.approx(
+        0.03, abs=1e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +112,7 @@ def test_ground_declared_over_a_wide_area_costs_no_more_than_the_map(robot: Robo
     terrain_map = gp.TerrainMap(robot)
     whole = gp.KnownGround([(-500.0, -500.0), (500.0, -500.0), (500.0, 500.0), (-500.0, 500.0)], 0.0, 0.002)
     tracemalloc.start()
-    fused = terrain_map.update(make_scan(flags=4), at(), ZERO, known_ground=[whole])
+    fused = terrain_map.update(make_scan(flags=4), PoseInOdom(at(), ZERO), known_ground=[whole])
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert np.isfinite(fused.elevation).all() and peak < 300e6
@@ -123,7 +125,9 @@ def test_declared_ground_in_the_metadata_does_not_grow_without_end(robot: RobotM
     patch = gp.KnownGround(np.array([(-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1)]), 0.0, 0.005)
     counts, steps = [], []
     for step in range(pauses):
-        fused = terrain_map.update(make_scan(0.0, step=step), at(0.01 * step), drift(1e-6 * step), known_ground=[patch])
+        fused = terrain_map.update(
+            make_scan(0.0, step=step), PoseInOdom(at(0.01 * step), drift(1e-6 * step)), known_ground=[patch]
+        )
         named = fused.metadata["known_ground"]
         counts.append(len(named))
         steps.append(min(entry["step"] for entry in named))

@@ -10,7 +10,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.lines_of_sight import NONE, _bounds
-from kinematics import RobotModel, Stance
+from kinematics import PoseInOdom, RobotModel, Stance
 from testbed.analytic_walk import CAMERA_IN_BASE
 
 MakeScan = Callable[..., gp.TerrainGrid]
@@ -53,7 +53,7 @@ def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
     terrain_map = gp.TerrainMap(robot)
     sight = gp.LinesOfSight(terrain_map)
     terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-    fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+    fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
     nothing = sight.ceiling(fused)
     assert np.isnan(nothing.height).all()
     sight.add(terrain, fused)
@@ -123,14 +123,14 @@ def test_bounds_rise_with_drift_and_end_with_age(
         terrain_map = gp.TerrainMap(robot)
         sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-        sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+        sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
-        fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([sigma**2] * 2 + [1e-12] * 4))
+        fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), np.diag([sigma**2] * 2 + [1e-12] * 4)))
         heights.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
     assert (heights[0] <= heights[1]).all() and (heights[1] <= heights[2]).all()
     assert (heights[0] < heights[1]).any() and (heights[1] < heights[2]).any()
     old = make_scan(flags=int(Hazard.UNSCANNED), step=41, stamp=41_000, metadata=where)
-    assert np.isnan(sight.ceiling(terrain_map.update(old, np.eye(4), np.eye(6) * 1e-3)).height).all()
+    assert np.isnan(sight.ceiling(terrain_map.update(old, PoseInOdom(np.eye(4), np.eye(6) * 1e-3))).height).all()
 
 
 def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
@@ -142,9 +142,11 @@ def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
         terrain_map = gp.TerrainMap(robot)
         sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-        sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+        sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
-        fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([1e-12, 1e-12, sigma**2, 1e-12, 1e-12, 1e-12]))
+        fused = terrain_map.update(
+            nothing_seen, PoseInOdom(np.eye(4), np.diag([1e-12, 1e-12, sigma**2, 1e-12, 1e-12, 1e-12]))
+        )
         heights.append(sight.ceiling(fused).height)
     bounded = np.isfinite(heights[0])
     assert bounded.sum() > 48 and (heights[1][bounded] >= heights[0][bounded] + 0.0199).all()
@@ -159,17 +161,17 @@ def test_a_scan_that_is_taken_back_bounds_nothing(
         terrain_map = gp.TerrainMap(robot)
         sight = gp.LinesOfSight(terrain_map)
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), metadata=where)
-        fused = terrain_map.update(nothing_seen, np.eye(4), NO_DRIFT)
+        fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), NO_DRIFT))
         sight.add(nothing_seen, fused)
         terrain_map.keep()
         wrong = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
-        contradicted = terrain_map.update(wrong, np.eye(4), NO_DRIFT)
+        contradicted = terrain_map.update(wrong, PoseInOdom(np.eye(4), NO_DRIFT))
         sight.add(wrong, contradicted)
         assert np.isfinite(sight.ceiling(contradicted).height).any()
         terrain_map.take_back()
         assert np.isnan(sight.ceiling(contradicted).height).all()
         again = make_scan(flags=int(Hazard.UNSCANNED), step=step, metadata=where)
-        fused = terrain_map.update(again, np.eye(4), NO_DRIFT)
+        fused = terrain_map.update(again, PoseInOdom(np.eye(4), NO_DRIFT))
         sight.add(again, fused)
         assert np.isnan(sight.ceiling(fused).height).all()
 
@@ -182,7 +184,7 @@ def test_a_height_that_is_uncertain_proves_no_way(
         terrain_map = gp.TerrainMap(robot)
         sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), sigma=sigma, metadata=where)
-        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         sight.add(terrain, fused)
         hole = (fused.hazard & Hazard.DROPOUT) != 0
         assert np.isfinite(sight.ceiling(fused).height[hole]).sum() == count
@@ -199,7 +201,7 @@ def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan
         sight = gp.LinesOfSight(terrain_map)
         flags = np.where(np.random.default_rng(1).random(heights.shape) < lost, Hazard.DROPOUT, 0)
         terrain = make_scan(heights, flags=flags, metadata=where)
-        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         sight.add(terrain, fused)
         ceilings.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
     assert (ceilings[0] <= ceilings[1]).all() and (ceilings[1] <= ceilings[2]).all()
@@ -217,9 +219,9 @@ def test_ground_that_was_seen_is_no_higher_when_it_returns_nothing_later(
     """The map forgets it, for it may be a hole by now; a swing may pass over it as low as over the ground before."""
     terrain_map, sight = sight_of(robot)
     first = make_scan(0.0, metadata=where)
-    sight.add(first, terrain_map.update(first, np.eye(4), NO_DRIFT))
+    sight.add(first, terrain_map.update(first, PoseInOdom(np.eye(4), NO_DRIFT)))
     later = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
-    fused = terrain_map.update(later, np.eye(4), NO_DRIFT)
+    fused = terrain_map.update(later, PoseInOdom(np.eye(4), NO_DRIFT))
     sight.add(later, fused)
     hole = (fused.hazard & Hazard.DROPOUT) != 0
     ceiling = sight.ceiling(fused)
@@ -247,7 +249,7 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
             make_scan(flags=np.where(elsewhere, elsewhere, Hazard.DROPOUT), step=2, metadata=where),
         )
     ):
-        fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+        fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         assert fused.step == step
         sight.add(terrain, fused)
     hole = (fused.hazard & Hazard.DROPOUT) != 0
@@ -267,9 +269,9 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     flags = np.full(make_scan(0.0).shape, Hazard.UNSCANNED, np.uint16)
     flags[40:68] = 0
     terrain = make_scan(0.0, flags=flags, metadata=where)
-    sight.add(terrain, terrain_map.update(terrain, np.eye(4), NO_DRIFT))
+    sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
     nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
-    fused = terrain_map.update(nothing_seen, np.eye(4), np.diag([1e-12] * 5 + [0.01**2]))
+    fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), np.diag([1e-12] * 5 + [0.01**2])))
     is_bounded = np.abs(sight.ceiling(fused).height) < 1e-6
     x = fused.geometry.centres()[0]
     lost = []
@@ -288,7 +290,7 @@ def test_what_does_not_belong_together_is_refused(
     terrain_map = gp.TerrainMap(robot)
     sight = gp.LinesOfSight(terrain_map)
     terrain = make_scan(0.0, metadata=where)
-    fused = terrain_map.update(terrain, np.eye(4), NO_DRIFT)
+    fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
     with pytest.raises(gp.InvalidInput, match="a map of step 0 was given with a scan of step 1"):
         sight.add(make_scan(0.0, step=1, metadata=where), fused)
     with pytest.raises(gp.InvalidInput, match="a footprint of step 0"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 
 MakeScan = Callable[..., gp.TerrainGrid]
 
@@ -24,7 +24,7 @@ def add_pause(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.
     flags[40:44, 30:50] = gp.Hazard.DROPOUT
     scan = make_scan(rng.normal(0, 0.0005, (108, 90)), flags=flags, step=step)
     ground = [gp.KnownGround([[-0.4, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.4, 0.3]], 0.0, 0.001)] if step == 0 else []
-    return terrain_map.update(scan, transform, step * 1e-6 * np.eye(6), known_ground=ground)
+    return terrain_map.update(scan, PoseInOdom(transform, step * 1e-6 * np.eye(6)), known_ground=ground)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from kinematics import LegOdometry, RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel
 from testbed.analytic_walk import LevelGround, scan, walk
 
 MakeScan = Callable[..., gp.TerrainGrid]
@@ -42,8 +42,12 @@ def test_a_shift_that_the_ground_shows_is_taken_off(
 ) -> None:
     """Odometry says that the robot stood still, but it moved: most of that is taken off, the prior holds the rest."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(seen_from(make_scan, (0, 0), 0), np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
-    fused = terrain_map.update(seen_from(make_scan, shift, 1), np.eye(4), SINCE_LAST, covariance_since_last=SINCE_LAST)
+    terrain_map.update(
+        seen_from(make_scan, (0, 0), 0), PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=SINCE_LAST)
+    )
+    fused = terrain_map.update(
+        seen_from(make_scan, shift, 1), PoseInOdom(np.eye(4), SINCE_LAST, covariance_since_last=SINCE_LAST)
+    )
     assert fused.metadata["registration_refused"] is None
     np.testing.assert_allclose(correction(fused)[:2], shift, atol=1e-3)
     assert max(fused.metadata["sideways_correction_sigma"][:2]) < 0.0015
@@ -55,9 +59,7 @@ def test_on_level_ground_odometry_decides(robot: RobotModel, make_scan: MakeScan
     for step in range(3):
         fused = terrain_map.update(
             seen_from(make_scan, (0.003, 0), step, flat=True),
-            np.eye(4),
-            step * SINCE_LAST,
-            covariance_since_last=SINCE_LAST,
+            PoseInOdom(np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST),
         )
     assert np.abs(correction(fused)[:2]).max() < 2e-4
     assert fused.metadata["sideways_correction_sigma"][0] > 0.002
@@ -75,9 +77,9 @@ def test_seams_of_the_map_are_no_ground(robot: RobotModel) -> None:
         pose = odometry.update(pause.stance)
         fused = terrain_map.update(
             scan(robot, ground, pause, 20),
-            pose.transform_footprint_to_odom,
-            pose.covariance,
-            covariance_since_last=pose.covariance_since_last,
+            PoseInOdom(
+                pose.transform_footprint_to_odom, pose.covariance, covariance_since_last=pose.covariance_since_last
+            ),
         )
         assert fused.metadata["registration_refused"] is None or pause.step < 2
     assert np.abs(correction(fused)[:2]).max() < 5e-4
@@ -89,9 +91,7 @@ def test_across_the_stripes_of_a_scan_odometry_decides(robot: RobotModel, make_s
     for step, shift in enumerate(((0.0, 0.0), (0.003, 0.003))):
         fused = terrain_map.update(
             seen_from(make_scan, shift, step, stripes=True),
-            np.eye(4),
-            step * SINCE_LAST,
-            covariance_since_last=SINCE_LAST,
+            PoseInOdom(np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST),
         )
     x, y, _ = correction(fused)
     assert abs(x) < 5e-4
@@ -108,8 +108,8 @@ def test_a_turn_is_taken_off_too(robot: RobotModel, make_scan: MakeScan) -> None
     turned = bumps(np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y)
     unsure = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.01**2])
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(bumps(x, y)), np.eye(4), np.zeros((6, 6)), covariance_since_last=unsure)
-    fused = terrain_map.update(make_scan(turned, step=1), np.eye(4), unsure, covariance_since_last=unsure)
+    terrain_map.update(make_scan(bumps(x, y)), PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=unsure))
+    fused = terrain_map.update(make_scan(turned, step=1), PoseInOdom(np.eye(4), unsure, covariance_since_last=unsure))
     assert correction(fused)[2] == pytest.approx(turn, abs=1e-3)
 
 
@@ -118,8 +118,10 @@ def test_an_overlap_that_contradicts_is_refused(robot: RobotModel, make_scan: Ma
     sure = SINCE_LAST / 100
     for other in (seen_from(make_scan, (0.3, 0.2), 1), seen_from(make_scan, (0.006, 0.0), 1)):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(seen_from(make_scan, (0, 0), 0), np.eye(4), np.zeros((6, 6)), covariance_since_last=sure)
-        fused = terrain_map.update(other, np.eye(4), sure, covariance_since_last=sure)
+        terrain_map.update(
+            seen_from(make_scan, (0, 0), 0), PoseInOdom(np.eye(4), np.zeros((6, 6)), covariance_since_last=sure)
+        )
+        fused = terrain_map.update(other, PoseInOdom(np.eye(4), sure, covariance_since_last=sure))
         assert fused.metadata["registration_refused"]
         np.testing.assert_array_equal(correction(fused), 0.0)
 
@@ -130,13 +132,15 @@ def test_a_saved_map_goes_on_with_its_correction(robot: RobotModel, make_scan: M
     terrain_map = gp.TerrainMap(robot)
     for step, shift in enumerate(((0.0, 0.0), (0.003, 0.0))):
         terrain_map.update(
-            seen_from(make_scan, shift, step), np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST
+            seen_from(make_scan, shift, step),
+            PoseInOdom(np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST),
         )
     terrain_map.save(tmp_path / "map.npz")
     again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
     scan = seen_from(make_scan, (0.003, 0.001), 2)
     one, two = (
-        each.update(scan, np.eye(4), 2 * SINCE_LAST, covariance_since_last=SINCE_LAST) for each in (terrain_map, again)
+        each.update(scan, PoseInOdom(np.eye(4), 2 * SINCE_LAST, covariance_since_last=SINCE_LAST))
+        for each in (terrain_map, again)
     )
     np.testing.assert_array_equal(one.elevation, two.elevation)
     assert one.metadata["sideways_correction"] == two.metadata["sideways_correction"]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.fields import Fields
 from guara_perception.terrain.map.sideways import MOST_PAUSES, SidewaysDrift, kept_growth
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.thorough import examples
 
 
@@ -88,14 +88,14 @@ def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
     since = 1e-6 * np.eye(6)
     kinds = [{"covariance_since_last": since}, {}] if is_first_given else [{}, {"covariance_since_last": since}]
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0), np.eye(4), since, **kinds[0])
+    terrain_map.update(make_scan(0.0), PoseInOdom(np.eye(4), since, **kinds[0]))
     expected_text = "is not given at step 1 and was given" if is_first_given else "is given at step 1 and was not given"
     with pytest.raises(
         gp.InvalidInput, match=f"covariance_since_last {expected_text} at the pauses before: give it at every"
     ):
-        terrain_map.update(make_scan(0.0, step=1), np.eye(4), 2 * since, **kinds[1])
+        terrain_map.update(make_scan(0.0, step=1), PoseInOdom(np.eye(4), 2 * since, **kinds[1]))
     assert terrain_map.pause == 1
-    terrain_map.update(make_scan(0.0, step=1), np.eye(4), 2 * since, **kinds[0])
+    terrain_map.update(make_scan(0.0, step=1), PoseInOdom(np.eye(4), 2 * since, **kinds[0]))
     assert terrain_map.pause == 2 and len(terrain_map.sideways_drift.pauses) == 2
 
 

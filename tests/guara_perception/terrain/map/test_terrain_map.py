@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from kinematics import RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance
 from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only
 from tests.thorough import examples, further
 
@@ -20,7 +20,7 @@ def test_one_scan_comes_back_as_it_was(robot: RobotModel, make_scan: MakeScan) -
     """At the origin, cell for cell: heights, flags and looks of the map are those of its only scan."""
     rng = np.random.default_rng(0)
     scan = make_scan(rng.normal(0, 0.001, (108, 90)))
-    fused = gp.TerrainMap(robot).update(scan, at(), ZERO)
+    fused = gp.TerrainMap(robot).update(scan, PoseInOdom(at(), ZERO))
     assert fused.extent == "map"
     assert fused.shape == (140, 320)
     window = fused.elevation[16:124, 220:310]
@@ -39,7 +39,9 @@ def test_same_input_same_bytes(robot: RobotModel, make_scan: MakeScan) -> None:
     for _ in range(2):
         terrain_map = gp.TerrainMap(robot)
         for step, layer in enumerate(heights):
-            end = terrain_map.update(make_scan(layer, step=step), at(0.035 * step, 0, 0.02 * step), drift(0.001 * step))
+            end = terrain_map.update(
+                make_scan(layer, step=step), PoseInOdom(at(0.035 * step, 0, 0.02 * step), drift(0.001 * step))
+            )
         ends.append(end)
     for name, layer in ends[0].layers.items():
         assert layer.tobytes() == ends[1].layer(name).tobytes()
@@ -59,13 +61,13 @@ def test_what_is_taken_back_leaves_no_trace(robot: RobotModel, make_scan: MakeSc
         if step % 3 == 1:
             # The robot moved during this scan.
             with_trace.keep()
-            with_trace.update(scan, poses[step], drift(0.001 * step), known_ground=ground)
+            with_trace.update(scan, PoseInOdom(poses[step], drift(0.001 * step)), known_ground=ground)
             with_trace.take_back()
-            seen = with_trace.view(scan, poses[step], drift(0.001 * step))
+            seen = with_trace.view(scan, PoseInOdom(poses[step], drift(0.001 * step)))
             assert not np.any((seen.hazard == 0) & (seen.looks > step))
             continue
-        kept = with_trace.update(scan, poses[step], drift(0.001 * step))
-        expected = without.update(scan, poses[step], drift(0.001 * step))
+        kept = with_trace.update(scan, PoseInOdom(poses[step], drift(0.001 * step)))
+        expected = without.update(scan, PoseInOdom(poses[step], drift(0.001 * step)))
         for name, layer in expected.layers.items():
             assert layer.tobytes() == kept.layer(name).tobytes(), (step, name)
         assert kept.metadata == expected.metadata
@@ -82,7 +84,9 @@ def test_equal_looks_are_averaged_and_the_variance_falls(robot: RobotModel, make
     rng = np.random.default_rng(2)
     terrain_map = gp.TerrainMap(robot)
     for step in range(12):
-        fused = terrain_map.update(make_scan(rng.normal(0, 0.001, (108, 90)), step=step, sigma=0.001), at(), ZERO)
+        fused = terrain_map.update(
+            make_scan(rng.normal(0, 0.001, (108, 90)), step=step, sigma=0.001), PoseInOdom(at(), ZERO)
+        )
         if step == 0:
             first = fused
     inner = np.s_[30:110, 230:300]
@@ -97,15 +101,15 @@ def test_equal_looks_are_averaged_and_the_variance_falls(robot: RobotModel, make
 def test_a_contradicting_look_is_a_conflict_until_two_agree(robot: RobotModel, make_scan: MakeScan) -> None:
     """20 mm instead of 0: CONFLICT, both heights kept as lowest and highest; a second 20 mm settles it."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0), at(), ZERO)
-    disputed = terrain_map.update(make_scan(0.020, step=1), at(), ZERO)
+    terrain_map.update(make_scan(0.0), PoseInOdom(at(), ZERO))
+    disputed = terrain_map.update(make_scan(0.020, step=1), PoseInOdom(at(), ZERO))
     assert disputed.hazard_at(*POINT) & Hazard.CONFLICT
     assert not disputed.is_traversable(*POINT)
     iy, ix = (int(i) for i in disputed.geometry.indices(*POINT))
     assert disputed.elevation_min[iy, ix] == 0.0
     assert disputed.elevation_max[iy, ix] == np.float32(0.020)
     assert disputed.metadata["disagreeing_cells"] > 9000
-    settled = terrain_map.update(make_scan(0.020, step=2), at(), ZERO)
+    settled = terrain_map.update(make_scan(0.020, step=2), PoseInOdom(at(), ZERO))
     assert settled.hazard_at(*POINT) == Hazard.NONE
     assert settled.height_at(*POINT) == pytest.approx(0.020, abs=1e-4)
     assert settled.elevation_min[iy, ix] == pytest.approx(0.020, abs=1e-4)
@@ -115,7 +119,7 @@ def test_alternating_looks_stay_a_conflict(robot: RobotModel, make_scan: MakeSca
     """0, 20, 0, 20 mm: no two in a row agree, so it stays a conflict; the third look's zero does not clear it."""
     terrain_map = gp.TerrainMap(robot)
     for step, height in enumerate((0.0, 0.020, 0.0, 0.020)):
-        fused = terrain_map.update(make_scan(height, step=step), at(), ZERO)
+        fused = terrain_map.update(make_scan(height, step=step), PoseInOdom(at(), ZERO))
         assert bool(fused.hazard_at(*POINT) & Hazard.CONFLICT) == (step > 0)
 
 
@@ -126,11 +130,11 @@ def test_a_look_without_return_wins_over_what_was_known(
     """Visible again and no return: unknown with that cause, whatever was known; a later return is taken as new."""
     terrain_map = gp.TerrainMap(robot)
     for step in range(3):
-        terrain_map.update(make_scan(0.0, step=step), at(), ZERO)
-    lost = terrain_map.update(make_scan(0.0, flags=only(flag, scan_grid, AROUND), step=3), at(), ZERO)
+        terrain_map.update(make_scan(0.0, step=step), PoseInOdom(at(), ZERO))
+    lost = terrain_map.update(make_scan(0.0, flags=only(flag, scan_grid, AROUND), step=3), PoseInOdom(at(), ZERO))
     assert lost.hazard_at(*POINT) & flag
     assert np.isnan(lost.height_at(*POINT))
-    back = terrain_map.update(make_scan(0.002, step=4), at(), ZERO)
+    back = terrain_map.update(make_scan(0.002, step=4), PoseInOdom(at(), ZERO))
     assert back.height_at(*POINT) == pytest.approx(0.002)
     iy, ix = (int(i) for i in back.geometry.indices(*POINT))
     assert back.looks[iy, ix] == 1
@@ -142,10 +146,10 @@ def test_not_looked_at_keeps_the_height_and_ages_it(
 ) -> None:
     """Hidden, not fired or behind a leg: the old height stands, one pause older each time."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.003), at(), ZERO)
+    terrain_map.update(make_scan(0.003), PoseInOdom(at(), ZERO))
     hidden = only(flag, scan_grid, AROUND)
     for step in (1, 2, 3):
-        fused = terrain_map.update(make_scan(0.003, flags=hidden, step=step), at(), ZERO)
+        fused = terrain_map.update(make_scan(0.003, flags=hidden, step=step), PoseInOdom(at(), ZERO))
         iy, ix = (int(i) for i in fused.geometry.indices(*POINT))
         assert fused.height_at(*POINT) == pytest.approx(0.003)
         assert fused.age[iy, ix] == step
@@ -160,8 +164,8 @@ def test_a_lost_frame_counts_as_looked_at(robot: RobotModel, make_scan: MakeScan
     runs = [[ix, int(rows[0]), int(rows[-1]) + 1] for ix in columns]
     for metadata, expected in (({"lost_cells": runs}, Hazard.DROPOUT), ({}, Hazard.NONE)):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(make_scan(0.0), at(), ZERO)
-        fused = terrain_map.update(make_scan(0.0, flags=unscanned, step=1, metadata=metadata), at(), ZERO)
+        terrain_map.update(make_scan(0.0), PoseInOdom(at(), ZERO))
+        fused = terrain_map.update(make_scan(0.0, flags=unscanned, step=1, metadata=metadata), PoseInOdom(at(), ZERO))
         assert fused.hazard_at(*POINT) & Hazard.DROPOUT == expected
 
 
@@ -177,8 +181,8 @@ def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
     gone = np.isnan(scan.elevation) & np.isfinite(paper_terrain.elevation)
     assert gone.sum() > 800
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(paper_terrain, at(), ZERO)
-    fused = terrain_map.update(scan, at(), ZERO)
+    terrain_map.update(paper_terrain, PoseInOdom(at(), ZERO))
+    fused = terrain_map.update(scan, PoseInOdom(at(), ZERO))
     assert np.isnan(fused.elevation[16:124, 220:310][gone]).all()
     # The same scan with these stripes never fired: what was known stays.
     unfired = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, step=1)
@@ -186,8 +190,8 @@ def test_a_blank_frame_of_a_recorded_scan_is_a_dropout_in_the_map(
         if stripe.index not in (20, 22, 24):
             unfired.add(stripe.index, on, off)
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(paper_terrain, at(), ZERO)
-    kept = terrain_map.update(unfired.finish(), at(), ZERO)
+    terrain_map.update(paper_terrain, PoseInOdom(at(), ZERO))
+    kept = terrain_map.update(unfired.finish(), PoseInOdom(at(), ZERO))
     assert np.isfinite(kept.elevation[16:124, 220:310][gone]).mean() > 0.9
 
 
@@ -195,9 +199,9 @@ def test_occluded_ground_fills_in(robot: RobotModel, make_scan: MakeScan, scan_g
     """What a box hid is OCCLUDED in the map until a scan from further on sees it."""
     terrain_map = gp.TerrainMap(robot)
     hidden = only(Hazard.OCCLUDED, scan_grid, AROUND)
-    first = terrain_map.update(make_scan(0.0, flags=hidden), at(), ZERO)
+    first = terrain_map.update(make_scan(0.0, flags=hidden), PoseInOdom(at(), ZERO))
     assert first.hazard_at(*POINT) & Hazard.OCCLUDED
-    second = terrain_map.update(make_scan(0.0, step=1), at(0.035), ZERO)
+    second = terrain_map.update(make_scan(0.0, step=1), PoseInOdom(at(0.035), ZERO))
     assert second.height_at(POINT[0] - 0.035, POINT[1]) == 0.0
 
 
@@ -213,8 +217,8 @@ def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_
     results = []
     for flags in (0, lost):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(make_scan(heights[0]), at(), ZERO)
-        results.append(terrain_map.update(make_scan(heights[0], flags=flags, step=1), pose, ZERO))
+        terrain_map.update(make_scan(heights[0]), PoseInOdom(at(), ZERO))
+        results.append(terrain_map.update(make_scan(heights[0], flags=flags, step=1), PoseInOdom(pose, ZERO)))
     with_all, with_lost = results
     assert not ((with_lost.hazard == 0) & (with_all.hazard != 0)).any()
     assert not ((with_lost.hazard == 0) & ((with_lost.hazard & UNKNOWN_MASK) != 0)).any()
@@ -223,13 +227,13 @@ def test_losing_returns_never_makes_the_fused_map_safer(robot: RobotModel, make_
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"transform": np.eye(3)}, r"shape \(3, 3\), it must be a rigid \(4, 4\)"),
-        ({"transform": np.diag([1, 1, 1, 2.0])}, "rigid"),
+        ({"transform": np.eye(3)}, r"shape \(3, 3\); a finite \(4, 4\) matrix is needed"),
+        ({"transform": np.diag([1, 1, 1, 2.0])}, "ends in the row"),
         ({"transform": np.diag([2, 1, 1, 1.0])}, "no rotation"),
-        ({"transform": np.full((4, 4), np.nan)}, "rigid"),
+        ({"transform": np.full((4, 4), np.nan)}, "a finite"),
         ({"transform": np.diag([1, -1, -1, 1.0])}, "tilts by more"),
-        ({"covariance": np.zeros((3, 3))}, r"shape \(3, 3\), it must be \(6, 6\)"),
-        ({"covariance": -np.eye(6)}, "positive diagonal"),
+        ({"covariance": np.zeros((3, 3))}, r"shape \(3, 3\); a finite \(6, 6\) matrix is needed"),
+        ({"covariance": -np.eye(6)}, "covariance has a negative eigenvalue"),
         ({"step": 0}, "step 0 comes after step 1"),
     ],
 )
@@ -238,21 +242,38 @@ def test_bad_arguments_are_refused(
 ) -> None:
     """No rigid transform, no covariance, an earlier pause: refused before anything changes."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.0, step=1), at(), ZERO)
+    terrain_map.update(make_scan(0.0, step=1), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match=message):
         terrain_map.update(
-            make_scan(0.0, step=change.get("step", 2)), change.get("transform", at()), change.get("covariance", ZERO)
+            make_scan(0.0, step=change.get("step", 2)),
+            PoseInOdom(change.get("transform", at()), change.get("covariance", ZERO)),
         )
-    assert terrain_map.update(make_scan(0.0, step=2), at(), ZERO).metadata["scans"] == 2
+    assert terrain_map.update(make_scan(0.0, step=2), PoseInOdom(at(), ZERO)).metadata["scans"] == 2
 
 
 def test_grids_of_another_kind_are_refused(robot: RobotModel, make_scan: MakeScan) -> None:
     """A map cannot be fused into a map, nor cells of another size, nor damaged runs of lost cells."""
     terrain_map = gp.TerrainMap(robot)
-    fused = terrain_map.update(make_scan(0.0), at(), ZERO)
+    fused = terrain_map.update(make_scan(0.0), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="extent 'map' cannot be fused"):
-        terrain_map.update(fused, at(), ZERO)
+        terrain_map.update(fused, PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="0.015 m, the map's 0.005 m"):
-        terrain_map.update(make_scan(0.0, step=1).coarser(3), at(), ZERO)
+        terrain_map.update(make_scan(0.0, step=1).coarser(3), PoseInOdom(at(), ZERO))
     with pytest.raises(gp.InvalidInput, match="lost_cells of the metadata"):
-        terrain_map.update(make_scan(0.0, step=1, metadata={"lost_cells": [[1, 2]]}), at(), ZERO)
+        terrain_map.update(make_scan(0.0, step=1, metadata={"lost_cells": [[1, 2]]}), PoseInOdom(at(), ZERO))
+
+
+def test_a_pose_of_leg_odometry_is_taken_to_the_footprint_of_the_scan(robot: RobotModel, make_scan: MakeScan) -> None:
+    """A scan that was levelled by its support plane, 0.05 rad off: as if its own footprint in `odom` had been given."""
+    joints = robot.posture(robot.config.scan_posture)
+    pose = LegOdometry(robot).update(Stance(joints, tuple(robot.legs), (0.0, 0.0, -1.0)))
+    tilted = np.array(pose.pose.transform_base_to_footprint)
+    tilted[:3, :3] = [[np.cos(0.05), 0, np.sin(0.05)], [0, 1, 0], [-np.sin(0.05), 0, np.cos(0.05)]] @ tilted[:3, :3]
+    scan = make_scan(0.0, metadata={"transform_base_to_footprint": tilted.tolist()})
+    transform = pose.transform_base_to_odom @ np.linalg.inv(tilted)
+    own = PoseInOdom(transform, pose.covariance, pose.covariance_since_last, pose.own_covariance)
+    one, two = (gp.TerrainMap(robot).update(scan, each) for each in (pose, own))
+    np.testing.assert_allclose(one.elevation, two.elevation, atol=1e-9)
+    found, wanted = (np.array(each.metadata["transform_footprint_to_odom"]) for each in (one, two))
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    assert abs(found[2, 0]) == pytest.approx(np.sin(0.05), abs=1e-6)

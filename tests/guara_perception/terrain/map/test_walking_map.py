@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import Hazard
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.guara_perception.terrain.map.poses import POINT, ZERO, MakeScan, at, drift, only
 from tests.thorough import examples
 
@@ -24,7 +24,7 @@ def test_a_look_from_anywhere_comes_back_at_its_position(
 ) -> None:
     """Turned and shifted by anything, a map of one scan shows each height within a cell and a half of where it lies."""
     gx, gy = np.meshgrid(*scan_grid.centres())
-    fused = gp.TerrainMap(robot).update(make_scan(0.1 * gx - 0.2 * gy), at(x, y, yaw, z), ZERO)
+    fused = gp.TerrainMap(robot).update(make_scan(0.1 * gx - 0.2 * gy), PoseInOdom(at(x, y, yaw, z), ZERO))
     inner = fused.elevation[30:110, 235:295].astype(np.float64)
     fx, fy = np.meshgrid(*fused.geometry.centres())
     expected = (0.1 * fx - 0.2 * fy)[30:110, 235:295]
@@ -41,13 +41,13 @@ def test_a_scan_from_a_tilted_footprint_is_turned_upright(
     tilted = np.eye(4)
     tilted[:3, :3] = [[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]]
     terrain_map = gp.TerrainMap(robot)
-    fused = terrain_map.update(make_scan(np.tan(tilt) * gx), tilted, ZERO)
+    fused = terrain_map.update(make_scan(np.tan(tilt) * gx), PoseInOdom(tilted, ZERO))
     fx, _ = np.meshgrid(*fused.geometry.centres())
     seen = np.isfinite(fused.elevation)
     assert seen.sum() > 9000
     np.testing.assert_allclose(fused.elevation[seen], np.tan(tilt) * fx[seen], atol=4e-4)
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
-    upright = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(), ZERO)
+    upright = terrain_map.update(make_scan(0.0, flags=nothing, step=1), PoseInOdom(at(), ZERO))
     assert np.nanmax(np.abs(upright.elevation)) < 4e-4
 
 
@@ -57,10 +57,10 @@ def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_
     rng = np.random.default_rng(3)
     heights = rng.normal(0, 0.003, (108, 90))
     terrain_map = gp.TerrainMap(robot)
-    before = terrain_map.update(make_scan(heights), at(), ZERO)
+    before = terrain_map.update(make_scan(heights), PoseInOdom(at(), ZERO))
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
     for step in range(1, 21):
-        after = terrain_map.update(make_scan(0.0, flags=nothing, step=step), at(0.035 * step), ZERO)
+        after = terrain_map.update(make_scan(0.0, flags=nothing, step=step), PoseInOdom(at(0.035 * step), ZERO))
     # 20 * 35 mm are 140 cells of 5 mm.
     np.testing.assert_array_equal(after.elevation[16:124, 80:170], before.elevation[16:124, 220:310])
 
@@ -69,12 +69,12 @@ def test_cells_stand_still_in_odom(robot: RobotModel, make_scan: MakeScan, scan_
 def test_what_lies_far_behind_is_forgotten_and_memory_does_not_grow(robot: RobotModel, make_scan: MakeScan) -> None:
     """After 5 m the first scan is gone for good, even when the robot comes back; the arrays are as large as before."""
     terrain_map = gp.TerrainMap(robot)
-    terrain_map.update(make_scan(0.004), at(), ZERO)
+    terrain_map.update(make_scan(0.004), PoseInOdom(at(), ZERO))
     size = sum(array.nbytes for array in terrain_map._cells.memory.values())
     unscanned = np.full((108, 90), np.uint16(Hazard.UNSCANNED))
     for step in range(1, 21):
-        terrain_map.update(make_scan(0.0, flags=unscanned, step=step), at(0.25 * step), ZERO)
-    back = terrain_map.update(make_scan(0.0, flags=unscanned, step=21), at(), ZERO)
+        terrain_map.update(make_scan(0.0, flags=unscanned, step=step), PoseInOdom(at(0.25 * step), ZERO))
+    back = terrain_map.update(make_scan(0.0, flags=unscanned, step=21), PoseInOdom(at(), ZERO))
     assert np.isnan(back.elevation).all()
     assert sum(array.nbytes for array in terrain_map._cells.memory.values()) == size
     assert size < 40e6
@@ -84,9 +84,9 @@ def test_a_snapshot_joins_the_flags_of_cells_touched(robot: RobotModel, make_sca
     """Half a cell further on, a cell that touches one without return is unknown itself: two columns instead of one."""
     hole = only(Hazard.DROPOUT, scan_grid, (0.70, 0.705, 0.0, 0.005))
     terrain_map = gp.TerrainMap(robot)
-    whole = terrain_map.update(make_scan(0.0, flags=hole), at(), ZERO)
+    whole = terrain_map.update(make_scan(0.0, flags=hole), PoseInOdom(at(), ZERO))
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
-    shifted = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(0.0025, 0.0025), ZERO)
+    shifted = terrain_map.update(make_scan(0.0, flags=nothing, step=1), PoseInOdom(at(0.0025, 0.0025), ZERO))
     inside = np.s_[40:100, 240:290]
     assert np.isnan(whole.elevation[inside]).sum() == 1
     assert np.isnan(shifted.elevation[inside]).sum() == 4
@@ -100,8 +100,8 @@ def test_no_narrow_bump_slips_between_nearest_cells(robot: RobotModel, make_scan
     nothing = np.full(scan_grid.shape, np.uint16(Hazard.UNSCANNED))
     for yaw in np.linspace(0.02, 0.5, 12):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(make_scan(bump), at(), ZERO)
-        turned = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(0.1, 0.0, yaw), ZERO)
+        terrain_map.update(make_scan(bump), PoseInOdom(at(), ZERO))
+        turned = terrain_map.update(make_scan(0.0, flags=nothing, step=1), PoseInOdom(at(0.1, 0.0, yaw), ZERO))
         assert np.nanmax(turned.elevation_max) == np.float32(0.04)
 
 
@@ -112,8 +112,8 @@ def test_variance_grows_with_travel(robot: RobotModel, make_scan: MakeScan, scan
     grown = {}
     for name, heights in (("flat", 0.0), ("slope", 0.2 * gx)):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(make_scan(heights), at(), ZERO)
-        after = terrain_map.update(make_scan(0.0, flags=nothing, step=1), at(), drift(0.002, 0.004))
+        terrain_map.update(make_scan(heights), PoseInOdom(at(), ZERO))
+        after = terrain_map.update(make_scan(0.0, flags=nothing, step=1), PoseInOdom(at(), drift(0.002, 0.004)))
         iy, ix = (int(i) for i in after.geometry.indices(*POINT))
         grown[name] = float(after.variance[iy, ix])
     assert grown["flat"] == pytest.approx(0.002**2 + 0.0002**2 + 0.0005**2, rel=0.01)
@@ -125,7 +125,7 @@ def test_tilt_of_the_stance_makes_far_cells_less_sure(robot: RobotModel, make_sc
     covariance = np.zeros((6, 6))
     covariance[4, 4] = np.radians(0.2) ** 2
     scan = make_scan(0.0, metadata={"pose_covariance": covariance.tolist()})
-    fused = gp.TerrainMap(robot).update(scan, at(), ZERO)
+    fused = gp.TerrainMap(robot).update(scan, PoseInOdom(at(), ZERO))
     for x in (0.55, 0.90):
         iy, ix = (int(i) for i in fused.geometry.indices(x, 0.0))
         expected = (np.radians(0.2) * fused.geometry.centres()[0][ix]) ** 2 + 0.0002**2 + 0.0005**2

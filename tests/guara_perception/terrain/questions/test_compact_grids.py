@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.limits_of import rounding_of
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from testbed.truth import truth_calibration
 from tests.thorough import examples, further
 from transport import decode_terrain
@@ -237,7 +237,7 @@ def test_what_it_costs_is_little(paper_terrain: gp.TerrainGrid) -> None:
 def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
     """The map could not keep the bounds of the rounding."""
     with pytest.raises(gp.InvalidInput, match="compact encoding cannot be fused: .* Ask for it lossless"):
-        gp.TerrainMap(robot).update(sent_compactly(paper_terrain), np.eye(4), 1e-8 * np.eye(6))
+        gp.TerrainMap(robot).update(sent_compactly(paper_terrain), PoseInOdom(np.eye(4), 1e-8 * np.eye(6)))
 
 
 @pytest.mark.parametrize("rounding", [{}, {"elevation": 1e-4}, {"elevation": -1, "variance": 0}, 3, {"elevation": "x"}])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.terrain.layers.geometry import GridGeometry, distance_to_segment, inside_polygon, touched_cells
 from guara_perception.terrain.questions.path import corridor_of, sampled
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.thorough import examples
 
 MakeScan = Callable[..., gp.TerrainGrid]
@@ -219,9 +219,9 @@ def test_where_looks_disagree_the_highest_counts(robot: RobotModel, make_scan: M
     """A cell seen at 0 and then at 40 mm is CONFLICT; a swing must clear 40 mm, and does so at 70."""
     terrain_map = gp.TerrainMap(robot)
     heights = np.zeros((108, 90))
-    terrain_map.update(make_scan(heights, step=0), np.eye(4), np.zeros((6, 6)))
+    terrain_map.update(make_scan(heights, step=0), PoseInOdom(np.eye(4), np.zeros((6, 6))))
     heights[50:58, 40:48] = 0.04
-    fused = terrain_map.update(make_scan(heights, step=1), np.eye(4), np.zeros((6, 6)))
+    fused = terrain_map.update(make_scan(heights, step=1), PoseInOdom(np.eye(4), np.zeros((6, 6))))
     x, y = 0.72, 0.0
     assert fused.hazard_at(x, y) & gp.Hazard.CONFLICT
     low, high = ([[0.6, y, z], [0.85, y, z]] for z in (0.05, 0.07))

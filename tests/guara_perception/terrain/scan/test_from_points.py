@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from kinematics import RobotModel
+from kinematics import PoseInOdom, RobotModel
 from tests.thorough import examples
 
 SENSOR_ORIGIN = (0.40, 0.0, 0.50)
@@ -59,8 +59,8 @@ def test_a_gap_is_unscanned_or_with_rays_without_return_a_dropout(robot: RobotMo
     before = gp.terrain_from_points(points, 0.0003, SENSOR_ORIGIN, robot, step=0)
     for scan, kept in ((terrain, True), (looked, False)):
         terrain_map = gp.TerrainMap(robot)
-        terrain_map.update(before, np.eye(4), np.zeros((6, 6)))
-        fused = terrain_map.update(scan, np.eye(4), np.zeros((6, 6)))
+        terrain_map.update(before, PoseInOdom(np.eye(4), np.zeros((6, 6))))
+        fused = terrain_map.update(scan, PoseInOdom(np.eye(4), np.zeros((6, 6))))
         assert np.isfinite(fused.height_at(0.7, 0.0)) == kept
 
 
