@@ -32,7 +32,7 @@ from transport import PausePhase, StancePause, encode_stance_pause, open_client,
 from transport.keys import stance_key
 from transport.publisher import Publisher
 from transport.server import PerceptionServer
-from transport.stance_link import StanceReceiver
+from transport.stance_link import StancePublisher, StanceReceiver
 
 # Kind of message, and how many are sent per second. Floods come last: a message that cannot be read ends the pause.
 HOLDS = (("hold", 100.0), ("hold", 500.0))
@@ -86,6 +86,8 @@ def run_gait(endpoint: str) -> None:
         stance=stance_to_message(fresh_reading(stance, rng)),
     )
     with open_client(endpoint, timeout=TIMEOUT) as session:
+        # Tells the clock of the stamps; what is announced here is not always what it would send.
+        StancePublisher(session)
         latched = Publisher(session, stance_key("guara"))
         plain = Publisher(session, stance_key("guara"), latched=False)
         latched.put(encode_stance_pause(begin))

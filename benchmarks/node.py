@@ -27,7 +27,7 @@ from guara_perception.simulation.walk import fresh_reading
 from kinematics import load_robot
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
-from transport import PausePhase, StancePause, decode_terrain, encode_terrain, open_node
+from transport import PausePhase, StancePause, StancePublisher, decode_terrain, encode_terrain, open_node
 from transport.server import PerceptionServer
 
 TIMEOUT_S = 120.0
@@ -75,6 +75,8 @@ def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
     with rangefinder, open_node(listen=endpoint) as session:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
+        # Tells the clock of the stamps.
+        StancePublisher(session)
         with PerceptionNode(robot, calibration, rangefinder, server, mode=recorded.mode, status=status) as node:
             yield Bench(recorded, node, status, fps, endpoint)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,10 +83,10 @@ class LightSamples:
         if pair.index in self._chosen:
             self._samples[pair.index] = _sample(pair, profile)
 
-    def take_over(self, other: LightSamples) -> None:
-        """Add the samples of a part of this scan that was processed elsewhere."""
-        self._samples.update(other._samples)
-        self._unused.update(other._unused)
+    def take_over(self, other: LightSamples, indices: Collection[int]) -> None:
+        """Add the samples of some stripes that were processed elsewhere."""
+        self._samples.update({index: sample for index, sample in other._samples.items() if index in indices})
+        self._unused.update({index: why for index, why in other._unused.items() if index in indices})
 
     @property
     def unused(self) -> dict[int, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -60,9 +60,9 @@ class Glances:
         if pair.index in self._chosen:
             self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
 
-    def take_over(self, other: Glances) -> None:
-        """Add the glances at a part of this scan."""
-        self._rows.update(other._rows)
+    def take_over(self, other: Glances, indices: Collection[int]) -> None:
+        """Add the glances at some stripes of another scan."""
+        self._rows.update({index: rows for index, rows in other._rows.items() if index in indices})
 
     def wrong_frames(self, geometry: ScanGeometry, calibration: Calibration) -> str:
         """Text that says how the frames are wrong: turned, flipped or out of order; empty when nothing is found.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -251,22 +251,30 @@ class ScanProcessor:
         """
         if self._mode != "coarse":
             raise InvalidInput(f"a scan of mode {self._mode!r} cannot be extended, only a coarse one")
-        standard = ScanProcessor(
+        return self._taken_over("standard", self._profiles)
+
+    def restricted(self, indices: Collection[int]) -> ScanProcessor:
+        """This scan as it would be if only some of its stripes had been fired."""
+        return self._taken_over(self._mode, indices)
+
+    def _taken_over(self, mode: str, indices: Collection[int]) -> ScanProcessor:
+        """A processor of a mode that has some stripes of this one."""
+        other = ScanProcessor(
             self._calibration,
             self._robot,
             self._stance,
-            "standard",
+            mode,
             method=self._method,
             resolution=self.grid.resolution,
             stamp=self._stamp,
             step=self._step,
         )
-        standard._profiles.update(self._profiles)
-        standard._glances.take_over(self._glances)
-        standard._light.take_over(self._light)
-        standard._surface.add(self.points)
-        standard._seconds.update(self._seconds)
-        return standard
+        other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
+        other._glances.take_over(self._glances, indices)
+        other._light.take_over(self._light, indices)
+        other._surface.add({index: each for index, each in self.points.items() if index in indices})
+        other._seconds.update(self._seconds)
+        return other
 
     def work_ahead(self) -> None:
         """Judge what was added so far, so that `finish` has only to judge what is added after it.

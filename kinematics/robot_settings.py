@@ -50,7 +50,8 @@ class OdometryLimits:
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
 
-TIME_LIMIT_S = 30.0
+# Keys of [pause] that a robot.toml may leave out.
+OPTIONAL = ("time_limit", "grace_share", "grace_least", "grace_most")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,8 @@ class PauseLimits:
         camera_rotation_limit: how far the camera may turn during a scan [rad].
         time_limit: a pause whose planned end is not announced is over this long after the last message about it [s]; a
             robot.toml without it takes 30 s.
+        grace_share, grace_least, grace_most: how much later than announced the message that ends a pause may arrive: a
+            share of the announced time, within bounds [s]. The laser is off by then.
     """
 
     joint_speed_limit: float
@@ -72,7 +75,10 @@ class PauseLimits:
     minimum_feet: int
     camera_translation_limit: float
     camera_rotation_limit: float
-    time_limit: float = TIME_LIMIT_S
+    time_limit: float = 30.0
+    grace_share: float = 0.25
+    grace_least: float = 0.5
+    grace_most: float = 2.0
 
     @classmethod
     def from_table(cls, table: Table) -> PauseLimits:
@@ -83,8 +89,12 @@ class PauseLimits:
             minimum_feet=table.integer("minimum_feet", least=1),
             camera_translation_limit=table.number("camera_translation_limit", above=0.0),
             camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
-            time_limit=table.number("time_limit", above=0.0) if "time_limit" in table.values else TIME_LIMIT_S,
+            **{key: table.number(key, above=0.0) for key in OPTIONAL if key in table.values},
         )
+
+    def grace(self, announced: float) -> float:
+        """Grace of a pause whose length was announced [s]."""
+        return min(max(self.grace_share * announced, self.grace_least), self.grace_most)
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,6 +119,11 @@ def stance_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{check_name(robot)}/gait/v1/stance"
 
 
+def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the queryable that answers with the time now of the clock that stamps the stance pauses."""
+    return f"{check_name(robot)}/gait/v1/clock"
+
+
 def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
     """Key of the liveliness token of one run of the node, or of all with `*`."""
     return f"{perception_prefix(robot)}/@alive/run/{run}"

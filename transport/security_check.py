@@ -15,7 +15,7 @@ from transport import zenoh_api
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed, SecurityError
 from transport.fetcher import Fetcher
-from transport.keys import FLEET_STATUS, scan_key, stance_key, status_key, terrain_key
+from transport.keys import FLEET_STATUS, gait_clock_key, scan_key, stance_key, status_key, terrain_key
 from transport.publisher import Publisher
 from transport.security.access_rules import FLEET, ROLES, ROUTER
 from transport.security.folder import load_configuration, role_folder
@@ -30,6 +30,7 @@ ACTIONS = (
     "see the status",
     "request a scan",
     "publish stance pauses",
+    "tell the gait's clock",
     "forge grids",
 )
 
@@ -41,7 +42,7 @@ READER = ("connect", "read grids", "read the last grid", "see the status")
 EXPECTED: dict[str, tuple[str, ...]] = {
     "planner": (*READER, "request a scan"),
     "viewer": READER,
-    "gait": ("connect", "publish stance pauses"),
+    "gait": ("connect", "publish stance pauses", "tell the gait's clock"),
     STRANGER: (),
 }
 
@@ -98,7 +99,7 @@ class _Probe:
     """A node for the test: it publishes, serves a queryable, and notes what comes in."""
 
     def __init__(self, session: Session, robot: str) -> None:
-        self.robot = robot
+        self.robot, self.session = robot, session
         self.live = Publisher(session, terrain_key(robot), latched=True)
         self.status = Publisher(session, status_key(robot), latched=False)
         self.stance = _Ear(session, stance_key(robot))
@@ -279,8 +280,15 @@ def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Pro
         if status.hears(f"status {role}", 0.1):
             allowed.add("see the status")
     node.live.put(b"last")
-    if _is_answered(session, node.robot):
+    if b"done" in _answers(session, scan_key(node.robot)):
         allowed.add("request a scan")
+    told = f"clock of {role}".encode()
+    raw = zenoh_api.declare_queryable(session.raw, gait_clock_key(node.robot), lambda query: _tell(query, told))
+    deadline = time.monotonic() + (WAIT if "tell the gait's clock" in expected else QUIET)
+    while time.monotonic() < deadline and "tell the gait's clock" not in allowed:
+        if told in _answers(node.session, gait_clock_key(node.robot), QUIET):
+            allowed.add("tell the gait's clock")
+    raw.undeclare()
     stance, forged = f"stance of {role}", f"forged by {role}"
     session.raw.put(stance_key(node.robot), stance.encode())
     session.raw.put(key, forged.encode())
@@ -291,14 +299,17 @@ def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Pro
     return allowed
 
 
-def _is_answered(session: Session, robot: str) -> bool:
+def _tell(query: Any, text: bytes) -> None:
+    query.reply(str(query.key_expr), text)
+    query.drop()
+
+
+def _answers(session: Session, key: str, timeout: float = WAIT) -> list[bytes | None]:
     finished = threading.Event()
     replies: list[bytes | None] = []
-    zenoh_api.get_replies(
-        session.raw, scan_key(robot), b"", WAIT, lambda _, reply, __: replies.append(reply), finished.set
-    )
-    finished.wait(WAIT + QUIET)
-    return b"done" in replies
+    zenoh_api.get_replies(session.raw, key, b"", timeout, lambda _, reply, __: replies.append(reply), finished.set)
+    finished.wait(timeout + QUIET)
+    return replies
 
 
 def format_matrix(permissions: tuple[Permission, ...]) -> str:

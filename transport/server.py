@@ -34,6 +34,7 @@ from transport.resource import Resource
 from transport.ros2 import Ros2Mirror
 from transport.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.session import Session
+from transport.stance_link import GaitClock
 from transport.status_reporter import StatusReporter
 from transport.supervision import FailureLog
 from transport.views import ViewSender
@@ -203,6 +204,10 @@ class PerceptionServer(Resource):
             return terrain
 
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
+
+    def gait_clock(self, on_news: Callable[[], None]) -> GaitClock:
+        """Clock of the gait that announces this robot's pauses; `on_news` as in `GaitClock`."""
+        return GaitClock(self._session, self.robot, on_news)
 
     def begin_step(self, step: int, epoch: str = "") -> None:
         """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""

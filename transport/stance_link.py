@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import MessageError
-from transport.keys import DEFAULT_ROBOT, stance_key
+from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
+from transport.messages.codec import decode, encode, make_time, read_time
 from transport.messages.encodings import cdr
 from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
-from transport.messages.typestore import STANCE_PAUSE
-from transport.outbox import Outbox
+from transport.messages.typestore import STANCE_PAUSE, TIME
+from transport.outbox import MAXIMUM_PENDING, Outbox
 from transport.publisher import URGENT, Publisher
 from transport.receiver import NewestReceiver
+from transport.remote_clock import ClockBound, RemoteClock
 from transport.resource import Resource
 from transport.session import Session
 from transport.supervision import report
@@ -20,25 +25,36 @@ from transport.supervision import report
 # Announcements that may wait for whoever follows them; then the oldest HOLD or unreadable one is dropped, else the
 # oldest.
 MAXIMUM_WAITING = 256
+# [s] Between two questions for the gait's clock. One that is set in between is noticed at the next answer.
+CLOCK_PERIOD = 2.0
 
 
 class StancePublisher(Resource):
-    """The gait controller's side: announces the pauses, without ever waiting for a receiver.
+    """The gait controller's side: announces the pauses, without ever waiting for a receiver, and tells its clock.
 
     Args:
         session: open session.
         robot: instance name, the same as in each `StancePause`; whoever starts within a pause still gets its BEGIN.
+        clock: gives the time now [ns] of the clock that stamps the pauses. The node asks for it, because a stamp alone
+            does not tell a late message from a clock that is off, and without an answer it confirms no scan.
     """
 
-    def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
-        """Declare the key."""
-        self._robot = robot
+    def __init__(
+        self, session: Session, *, robot: str = DEFAULT_ROBOT, clock: Callable[[], int] = time.time_ns
+    ) -> None:
+        """Declare the keys."""
+        self._is_closed = False
+        self._robot, self._clock, self._clock_key = robot, clock, gait_clock_key(robot)
         encoding = cdr(STANCE_PAUSE)
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
         # Not kept for those who join later: they need the BEGIN.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._outbox = Outbox()
-        self._count = 0
+        self._count = self._questions = 0
+        self._raw: Any = session.attempt(
+            lambda: zenoh_api.declare_queryable(session.raw, self._clock_key, self._on_question),
+            f"cannot serve {self._clock_key!r}",
+        )
         super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
@@ -62,14 +78,58 @@ class StancePublisher(Resource):
     def _send(self, pause: StancePause) -> None:
         self._publisher.put(encode_stance_pause(pause))
 
+    def _on_question(self, query: Any) -> None:
+        # Zenoh's thread: read the clock and hand over.
+        now = self._clock()
+        self._questions += 1
+        if self._is_closed or self._outbox.pending >= MAXIMUM_PENDING:
+            query.drop()
+            return
+
+        def answer() -> None:
+            query.reply(self._clock_key, encode(make_time(now)), encoding=cdr(TIME))
+            query.drop()
+
+        lane = f"{self._clock_key} {self._questions}"
+        self._outbox.post(lane, answer, lane=lane)
+
     def flush(self, timeout: float) -> None:
         """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def _release(self) -> None:
+        if not self._session.raw_is_closed:
+            self._raw.undeclare()
         self._outbox.close()
         self._holds.close()
         self._publisher.close()
+
+
+class GaitClock(RemoteClock):
+    """Asks the gait for the time now of the clock that stamps its announcements."""
+
+    def __init__(self, session: Session, robot: str = DEFAULT_ROBOT, on_news: Callable[[], None] | None = None) -> None:
+        """Begin to ask; `on_news` is called, on the thread that asks, when the clock becomes known or better known."""
+        self._on_news = on_news
+        self._bound: ClockBound | None = None
+        super().__init__(session, gait_clock_key(robot), period=CLOCK_PERIOD)
+
+    @property
+    def key(self) -> str:
+        """Key that is asked."""
+        return self._key
+
+    def earliest(self, stamp: int) -> float | None:
+        """Earliest instant by `transport.clock` [s] at which a stamp [ns] can have been read; None: not known."""
+        bound = self._bound
+        return None if bound is None else bound.earliest(stamp * 1e-9)
+
+    def _take(self, payload: bytes, asked: float, answered: float) -> bool:
+        newer, before = ClockBound(read_time(decode(payload, TIME)) * 1e-9, asked, answered), self._bound
+        self._bound = newer if before is None else before.after(newer)
+        if self._on_news is not None and self._bound is newer:
+            self._on_news()
+        return True
 
 
 class StanceReceiver(NewestReceiver[StancePause]):

@@ -1,13 +1,16 @@
 """Stance pauses between processes: both ends are heard, an invalid announcement is reported."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import transport
-from transport import keys
+from transport import clock, keys, zenoh_api
 from transport.messages.codec import encode
 from transport.messages.stance_pause import make_stance_pause
 from transport.publisher import Publisher
+from transport.stance_link import GaitClock
 
 
 def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None:
@@ -74,3 +77,48 @@ def test_who_comes_within_a_pause_hears_its_begin_and_not_its_holds(endpoint: st
         say(transport.PausePhase.END, 40)
         assert eventually(lambda: heard[-1] == ("END", 40))
         assert heard == [("BEGIN", 1), *(("HOLD", stamp) for stamp in range(3, 40)), ("END", 40)]
+
+
+@pytest.mark.slow
+def test_the_gaits_clock_is_found_by_a_round_trip_and_again_when_it_is_set(endpoint: str, eventually) -> None:
+    """Whatever it shows: a stamp is taken for as early as it can have been read, never for later than it was."""
+    shown = [700_000_000]
+    news: list[float | None] = []
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint, timeout=180.0) as other:
+        gait_clock = GaitClock(session, on_news=lambda: news.append(1))
+        assert gait_clock.earliest(0) is None
+        publisher = transport.StancePublisher(other, clock=lambda: round(clock.now() * 1e9) + shown[0])
+        assert eventually(lambda: news != [])
+        for offset in (700_000_000, -300_000_000):
+            shown[0] = offset
+
+            def is_found(offset: int = offset) -> bool:
+                now = clock.now()
+                earliest = gait_clock.earliest(round(now * 1e9) + offset)
+                assert earliest is not None
+                return abs(earliest - now) < 0.1
+
+            assert eventually(is_found)
+            now = clock.now()
+            earliest = gait_clock.earliest(round(now * 1e9) + offset)
+            assert earliest is not None and earliest <= now + 1e-6
+        publisher.close()
+        assert gait_clock.earliest(0) is not None and not gait_clock.ask(timeout=0.5)
+
+
+@pytest.mark.slow
+def test_an_answer_that_is_no_time_is_refused(endpoint: str, eventually) -> None:
+    """The clock stays unknown, and the node goes on asking."""
+    asked: list[int] = []
+
+    def answer(query: Any) -> None:
+        asked.append(1)
+        query.reply(keys.gait_clock_key("guara"), b"noon")
+        query.drop()
+
+    with transport.open_node(listen=endpoint) as session:
+        declared = zenoh_api.declare_queryable(session.raw, keys.gait_clock_key("guara"), answer)
+        gait_clock = GaitClock(session)
+        assert eventually(lambda: len(asked) > 1)
+        assert gait_clock.earliest(0) is None
+        declared.undeclare()

@@ -6,7 +6,7 @@ from typing import Any
 
 from transport.exceptions import MessageError
 from transport.messages.ranges import check_ranges
-from transport.messages.typestore import message_class, typestore
+from transport.messages.typestore import TIME, message_class, typestore
 
 # [byte] Larger payloads are refused before they are looked at; a map of all layers has under 2 MB.
 MAXIMUM_PAYLOAD = 64 * 1024 * 1024
@@ -70,7 +70,7 @@ def make_time(stamp: int) -> Any:
     seconds, nanoseconds = divmod(int(stamp), 1_000_000_000)
     if not 0 <= seconds < 2**31:
         raise MessageError(f"stamp {stamp} ns is out of range; allowed: 0 to {2**31 * 1_000_000_000 - 1} ns")
-    return message_class("builtin_interfaces/msg/Time")(seconds, nanoseconds)
+    return message_class(TIME)(seconds, nanoseconds)
 
 
 def read_time(time: Any) -> int:

@@ -28,6 +28,7 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 FRAMES = "tf2_msgs/msg/TFMessage"
 TEXT = "std_msgs/msg/String"
+TIME = "builtin_interfaces/msg/Time"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 
 

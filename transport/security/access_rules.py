@@ -10,6 +10,7 @@ from transport.keys import (
     FLEET_ALIVE,
     FLEET_STATUS,
     claim_key,
+    gait_clock_key,
     grid_keys,
     perception_prefix,
     query_key,
@@ -102,8 +103,8 @@ def access_control(
     """The `access_control` section of the Zenoh configuration of a node that is its own router.
 
     Nothing is allowed but: planner and viewer read everything under `<robot>/perception/v1` and ask for the
-    newest grid and the status; the planner also requests scans; gait publishes stance pauses; a second node may
-    show that it waits for the name; a router that the node dials reads as a viewer does.
+    newest grid and the status; the planner also requests scans; gait publishes stance pauses and tells its clock; a
+    second node may show that it waits for the name; a router that the node dials reads as a viewer does.
 
     Args:
         robot: instance name.
@@ -164,10 +165,15 @@ def _perception(robot: str) -> list[str]:
     return [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
 
 
+def _stance_keys(robot: str) -> list[str]:
+    """What the gait announces its pauses on, and where it tells its clock."""
+    stance = stance_key(robot)
+    return [stance, f"{stance}/@adv/**", gait_clock_key(robot)]
+
+
 def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
     """Rules for reading what a robot publishes, asking for grids and scans, and announcing stance pauses."""
-    perception, stance = _perception(robot), stance_key(robot)
-    stance_keys = [stance, f"{stance}/@adv/**"]
+    perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{label}read", "ingress", SUBSCRIBING, perception)
     rules.write(f"{label}history", "ingress", ["query"], [f"{perception_prefix(robot)}/**/@adv/**"])
     rules.write(f"{label}send", "egress", SERVING, perception)
@@ -179,8 +185,7 @@ def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
 
 def _write_source(rules: _Rules, robot: str) -> None:
     """Rules for the link to a robot's node, or to the router that it is behind."""
-    perception, stance = _perception(robot), stance_key(robot)
-    stance_keys = [stance, f"{stance}/@adv/**"]
+    perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{robot} source_in", "ingress", SERVING, perception)
     rules.write(f"{robot} source_out", "egress", [*SUBSCRIBING, "query"], [*perception, *FLEET_KEYS])
     # A node looks for others of its name.

@@ -86,7 +86,8 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
             return Health.WARN, (
-                "the access rules were made by another version: planners may have to judge ages by wall clocks; "
+                "the access rules were made by another version: planners may have to judge ages by wall clocks, and "
+                "the gait may not tell its clock, without which no scan is confirmed; "
                 "`guara security renew`, then copy the folder again"
             )
     return Health.OK, f"{len(left)} certificates, the first ends in {days:.0f} days ({name})"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from drivers import DriverError, LightCheck, StripeCapture
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
+from transport import clock
 
 # Number of stripes still to come when the work on the grid begins ahead: they take longer than that work, even on a
 # computer three times slower than a desktop.
@@ -22,11 +24,12 @@ class LiveScan:
 
     Attributes:
         start: instant before the first frame [ns since the epoch].
-        end: instant at which the last frame had arrived [ns since the epoch].
-        last_frame: the instant `end` on the monotonic clock [s], for latencies.
+        end: instant at which the host had the last frame [ns since the epoch].
+        last_frame: the same instant by `transport.clock` [s].
         problems: what went wrong; empty for a good scan.
         stopped_early: whether the pause ended before the scan.
         failed: whether a device failed; what had been scanned by then is in the processor.
+        instants: instant by `transport.clock` at which the host had the last frame of each stripe [s], by index.
     """
 
     start: int
@@ -35,6 +38,7 @@ class LiveScan:
     problems: tuple[str, ...]
     stopped_early: bool
     failed: bool
+    instants: Mapping[int, float] = field(default_factory=dict)
 
 
 def live_scan(
@@ -65,30 +69,41 @@ def live_scan(
     light = LightCheck()
     failed = False
     worked_ahead = False
-    done: set[int] = set()
+    instants: dict[int, float] = {}
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
     try:
         with stripes:
             for group in stripes.groups():
-                done.update(capture.index for capture in group)
+                instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
                 _take(group, processor, light, on_stripe)
                 # Otherwise its frames would stay in memory until the next group is whole.
                 del group
-                if 0 < len(firing_order) - len(done) <= STRIPES_AFTER and not worked_ahead:
+                if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
                     # The mirror has yet to turn to the last stripes; after them the gait would have to wait for this.
                     worked_ahead = True
                     processor.work_ahead()
     except DriverError as error:
         failed = True
         problems.append(str(error))
-    end, last_frame = time.time_ns(), time.monotonic()
+    now = clock.now()
+    last_frame = max(instants.values(), default=now)
+    end = time.time_ns() - round((now - last_frame) * 1e9)
     problems.extend(light.problems)
     report = stripes.report
     for index in report.fired:
-        if index not in done:
+        if index not in instants:
+            instants[index] = now
             processor.mark_bad(index, "fired, but no frame came")
     problems.extend(problem for problem in report.problems if problem not in problems)
-    return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed)
+    return LiveScan(start, end, last_frame, tuple(problems), report.stopped_early, failed, instants)
+
+
+def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
+    """Instant at which the host had both frames of a stripe; now for what has no stamp, or one of an emulated clock."""
+    stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp) if not math.isnan(stamp)]
+    if not stamps or rangefinder.clock is not None:
+        return clock.now()
+    return clock.now() - max(0.0, time.monotonic() - max(stamps))
 
 
 def _take(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import threading
-import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -25,7 +24,7 @@ from guara_perception.progress import Progress
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
-from kinematics import KinematicsError, RobotModel, Stance, check_camera_still
+from kinematics import KinematicsError, RobotModel, Stance, Stillness
 from transport import (
     Health,
     PausePhase,
@@ -36,6 +35,7 @@ from transport import (
     TerrainMessage,
     TransportError,
     UnknownPhase,
+    clock,
 )
 from transport.server import PerceptionServer
 from transport.supervision import Failure, follow, forget, supervised
@@ -108,6 +108,7 @@ class PerceptionNode:
             robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder, mirror=mirror
         )
         self._changed = threading.Condition()
+        self._gait_clock = server.gait_clock(self._on_clock)
         self._pause: Pause | None = None
         self._walks = Walks(server.robot, server.run)
         self._has_news = False
@@ -141,7 +142,7 @@ class PerceptionNode:
         A stance that cannot be used (an unknown foot) ends the pause that it speaks of: what is not known to stand
         still is not scanned, and a scan under way is not used.
         """
-        now = time.monotonic()
+        now = clock.now()
         if self._recorder is not None:
             self._recorder.add_stance(announcement)
         refusal = self._walks.refusal(announcement, self._pause)
@@ -159,22 +160,25 @@ class PerceptionNode:
             self._changed.notify_all()
         if begun is not None:
             self.status.solved("stance")
+            self._gait_clock.wake()
             self._server.begin_step(begun.step, begun.epoch)
         elif self._pause is not None and self._pause.ended.is_set():
             self._server.end_step()
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
         """Apply an announcement to the pause that it speaks of; return the pause that it begins, if any."""
-        current = self._standing()
-        phase, step = announcement.phase, announcement.step
-        is_same = current is not None and (current.step, current.given_epoch) == (step, announcement.epoch)
+        current, last = self._standing(), self._pause
+        phase, step, stamp = announcement.phase, announcement.step, announcement.stamp
+        is_same = last is not None and (last.step, last.given_epoch) == (step, announcement.epoch)
         if current is not None and is_same:
             if phase is PausePhase.HOLD:
-                current.hold(stance, now, announcement.stamp, announcement.time_available)
+                current.hold(stance, now, stamp, announcement.time_available)
             elif phase is PausePhase.END or stance is None:
-                current.end(stance)
-            elif current.begin_again(stance):
+                current.end(stance, now, stamp)
+            elif current.begin_again(stance, now, stamp):
                 return None
+        elif last is not None and is_same and phase is not PausePhase.BEGIN:
+            last.add_late(stance, now, stamp)
         elif current is not None and (phase is PausePhase.BEGIN or self._is_later(announcement, current)):
             # Another pause: the end of this one was never announced.
             current.end(None)
@@ -185,12 +189,13 @@ class PerceptionNode:
             epoch=self._walks.epoch_of(announcement, self._pause),
             given_epoch=announcement.epoch,
             stance=stance,
-            check=self._check_still,
+            stillness=Stillness(self._robot, stance, 0.0, transform_camera_to_base=self._camera),
+            earliest=self._gait_clock.earliest,
+            limits=self._robot.pause_limits,
             begun=now,
-            limit=self._robot.pause_limits.time_limit,
             known_ground=self._ground_of(announcement),
             time_available=announcement.time_available,
-            stamp=announcement.stamp,
+            stamp=stamp,
         )
         return self._pause
 
@@ -206,8 +211,11 @@ class PerceptionNode:
     def _is_later(self, announcement: StancePause, current: Pause) -> bool:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
 
-    def _check_still(self, begin: Stance, now: Stance) -> None:
-        check_camera_still(self._robot, begin, now, transform_camera_to_base=self._camera)
+    def _on_clock(self) -> None:
+        """Look again at what the gait's stamps confirm: its clock is known, or better known."""
+        with self._changed:
+            self._has_news = True
+            self._changed.notify_all()
 
     def on_refused(self, error: TransportError) -> None:
         """Take note that the gait announced something that cannot be read, a joint that is NaN for instance.
@@ -236,7 +244,7 @@ class PerceptionNode:
             self._changed.notify_all()
 
     def _is_hung(self) -> bool:
-        return time.monotonic() - self._progress_at > HANG_TIME_S
+        return clock.now() - self._progress_at > HANG_TIME_S
 
     def _thread_item(self) -> StatusItem:
         """State of the scan thread: it must live, and go on with its work."""
@@ -281,6 +289,7 @@ class PerceptionNode:
             self._changed.notify_all()
         if self._thread.is_alive():
             self._thread.join(STOP_TIMEOUT_S)
+        self._gait_clock.close()
 
     def _pause_item(self) -> StatusItem:
         pause = self._pause
@@ -291,11 +300,12 @@ class PerceptionNode:
         pause = self._pause
         if pause is None:
             return None
-        pause.expire(time.monotonic())
+        pause.expire(clock.now())
         return None if pause.ended.is_set() else pause
 
     def _admit(self, request: ScanRequest) -> None:
-        if self._standing() is None:
+        pause = self._standing()
+        if pause is None or not pause.time_left(clock.now()):
             raise ScanFailed("the robot is not in a stance pause, a scan needs it to stand still", "not_stationary")
         if request.mode not in MODES:
             raise ScanFailed(f"mode is {request.mode!r}, allowed: {', '.join(MODES)}", "bad_request")
@@ -339,7 +349,7 @@ class PerceptionNode:
                 self._run_job(*job)
 
     def _go_on(self) -> None:
-        self._progress_at = time.monotonic()
+        self._progress_at = clock.now()
 
     def _has_work(self) -> bool:
         return bool(self._to_scan or self._job or self._has_news or self._closing.is_set())
@@ -349,7 +359,7 @@ class PerceptionNode:
         pause = self._pause
         if pause is None or pause.ended.is_set():
             return None
-        return pause.time_left(time.monotonic()) + EXPIRY_SLACK_S
+        return max(pause.deadline - clock.now(), 0.0) + EXPIRY_SLACK_S
 
     def _settle(self) -> None:
         try:
@@ -377,8 +387,10 @@ class PerceptionNode:
         """Scan; whatever goes wrong is logged and shown in the status, and the next pause scans again."""
 
         def should_stop() -> bool:
-            pause.expire(time.monotonic())
-            return pause.ended.is_set() or self._closing.is_set() or is_cancelled() or self._is_hung()
+            now = clock.now()
+            pause.expire(now)
+            is_over = pause.ended.is_set() or not pause.time_left(now)
+            return is_over or self._closing.is_set() or is_cancelled() or self._is_hung()
 
         def advance(done: int, total: int) -> None:
             self._go_on()
@@ -393,4 +405,5 @@ class PerceptionNode:
                 logger.error("step %d: no scan: %s", pause.step, error)
             else:
                 logger.exception("step %d: no scan", pause.step)
+            self._settle()
             return error

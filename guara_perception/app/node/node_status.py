@@ -133,6 +133,14 @@ class NodeStatus:
         with self._lock:
             self._items[item.name] = item
 
+    def note(self, name: str, message: str) -> None:
+        """Add or replace a warning; take it out where the message is empty."""
+        with self._lock:
+            if message:
+                self._items[name] = StatusItem(name=name, level=Health.WARN, message=message)
+            else:
+                self._items.pop(name, None)
+
     def follow(self, item: Callable[[], StatusItem]) -> None:
         """Ask for an item again with every status; `item` must be quick."""
         with self._lock:

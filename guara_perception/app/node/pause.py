@@ -11,17 +11,17 @@ import numpy as np
 
 from guara_perception.app.messages import message_to_stance
 from guara_perception.terrain.map.known_ground import KnownGround
-from kinematics import KinematicsError, RobotModel, Stance, StanceError
+from kinematics import KinematicsError, RobotModel, Stance, StanceError, Stillness
 from kinematics.joint_positions import checked_positions
+from kinematics.robot_settings import PauseLimits
 from transport import StancePause
 
 # A position this far beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-
-# Raises KinematicsError when the camera was elsewhere at the second stance, or when this is not known.
-StillCheck = Callable[[Stance, Stance], None]
+# A pause that is announced longer than this is taken for as long: the gait says HOLD long before.
+LONGEST_S = 3600.0
 
 UNKNOWN_END = (
     "the pause ended without a stance that can be used: whether the camera stood still during the scan is "
@@ -31,114 +31,157 @@ UNKNOWN_END = (
 
 @dataclass
 class Pause:
-    """One pause, begun and perhaps ended. Times are of the clock that `now` comes from [s].
+    """One pause, begun and perhaps ended. Instants are of `transport.clock` [s], stamps of the gait's clock [ns].
 
-    A scan whose last frame came no later than `still_until` is confirmed: the robot stood as BEGIN said.
+    A frame is confirmed by joints that were read after it and show that the robot stood as BEGIN said, by one that
+    came no later than `still_until`. How late a message arrives does not count: its stamp does, taken for as early as
+    the gait's clock can have shown it, and never for later than its arrival.
 
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
-        given_epoch: identity of the walk as the gait gave it, empty when it gave none.
         stance: stance at its beginning.
-        check: compares a stance with that at the beginning.
+        stillness: test of all readings, begun with that of BEGIN at time 0.
+        earliest: earliest instant at which the gait's clock can have shown a stamp; None while its clock is not known.
+        limits: limits of robot.toml.
         begun: instant at which BEGIN came.
-        limit: time after BEGIN at which a pause ends if the gait announces nothing more [s].
+        stamp: stamp of BEGIN.
+        given_epoch: identity of the walk as the gait gave it, empty when it gave none.
         known_ground: what the gait declares, in base_footprint of this pause.
-        time_available: time from its beginning to its planned end [s]; 0 when not known.
-        stamp: stamp of BEGIN, by the gait's clock [ns].
+        time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
         ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
         end_stance: stance read again at the end, None until then and when it could not be used.
-        still_until: instant until which the robot is known to have stood as BEGIN said; infinite when END said so.
+        newest_stamp: latest stamp of this pause's announcements.
         broken: why the robot is not known to have stood still to the end; empty otherwise.
         moved: whether the robot moved, or cannot be shown to have stood still.
-        is_fused: whether its scan is in the map for good.
     """
 
     step: int
     epoch: str
     stance: Stance
-    check: StillCheck
+    stillness: Stillness
+    earliest: Callable[[int], float | None]
+    limits: PauseLimits
     begun: float
-    limit: float
+    stamp: int
     given_epoch: str = ""
     known_ground: tuple[KnownGround, ...] = ()
     time_available: float = 0.0
-    stamp: int = 0
     ended: threading.Event = field(default_factory=threading.Event)
     end_stance: Stance | None = None
-    still_until: float = -math.inf
+    newest_stamp: int = 0
     broken: str = ""
     moved: bool = False
-    is_fused: bool = False
 
     def __post_init__(self) -> None:
         """Plan its end."""
-        self.deadline = self.begun + (self.time_available or self.limit)
+        self.time_available = _sound(self.time_available)
+        self.newest_stamp = self.stamp
+        # Stamp up to which the readings show stillness, and arrival of the message that showed it.
+        self._still = (self.stamp, self.begun)
+        # Stamp, arrival and length of what was announced last.
+        self._plan = (self.stamp, self.begun, self.time_available)
 
-    def differs(self, stance: Stance) -> str:
-        """Why a stance is not that of BEGIN, or cannot be compared with it; empty when it is the same."""
-        try:
-            self.check(self.stance, stance)
-        except KinematicsError as error:
-            return str(error)
-        return ""
+    @property
+    def still_until(self) -> float:
+        """Instant until which the robot is known to have stood as BEGIN said; -inf while the clock is not known."""
+        stamp, arrival = self._still
+        earliest = self.earliest(stamp)
+        return -math.inf if earliest is None else min(earliest, arrival)
 
-    def hold(self, stance: Stance | None, now: float, stamp: int, time_available: float) -> None:
+    @property
+    def is_clock_known(self) -> bool:
+        """Whether stamps can be compared with frames."""
+        return self.earliest(self.stamp) is not None
+
+    @property
+    def planned_end(self) -> float:
+        """Instant at which the gait moves on by its own word; no frame is taken after it."""
+        stamp, arrival, length = self._plan
+        if not length:
+            return arrival + self.limits.time_limit
+        earliest = self.earliest(stamp)
+        return length + (arrival if earliest is None else min(earliest, arrival))
+
+    @property
+    def deadline(self) -> float:
+        """Instant by which END must have arrived."""
+        return self.planned_end + self.limits.grace(self._plan[2] or self.limits.time_limit)
+
+    def hold(self, stance: Stance | None, now: float, stamp: int, time_available: float = 0.0) -> None:
         """The gait says that the robot still stands.
 
         Args:
-            stance: stance now, None when it cannot be used.
+            stance: stance at the stamp, None when it cannot be used.
             now: instant at which this came.
-            stamp: stamp of the joints, by the gait's clock [ns].
-            time_available: time from now to the planned end [s]; 0 when not known.
+            stamp: stamp of the joints.
+            time_available: time from the stamp to the planned end [s]; 0 when not known.
         """
         if stance is None:
             self.end(None)
-            return
-        difference = self.differs(stance)
-        if difference:
-            self._break(difference, moved=True)
-            return
-        # Joints that were read before the last frame say nothing of it, however late they arrive.
-        read_at = self.begun + (stamp - self.stamp) * 1e-9
-        self.still_until = max(self.still_until, min(now, read_at))
-        if time_available > 0:
-            self.deadline = now + time_available
-        elif self.time_available == 0:
-            self.deadline = now + self.limit
+        elif self._add(stance, now, stamp):
+            length = _sound(time_available)
+            if length and stamp >= self._plan[0]:
+                self._plan = (stamp, now, length)
+            elif not self._plan[2]:
+                self._plan = (stamp, now, 0.0)
 
-    def end(self, stance: Stance | None) -> None:
+    def end(self, stance: Stance | None, now: float = 0.0, stamp: int = 0) -> None:
         """The gait moves on; without a stance it is not known whether the robot stood still until now."""
         if stance is None:
             self._break(UNKNOWN_END)
-            return
-        self.end_stance = stance
-        difference = self.differs(stance)
-        if difference:
-            self._break(difference, moved=True)
-            return
-        self.still_until = math.inf
-        self.ended.set()
+        elif self._add(stance, now, stamp):
+            self.end_stance = stance
+            self.ended.set()
 
-    def begin_again(self, stance: Stance) -> bool:
+    def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
         """A second BEGIN of this pause: True when it repeats the first; else this pause is over."""
-        difference = self.differs(stance)
-        if difference:
-            self._break(f"a second BEGIN of step {self.step} came with other joints: {difference}", moved=True)
-        return not difference
+        if self._add(stance, now, stamp):
+            return True
+        self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
+        return False
+
+    def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
+        """Joints that come after END: what was read before it still counts, the rest is of the swing that follows."""
+        if stance is not None and not self.broken and stamp < self.newest_stamp:
+            self._add(stance, now, stamp)
 
     def expire(self, now: float) -> None:
         """End it when its time is over."""
         if not self.ended.is_set() and now > self.deadline:
-            self._break(f"the pause had no END within its time of {self.deadline - self.begun:.3g} s")
+            length = self.planned_end - self.begun
+            if self._plan[0] == self.stamp:
+                length = self.time_available or self.limits.time_limit
+            grace = self.deadline - self.planned_end
+            self._break(f"the pause had no END within its time of {length:.3g} s and {grace:.3g} s of grace")
 
     def time_left(self, now: float) -> float:
-        """Time until it ends by itself [s], 0 or more."""
-        return max(self.deadline - now, 0.0)
+        """Time until its planned end [s], 0 or more."""
+        return max(self.planned_end - now, 0.0)
+
+    def _add(self, stance: Stance, now: float, stamp: int) -> bool:
+        """Test a reading; False when the robot moved, which ends the pause."""
+        self.newest_stamp = max(self.newest_stamp, stamp)
+        try:
+            self.stillness.add((stamp - self.stamp) * 1e-9, stance)
+            motion = self.stillness.motion
+        except KinematicsError as error:
+            motion = str(error)
+        if math.isfinite(self.stillness.still_until):
+            still = self.stamp + round(self.stillness.still_until * 1e9)
+            self._still = (still, now if still > self._still[0] else self._still[1])
+        if motion:
+            self._break(motion, moved=True)
+        return not motion
 
     def _break(self, reason: str, *, moved: bool = False) -> None:
         self.broken, self.moved = reason, moved
         self.ended.set()
+
+
+def _sound(time_available: float) -> float:
+    """A length of a pause [s] that can be waited for; 0, not known, for what is none."""
+    return min(time_available, LONGEST_S) if 0.0 < time_available < math.inf else 0.0
 
 
 def stance_of(announcement: StancePause, robot: RobotModel) -> Stance:

@@ -6,15 +6,17 @@ import dataclasses
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 
 from drivers import DriverError
+from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
-from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
+from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob, Swept
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.scene.live_view import LiveView
@@ -30,29 +32,36 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import CameraMoved, RobotModel, Stance
 from transport import TerrainMessage, clock
+from transport.keys import gait_clock_key
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
+# Scans whose time from the last frame to the published grid tells how long that of the next one takes: the longest.
+TAILS = 5
+TOO_LITTLE = (
+    "the joints that confirm the scan were read before most of it was taken. The gait must stand until the grid is "
+    "there, or say HOLD"
+)
 
 
-@dataclasses.dataclass(slots=True)
+@dataclasses.dataclass(slots=True, eq=False)
 class Published:
-    """The scan whose grid was published last.
+    """A scan whose grid was published.
 
     Attributes:
         pause: pause in which it was taken.
+        swept: the scan and what it was made of.
         terrain: grid of the scan alone.
-        scan: what the devices did in it.
-        fused: the map into which it was fused, None until then.
-        is_provisional: whether the pause has yet to confirm it.
+        fused: the map with it, None while it is not in the map.
+        is_confirmed: whether the pause has confirmed it.
         was_sent_provisional: whether it was published as provisional.
     """
 
     pause: Pause
+    swept: Swept
     terrain: TerrainGrid
-    scan: LiveScan
     fused: TerrainGrid | None = None
-    is_provisional: bool = True
+    is_confirmed: bool = False
     was_sent_provisional: bool = False
 
 
@@ -81,7 +90,15 @@ class PauseScanner:
         self._view = LiveView(server.views, centre=self._settings.stripes // 2)
         self._map = WalkMap(robot, calibration)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
-        self._published: Published | None = None
+        # The newest grid of the newest pause, and the scan of that pause that is in the map.
+        self._unknown_clock = (
+            f"the gait does not tell its clock on {gait_clock_key(server.robot)}, so that its stamps confirm no frame: "
+            "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
+            "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
+        )
+        self._newest: Published | None = None
+        self._fused: Published | None = None
+        self._tails: deque[float] = deque(maxlen=TAILS)
 
     @property
     def latest_map(self) -> TerrainGrid | None:
@@ -107,119 +124,199 @@ class PauseScanner:
             The message of the scan's own grid, handed over for sending.
 
         Raises:
-            CameraMoved: the robot moved during the scan, or may have moved; nothing was published.
+            CameraMoved: the robot moved during the scan, or may have moved: nothing was published but, perhaps, a
+                coarse grid, which `settle` takes back.
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """
+        self._begin(pause)
         recording = None
         if self._mirror is not None:
             self._mirror.begin(pause.stance, time.time_ns())
         if self._recorder is not None:
             first = "coarse" if mode == ADAPTIVE else mode
             recording = self._recorder.begin(pause.step, first, pause.stance)
+        messages: list[TerrainMessage] = []
         job = SweepJob(
             processor=lambda of_mode: self._processor(pause, of_mode),
             should_stop=should_stop,
-            time_available=pause.time_left(time.monotonic()) if pause.time_available else 0.0,
+            publish=lambda coarse: messages.append(self._publish(pause, coarse, will_be_refined=True)),
+            ends_at=lambda: pause.planned_end if pause.time_available else None,
+            tail=max(self._tails, default=0.0),
             progress=progress,
             recording=recording,
             on_stripe=self._view.add,
         )
         self._view.begin()
         try:
-            swept = self._sweeper.sweep(mode, job)
-            scan, processor = swept.scan, swept.processor
-            self.settle()
-            if pause.broken and pause.still_until < scan.last_frame:
-                raise CameraMoved(pause.broken)
-            terrain = dataclasses.replace(with_problems(swept.terrain, scan), stamp=scan.end)
+            swept = self._of_the_pause(pause, self._sweeper.sweep(mode, job))
+            messages.append(self._publish(pause, swept))
         except BaseException:
             if recording is not None:
                 recording.abandon()
             raise
-        before = self._published
-        self._published = published = Published(pause, terrain, scan)
-        message = self._send(published, terrain)
+        self._tails.append(clock.now() - swept.scan.last_frame)
+        message, published, scan, processor = messages[-1], self._newest, swept.scan, swept.processor
+        assert published is not None
         if recording is not None:
             recording.add_points(processor.points, scan.end)
         if self._mirror is not None:
             self._mirror.points(processor.points, scan.end)
         self._view.send(processor.points, scan.end)
-        self._status.scanned(terrain, scan, time.monotonic() - scan.last_frame)
+        self._status.scanned(published.terrain, scan, self._tails[-1])
         if logger.isEnabledFor(logging.INFO):
-            logger.info("%s", summary(terrain))
+            logger.info("%s", summary(published.terrain))
         self._status.drift(scan_drift(processor))
         try:
             self._check_steps()
         except MirrorSlipped as error:
-            nothing = self._nothing_seen(pause, str(error))
-            self._published = None
-            if before is not None and before.fused is not None:
-                # An earlier scan of this pause is in the map: what the pause says of it still counts.
-                self._published = Published(pause, nothing, scan, before.fused, was_sent_provisional=True)
-            withdrawn = publish_terrain(self._server, nothing)
-            self._finish(recording, (message, withdrawn), pause.end_stance)
+            # An earlier scan of this pause that is in the map stays there.
+            self._newest = None
+            messages.append(publish_terrain(self._server, self._nothing_seen(pause, str(error))))
+            self._finish(recording, messages, pause.end_stance)
             raise
         try:
-            published.fused = fused = self._map.update(
-                pause.step,
-                pause.stance,
-                swept.wide(terrain),
-                pause.known_ground,
-                epoch=pause.epoch,
-                time=end_of(scan),
-            )
-        except BaseException:
-            self._finish(recording, (message,), pause.end_stance)
-            raise
-        fused_message = self._send(published, fused)
-        self._finish(recording, (message, fused_message), pause.end_stance)
+            if self._fused is None or self._fused.fused is None:
+                messages.append(self._fuse(published))
+            else:
+                messages.append(self._send(self._fused, self._fused.fused))
+        finally:
+            self._finish(recording, messages, pause.end_stance)
+        if swept.is_cut:
+            self._record_cut(pause, [])
         self.settle()
         return message
 
     def settle(self) -> None:
-        """Confirm or withdraw the newest grid, by what the pause has said since it was published."""
-        published = self._published
-        if published is None:
+        """Confirm, cut or withdraw what was published of the newest pause, by what the gait has said since."""
+        newest, fused = self._newest, self._fused
+        either = newest or fused
+        if either is None:
             return
-        pause = published.pause
-        if published.is_provisional and pause.still_until >= published.scan.last_frame:
-            published.is_provisional = False
-            if published.fused is not None:
-                pause.is_fused = True
-                self._map.keep()
-            if published.was_sent_provisional:
-                self._send(published, published.terrain)
-                if published.fused is not None:
-                    self._send(published, published.fused)
-            self._status.confirmed(pause.step)
+        pause = either.pause
+        for published in dict.fromkeys(each for each in (fused, newest) if each is not None):
+            was_confirmed = published.is_confirmed
+            # A motion that comes to light later may have begun before the last frame.
+            published.is_confirmed = pause.still_until >= published.swept.scan.last_frame
+            if published.is_confirmed and not was_confirmed:
+                self._confirm(published)
         if not pause.ended.is_set():
             return
-        self._published = None
-        if pause.broken and (published.is_provisional or pause.moved):
-            self._withdraw(published)
+        self._status.note("stillness", pause.stillness.undetectable)
+        self._status.note("gait_clock", "" if pause.is_clock_known else self._unknown_clock)
+        is_map_wrong = fused is not None and not fused.is_confirmed
+        if pause.broken:
+            if is_map_wrong or (newest is not None and (pause.moved or not newest.is_confirmed)):
+                self._withdraw(pause)
+        elif pause.is_clock_known and newest is not None and not newest.is_confirmed:
+            self._cut(newest)
 
-    def _withdraw(self, published: Published) -> None:
-        """Publish that nothing of the grid is known any more; if it was never confirmed, undo it in the map too.
+    def _begin(self, pause: Pause) -> None:
+        """Leave the pause before: what it confirmed stays in the map, all else is out of it."""
+        before = self._newest or self._fused
+        if before is None or before.pause is pause:
+            return
+        self.settle()
+        if any(each is not None and not each.is_confirmed for each in (self._newest, self._fused)):
+            self._withdraw(before.pause)
+        if self._fused is not None:
+            self._map.keep()
+        self._newest = self._fused = None
+
+    def _of_the_pause(self, pause: Pause, swept: Swept) -> Swept:
+        """What of a scan may be published: all of it while the pause lasts, then what the gait has confirmed.
+
+        Raises:
+            CameraMoved: nothing of it.
+        """
+        if not pause.ended.is_set() or pause.still_until >= swept.scan.last_frame:
+            return swept
+        cut = None if pause.broken else swept.until(pause.still_until)
+        if cut is None:
+            raise CameraMoved(self._why_not(pause))
+        return cut
+
+    def _why_not(self, pause: Pause) -> str:
+        """Why what was scanned in an ended pause is not used."""
+        return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
+
+    def _publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
+        """Publish the grid of a scan; `will_be_refined` where a finer one follows in this pause."""
+        terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan), stamp=swept.scan.end)
+        if will_be_refined:
+            terrain = dataclasses.replace(terrain, metadata={**terrain.metadata, "refinement_follows": True})
+        self._newest = Published(pause, swept, terrain)
+        return self._send(self._newest, terrain)
+
+    def _fuse(self, published: Published) -> TerrainMessage:
+        """Put a scan into the map, and publish that."""
+        pause, swept = published.pause, published.swept
+        published.fused = self._map.update(
+            pause.step,
+            pause.stance,
+            swept.wide(published.terrain),
+            pause.known_ground,
+            epoch=pause.epoch,
+            time=swept.scan.last_frame,
+        )
+        self._fused = published
+        return self._send(published, published.fused)
+
+    def _confirm(self, published: Published) -> None:
+        if published.was_sent_provisional:
+            if published is self._newest:
+                self._send(published, published.terrain)
+            if published.fused is not None:
+                self._send(published, published.fused)
+        self._status.confirmed(published.pause.step)
+
+    def _cut(self, newest: Published) -> None:
+        """Leave out what was taken later than the joints that confirm the scan, once the pause has ended well."""
+        pause = newest.pause
+        cut = newest.swept.until(pause.still_until)
+        if cut is None:
+            self._withdraw(pause)
+            return
+        messages = [self._publish(pause, cut)]
+        if self._fused is not None and not self._fused.is_confirmed:
+            self._map.withdraw(self._nothing_seen(pause, TOO_LITTLE), time=cut.scan.last_frame)
+            assert self._newest is not None
+            messages.append(self._fuse(self._newest))
+        self._record_cut(pause, messages)
+        self.settle()
+
+    def _record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
+        """Record that not all frames of a scan may be used: it is left out of replays, as one that was withdrawn."""
+        if self._recorder is not None:
+            nothing = self._nothing_seen(pause, TOO_LITTLE)
+            mark = terrain_to_message(
+                nothing, robot=self._server.robot, sequence=self._server.next_sequence("footprint")
+            )
+            self._recorder.add_terrains(pause.step, [mark, *messages])
+
+    def _withdraw(self, pause: Pause) -> None:
+        """Publish that nothing of the grid is known any more; if it is not confirmed, undo it in the map too.
 
         A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
         """
-        pause = published.pause
-        reason = f"withdrawn: {pause.broken}"
+        reason = f"withdrawn: {self._why_not(pause)}"
         self._status.problem("scan", f"step {pause.step}: {reason}")
         logger.error("step %d: %s", pause.step, reason)
-        nothing = self._nothing_seen(pause, reason)
-        messages = [publish_terrain(self._server, nothing)]
-        if published.fused is not None and not pause.is_fused:
-            fused = self._map.withdraw(nothing, time=end_of(published.scan))
+        nothing, messages = self._nothing_seen(pause, reason), []
+        if self._newest is not None:
+            messages.append(publish_terrain(self._server, nothing))
+        if self._fused is not None and not self._fused.is_confirmed:
+            fused = self._map.withdraw(nothing, time=self._fused.swept.scan.last_frame)
             messages.append(publish_terrain(self._server, fused, stated=walk_of(pause)))
+            self._fused = None
+        self._newest = None
         if self._recorder is not None:
             self._recorder.add_terrains(pause.step, messages)
 
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
         """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
-        pause, scan = published.pause, published.scan
-        is_provisional = published.is_provisional and pause.still_until < scan.last_frame
+        pause, scan = published.pause, published.swept.scan
+        is_provisional = pause.still_until < scan.last_frame
         published.was_sent_provisional |= is_provisional
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
         return publish_terrain(
@@ -227,7 +324,7 @@ class PauseScanner:
             terrain,
             scan_start=scan.start,
             scan_end=scan.end,
-            scan_end_clock=end_of(scan),
+            scan_end_clock=scan.last_frame,
             valid_for=max(limit, 0.0),
             stated=walk_of(pause, is_provisional=is_provisional),
         )
@@ -275,11 +372,11 @@ class PauseScanner:
         return lost
 
     def _finish(
-        self, recording: ScanRecording | None, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None
+        self, recording: ScanRecording | None, terrains: list[TerrainMessage], stance_end: Stance | None
     ) -> None:
         """Hand the end of a scan to its recording, if there is one; the disk never costs the scan."""
         if recording is not None:
-            recording.finish(terrains, stance_end)
+            recording.finish(tuple(terrains), stance_end)
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
@@ -292,11 +389,6 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
         reasons.append("the pause ended before the scan")
     level = "failed" if scan.failed else "degraded"
     return dataclasses.replace(terrain, metadata={**terrain.metadata, "health": {"level": level, "reasons": reasons}})
-
-
-def end_of(scan: LiveScan) -> float:
-    """The last frame of a scan by the clock that ages are counted by [s]."""
-    return clock.now() - (time.monotonic() - scan.last_frame)
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:

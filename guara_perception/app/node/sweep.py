@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
 from guara_perception.terrain.scan.refined import refined
+from transport import clock
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
+# [s] Beside the measured time from the last frame to the published grid: for what else the machine does meanwhile.
+MARGIN_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +37,9 @@ class SweepJob:
     Attributes:
         processor: makes the ScanProcessor of a mode.
         should_stop: True ends the sweep.
-        time_available: time that is left of the pause [s]; 0 when it is not known.
+        ends_at: gives the instant by `transport.clock` at which the gait moves on [s], None when it is not known.
+        tail: time that the last scans took from the last frame until the grid was published [s].
+        publish: publishes a coarse grid that is refined afterwards.
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
         on_stripe: called with every stripe, or None.
@@ -43,7 +47,9 @@ class SweepJob:
 
     processor: Callable[[str], ScanProcessor]
     should_stop: Callable[[], bool]
-    time_available: float = 0.0
+    publish: Callable[[Swept], None]
+    ends_at: Callable[[], float | None] = lambda: None
+    tail: float = 0.0
     progress: Progress | None = None
     recording: ScanRecording | None = None
     on_stripe: Callable[[StripeCapture], None] | None = None
@@ -58,12 +64,39 @@ class Swept:
         scan: what the devices did in it.
         processor: processor that made the grid.
         coarse: processor of the coarse stripes alone, where some of those between were fired as well; else None.
+        is_cut: whether stripes that were taken are left out, as in `until`.
     """
 
     terrain: TerrainGrid
     scan: LiveScan
     processor: ScanProcessor
     coarse: ScanProcessor | None = None
+    is_cut: bool = False
+
+    def until(self, instant: float) -> Swept | None:
+        """The same scan without the stripes whose frames came later, as if they had never been fired.
+
+        None when nothing is known without them.
+        """
+        kept = [index for index, came in self.scan.instants.items() if came <= instant]
+        coarse = None if self.coarse is None else self.coarse.restricted(kept)
+        processor = self.processor.restricted(kept)
+        terrain = processor.finish()
+        if coarse is not None:
+            terrain = refined(coarse.finish(), terrain)
+        if not terrain.metadata["known"]:
+            return None
+        problem = (
+            f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken later than the "
+            "joints that confirm the scan, and left out"
+        )
+        scan = dataclasses.replace(
+            self.scan,
+            last_frame=max(self.scan.instants[index] for index in kept),
+            problems=(*self.scan.problems, problem),
+            instants={index: self.scan.instants[index] for index in kept},
+        )
+        return Swept(terrain, scan, processor, coarse, is_cut=True)
 
     def wide(self, terrain: TerrainGrid) -> TerrainGrid:
         """The same scan with what it saw beside the footprint, for the map.
@@ -99,26 +132,32 @@ class Sweeper:
         return Swept(processor.finish(), scan, processor)
 
     def _adaptive(self, job: SweepJob) -> Swept:
-        start = time.monotonic()
+        start = clock.now()
         processor = first_processor = job.processor("coarse")
         firing_order = self.firing_order(self._policy.first_stripes)
         first = self._run(processor, firing_order, job)
         coarse = processor.finish()
         if first.stopped_early or first.failed:
             return Swept(coarse, first, processor)
-        spent = time.monotonic() - start
-        left = None if job.time_available <= 0 else max(job.time_available - spent, 0.0)
-        decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=spent / len(firing_order))
+        now = clock.now()
+        ends_at, finishing = job.ends_at(), now - first.last_frame
+        left = None if ends_at is None else max(ends_at - now - max(job.tail, finishing) - MARGIN_S, 0.0)
+        stripe_time = max(first.last_frame - start, 1e-3) / len(firing_order)
+        decision = self._policy.decide(coarse, processor.pairs, time_left=left, stripe_time=stripe_time)
         between = self.firing_order(decision.stripes)
         if not between:
             return Swept(coarse, first, processor)
+        job.publish(Swept(coarse, first, processor))
         logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
         if job.recording is not None:
             job.recording.extend("standard" if decision.is_whole else None)
         processor = processor.extended()
         second = self._run(processor, between, job)
         both = dataclasses.replace(
-            second, start=first.start, problems=tuple(dict.fromkeys((*first.problems, *second.problems)))
+            second,
+            start=first.start,
+            problems=tuple(dict.fromkeys((*first.problems, *second.problems))),
+            instants={**first.instants, **second.instants},
         )
         return Swept(refined(coarse, processor.finish()), both, processor, first_processor)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from guara_perception.app.node.pause import Pause
-from transport import StancePause
+from transport import PausePhase, StancePause
 
 # Number of ended walks whose late announcements are still refused.
 REMEMBERED = 64
@@ -30,6 +30,10 @@ class Walks:
         epoch = announcement.epoch
         if epoch and last is not None and epoch == last.given_epoch and announcement.step < last.step:
             return f"the announcement comes late, step {last.step} of walk {epoch!r} has begun"
+        is_again = last is not None and (announcement.step, epoch) == (last.step, last.given_epoch)
+        if is_again and announcement.phase is PausePhase.BEGIN and last is not None and last.ended.is_set():
+            if announcement.stamp <= last.newest_stamp:
+                return f"the BEGIN comes late, step {last.step} is over"
         if epoch and epoch in self._past:
             return f"the announcement is of walk {epoch!r}, which is over"
         return ""

@@ -107,8 +107,9 @@ def test_a_grid_that_the_pause_contradicts_is_withdrawn(bench: Bench, how: str) 
 def test_what_a_withdrawn_scan_gave_to_the_map_is_undone(bench: Bench) -> None:
     """The map after it knows what the pause before saw, bit for bit and not a cell more; the next pause is whole."""
     bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
     bench.gait.say(0, PausePhase.END)
-    bench.client.wait_for_step(0, timeout=TIMEOUT)
+    both(bench, 0, confirmed=True)
     bench.gait.say(1, PausePhase.BEGIN)
     before = both(bench, 1)[1]
     bench.gait.say(1, PausePhase.END)
@@ -164,11 +165,11 @@ def test_a_movement_ends_the_scan_at_once(bench: Bench) -> None:
 
 
 def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
-    """After its available time its grid is withdrawn, and a scan is refused."""
+    """After its available time and the grace its grid is withdrawn; after the time alone a scan is refused."""
     bench.gait.say(0, PausePhase.BEGIN, time_available=8.0)
     assert bench.client.wait_for_step(0, timeout=TIMEOUT).is_provisional
     message = bench.client._client.receiver().latest().message
-    assert message.valid_for <= 8.0
+    assert message.valid_for <= 8.0 + 2.0
     bench.gait.session.close()
     assert reported(bench, "no END within its time of 8 s")
     assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))

@@ -11,6 +11,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.files.open_scan import open_scan
+from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node import simulated_walk
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.recorder import ScanRecorder
@@ -62,15 +63,16 @@ def test_clear_ground_is_scanned_coarsely(free_endpoint: str, tmp_path: Path) ->
 
 
 def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: str, tmp_path: Path) -> None:
-    """The dark patch of the demo's terrain: 70 stripes, heights as in the world, the recording holds all of them."""
+    """The dark patch of the demo's terrain: a coarse grid, then 70 stripes, heights as in the world, all recorded."""
     robot = SimulatedRobot(size=SIZE, fps=120.0)
     path = tmp_path / "walk.mcap"
     recorder = ScanRecorder(path, robot="guara", calibration=robot.calibration)
     pause = next(robot.walk(cycles=0))
     with recorder, walking(robot, free_endpoint, recorder) as (node, gait, client, _):
         gait.begin(pause)
-        terrain = client.wait_for_step(0, timeout=TIMEOUT)
         assert node.wait_for_step(0, TIMEOUT)
+        client.wait_for_step(0, timeout=TIMEOUT, extent="map")
+        terrain = client.latest()
     assert (terrain.metadata["mode"], terrain.metadata["stripes_used"]) == ("standard", 70)
     error = np.abs(terrain.elevation - true_elevation(robot.world, pause, terrain))
     assert np.nanmedian(error) < 0.003
@@ -78,7 +80,12 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
     again = gp.process_scan(open_scan(path), robot.calibration, robot.robot, pictures=False)
     np.testing.assert_array_equal(again.hazard, terrain.hazard)
     with open_recording(path) as recording:
+        first, second = recording.terrains("footprint")
         times = [read_time(stripe.header.stamp) for stripe in recording.messages("scan/stripe")]
+    # A planner had the coarse grid first, which said that a finer one follows.
+    assert (first.mode, second.mode) == ("coarse", "standard") and first.provisional and second.provisional
+    coarse, fine = message_to_terrain(first).metadata, message_to_terrain(second).metadata
+    assert coarse["refinement_follows"] and "refinement_follows" not in fine
     # The coarse stripes are recorded twice, and no topic's time goes back.
     assert len(times) == 35 + 70 and times == sorted(times)
 

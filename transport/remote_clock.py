@@ -1,0 +1,120 @@
+"""Clock of another process, bounded by a round trip: it was read between the question and the answer."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from abc import abstractmethod
+from dataclasses import dataclass
+
+from transport import clock
+from transport.asking import ask
+from transport.exceptions import MessageError, SessionClosed, TransportError
+from transport.resource import Resource
+from transport.session import Session
+
+logger = logging.getLogger(__name__)
+# [s] Between attempts while nobody answers.
+RETRY = 0.5
+ANSWER_TIMEOUT = 2.0
+CLOSE_TIMEOUT = 2.0
+# Drift of two clocks: a time server slews a wall clock by 500 ppm at most, oscillators add 50 ppm each.
+DRIFT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class ClockBound:
+    """The other clock showed `reading` at some instant between `asked` and `answered` of this machine's clock [s]."""
+
+    reading: float
+    asked: float
+    answered: float
+
+    def earliest(self, reading: float) -> float:
+        """Earliest instant [s] of this machine's clock at which the other clock can have shown `reading` [s]."""
+        since = reading - self.reading
+        return self.asked + since - DRIFT * abs(since)
+
+    def latest(self, reading: float) -> float:
+        """Latest instant [s] of this machine's clock at which the other clock can have shown `reading` [s]."""
+        since = reading - self.reading
+        return self.answered + since + DRIFT * abs(since)
+
+    def after(self, newer: ClockBound) -> ClockBound:
+        """The bound to use once `newer` is known too: the tighter one, or the newer where the clock was set."""
+        drift = DRIFT * (newer.answered - self.answered)
+        was_set = (
+            newer.reading - newer.asked < self.reading - self.answered - drift
+            or newer.reading - newer.answered > self.reading - self.asked + drift
+        )
+        is_tighter = newer.answered - newer.asked <= self.answered - self.asked + drift
+        return newer if was_set or is_tighter else self
+
+
+class RemoteClock(Resource):
+    """Asks a key for a clock now and then, on a thread of its own."""
+
+    def __init__(self, session: Session, key: str, *, period: float) -> None:
+        """Begin to ask every `period` [s]."""
+        self._key, self._period = key, period
+        self._tried = threading.Event()
+        self._wake = threading.Event()
+        super().__init__(session)
+        self._thread = session.thread(f"transport-clock {key}", self._run)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Ask now: somebody who answers has come, or the answer is needed."""
+        self._tried.clear()
+        self._wake.set()
+
+    def wait(self, timeout: float) -> None:
+        """Wait until it was asked at least once since `wake`, `timeout` [s] at most."""
+        self._tried.wait(max(0.0, timeout))
+
+    def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
+        """Ask now, in this thread; whether an answer came.
+
+        Raises:
+            SessionClosed: the session is closed.
+        """
+        asked = clock.now()
+        for answer in ask(self._session, self._key, b"", timeout):
+            if answer.payload is not None:
+                answered = clock.now()
+                try:
+                    if self._take(answer.payload, asked, answered):
+                        return True
+                except MessageError as error:
+                    logger.warning("answer on %s refused: %s", self._key, error)
+                    return False
+        return False
+
+    @abstractmethod
+    def _take(self, payload: bytes, asked: float, answered: float) -> bool:
+        """Read an answer, asked for and received at these instants [s]; False to wait for that of somebody else.
+
+        Raises:
+            MessageError: it is none.
+        """
+
+    def _run(self) -> None:
+        while not self._is_closed:
+            self._wake.clear()
+            try:
+                has_answer = self.ask()
+            except SessionClosed:
+                return
+            except TransportError as error:
+                if self._session.is_closed:
+                    return
+                logger.debug("the clock on %s is not known: %s", self._key, error)
+                has_answer = False
+            self._tried.set()
+            self._wake.wait(self._period if has_answer else RETRY)
+
+    def _release(self) -> None:
+        self._wake.set()
+        self._tried.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join(CLOSE_TIMEOUT)
