@@ -19,7 +19,7 @@ from transport.messages.terrain_codec import decode_terrain, encode_terrain
 
 HOW = (
     "is not as it was frozen. If that is meant, and for a reason that the changelog tells: `python -m tests.frozen` "
-    "freezes anew; commit tests/data/frozen alone, with the reason"
+    "freezes anew (--bytes: without the grids themselves); commit tests/data/frozen alone, with the reason"
 )
 each_grid = pytest.mark.parametrize("name", frozen.GRIDS)
 
