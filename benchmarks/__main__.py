@@ -15,6 +15,7 @@ PROGRAMS = {
     "node": "a running node: sweep, latency, processor time, memory",
     "photographs": "stripes on photographs of real laser lines beside peers, on a board, and drawn",
     "record_restarts": "nodes that record, killed again and again: how many come up, which files open",
+    "restarts": "grids handed out against the truth, over restarts of node, router and links",
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
     "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",

@@ -229,6 +229,7 @@ class Evidence:
 
     Attributes:
         word: last word of the run that lives, or lived last; None when none was heard.
+        live: runs that show a sign of life.
     """
 
     def __init__(self, robot: str) -> None:
@@ -239,14 +240,14 @@ class Evidence:
         self._over: dict[str, None] = {}
         self._sequences: dict[str, int] = {}
         self._steps: dict[str, int] = {}
-        self._live: frozenset[str] = frozenset()
+        self.live: frozenset[str] = frozenset()
         self._seen: dict[str, None] = {}
         self.word: Word | None = None
 
     def tokens(self, live: frozenset[str]) -> None:
         """Take note of the runs that show a sign of life."""
         with self._lock:
-            lost, self._live = self._live - live, live
+            lost, self.live = self.live - live, live
             self._seen.update(dict.fromkeys(live))
             _forget(self._seen)
             # What the gait said meanwhile was not heard here: the node has to speak again.
@@ -295,7 +296,7 @@ class Evidence:
         """Whether the run of a grid has lost its sign of life; of a node without runs by the node's own."""
         if not grid.run:
             return was_alive and not is_alive
-        return grid.run in self._seen and grid.run not in self._live
+        return grid.run in self._seen and grid.run not in self.live
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, is_gone: bool) -> tuple[Objection, ...]:
         """`objections` by what was heard."""
@@ -310,8 +311,8 @@ class Evidence:
             return ""
         if run in self._over:
             return f"it is of run {run!r} of the node, and another has taken over since"
-        if self._run and self._run in self._live:
-            if run not in self._live:
+        if self._run and self._run in self.live:
+            if run not in self.live:
                 return f"it is of run {run!r}, which shows no sign of life, and run {self._run!r} lives"
             return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
         if self._run:

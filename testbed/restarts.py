@@ -1,0 +1,344 @@
+"""A robot, its gait, the nodes that come and go, and a planner's client on an emulated clock, with the truth beside.
+
+What a client does with Zenoh is left out; what it believes (`transport.evidence`) is not. The link to the planner
+brings everything in order after a delay; a link that is cut stalls, and is closed on both sides after `LEASE`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from transport.evidence import SILENT, Cure, Evidence, Objection, read_word
+from transport.messages.status_message import STATUS_NAME, Status, StatusItem
+from transport.messages.terrain_message import Health
+
+# [s] Between two statuses without change; after which a silent side is taken as gone; between two instants looked at.
+PERIOD, LEASE, TICK = 1.0, 2.0, 0.05
+EXTENTS = ("footprint", "map")
+VALID_FOR = 420.0
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A grid as the rule sees it; `pose` numbers the true place where it was scanned."""
+
+    extent: str
+    run: str
+    epoch: str
+    sequence: int
+    step: int
+    scan_end_clock: float
+    provisional: bool
+    withdrawn: bool
+    valid_pauses: int
+    pose: int
+    robot: str = "guara"
+    frame_id: str = "base_footprint"
+    scan_end: int = 0
+    valid_for: float = VALID_FOR
+    stale_because: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """An announcement of the gait; `pose` numbers the true place of its joints."""
+
+    epoch: str
+    step: int
+    pose: int
+    is_begin: bool
+
+
+@dataclass(slots=True)
+class Node:
+    """One run: hears the gait while it lives, confirms or withdraws its scan at the end of the pause."""
+
+    run: str
+    is_healthy: bool
+    is_hung: bool = False
+    is_mute: bool = False
+    pause: Said | None = None
+    standing: bool | None = None
+    sequences: dict[str, int] = field(default_factory=lambda: dict.fromkeys(EXTENTS, 0))
+    newest: dict[str, Grid] = field(default_factory=dict)
+
+
+class World:
+    """The truth, the newest node, the link to the planner, and what the planner believes."""
+
+    def __init__(self, delay: float = 0.0) -> None:
+        """A robot that has not made a pause yet, and no node; the link takes `delay` [s]."""
+        self.delay, self.now = delay, 0.0
+        self.walk, self.step, self.pose, self.stands = 0, 0, 0, False
+        self.evidence = Evidence("guara")
+        self.held: dict[str, Grid] = {}
+        self.node: Node | None = None
+        self.cut_since = math.inf
+        self._nodes = 0
+        # When the robot came to each place; when END showed that the scan of a place was not made standing still.
+        self._came: dict[int, float] = {0: 0.0}
+        self._refuted: dict[int, float] = {}
+        self._began: dict[str, float] = {}
+        self._last: Said | None = None
+        self._broken = -math.inf
+        self._hung_since = math.inf
+        self._next_status = 0.0
+        self._losing: set[str] = set()
+        self._wire: deque[tuple[float, str, Status | Grid | bool]] = deque()
+
+    # The gait.
+
+    def begin(self, *, new_walk: bool = False) -> None:
+        """The next pause, in another place."""
+        self.walk, self.step = (self.walk + 1, 0) if new_walk else (self.walk, self.step + 1)
+        self._move()
+        self.stands = True
+        self._began.setdefault(self.epoch, self.now)
+        self._announce(is_begin=True)
+
+    def end(self, *, moved: bool = False) -> None:
+        """END of the pause, in the place of BEGIN or elsewhere."""
+        self.stands = False
+        if moved:
+            self._refuted[self.pose] = self.now
+            self._move()
+        self._announce(is_begin=False)
+
+    @property
+    def epoch(self) -> str:
+        """Identity of the walk."""
+        return f"walk-{self.walk}"
+
+    def _move(self) -> None:
+        self.pose += 1
+        self._came[self.pose] = self.now
+
+    def _announce(self, *, is_begin: bool) -> None:
+        # The gait's publisher keeps its last announcement for nodes that come later.
+        self._last = Said(self.epoch, self.step, self.pose, is_begin)
+        self._hear()
+
+    # The node.
+
+    def _hear(self) -> None:
+        node, said = self.node, self._last
+        if node is None or node.is_hung or said is None:
+            return
+        pause = node.pause
+        is_same = pause is not None and (pause.epoch, pause.step) == (said.epoch, said.step)
+        if is_same and node.standing and said.is_begin and pause is not None and pause.pose == said.pose:
+            return
+        if node.standing:
+            # The END of a pause that was not heard to begin is no END of this one: it ends unconfirmed.
+            node.standing = False
+            self._tell(node)
+            self._settle(
+                node, confirmed=is_same and not said.is_begin and pause is not None and pause.pose == said.pose
+            )
+        if said.is_begin or not is_same:
+            node.pause, node.standing = said, said.is_begin
+            self._tell(node)
+
+    def _settle(self, node: Node, *, confirmed: bool) -> None:
+        for extent in EXTENTS:
+            grid = node.newest.get(extent)
+            if grid is not None and node.pause is not None and grid.pose == node.pause.pose and not grid.withdrawn:
+                self._publish(node, extent, provisional=False, withdrawn=not confirmed)
+
+    def start(self, *, is_healthy: bool = True) -> None:
+        """A new run, once the one before is gone."""
+        if self.node is None:
+            self._nodes += 1
+            self.node = Node(f"run-{self._nodes}", is_healthy)
+            self._send(self.node.run, True)
+            self._tell(self.node)
+            self._hear()
+
+    def kill(self) -> None:
+        """End it without a word (SIGKILL)."""
+        if self.node is not None:
+            self._send(self.node.run, False)
+            self.node, self._hung_since = None, math.inf
+
+    def hang(self) -> None:
+        """Stop it (SIGSTOP): nothing is said or heard any more, and no link closes."""
+        if self.node is not None and not self.node.is_hung:
+            self.node.is_hung, self._hung_since = True, self.now
+
+    def wake(self) -> None:
+        """Let it go on (SIGCONT): what the gait said last is heard."""
+        if self.node is not None and self.node.is_hung:
+            self.node.is_hung, self._hung_since = False, math.inf
+            self._send(self.node.run, True)
+            self._hear()
+            self._tell(self.node)
+
+    def mute(self) -> None:
+        """Its threads that send stop for ever, while its links stay open."""
+        if self.node is not None:
+            self.node.is_mute = True
+
+    def lose(self) -> None:
+        """The next grid of each extent is lost on the way."""
+        self._losing.update(EXTENTS)
+
+    def scan(self) -> None:
+        """Scan the pause and publish both extents, as provisional."""
+        node = self.node
+        if node is not None and node.is_healthy and not node.is_hung and node.standing:
+            for extent in EXTENTS:
+                self._publish(node, extent, provisional=True)
+
+    def _publish(self, node: Node, extent: str, *, provisional: bool, withdrawn: bool = False) -> None:
+        pause = node.pause
+        if pause is None:
+            return
+        node.sequences[extent] += 1
+        node.newest[extent] = Grid(
+            extent=extent,
+            run=node.run,
+            epoch=pause.epoch,
+            sequence=node.sequences[extent],
+            step=pause.step,
+            scan_end_clock=self.now,
+            provisional=provisional,
+            withdrawn=withdrawn,
+            valid_pauses=0 if extent == "footprint" else 40,
+            pose=pause.pose,
+        )
+        if extent in self._losing:
+            self._losing.discard(extent)
+        else:
+            self._send(node.run, node.newest[extent])
+        self._tell(node)
+
+    def _tell(self, node: Node) -> None:
+        self._send(node.run, self._status(node))
+
+    def _status(self, node: Node) -> Status:
+        values = {
+            "run": node.run,
+            "clock_s": repr(self.now),
+            "epoch": "" if node.pause is None else node.pause.epoch,
+            "step": "" if node.pause is None else str(node.pause.step),
+            "standing": "" if node.standing is None else str(node.standing).lower(),
+            "last_scan_sequence": str(node.sequences["footprint"] or ""),
+            "last_map_sequence": str(node.sequences["map"] or ""),
+        }
+        return Status(stamp=0, items=(StatusItem(name=STATUS_NAME, level=Health.OK, values=values),))
+
+    # The link.
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether nothing gets through."""
+        return self.cut_since < math.inf
+
+    def cut(self) -> None:
+        """The link goes, without a word."""
+        self.cut_since = min(self.cut_since, self.now)
+
+    def heal(self) -> None:
+        """It is back."""
+        if self.is_cut:
+            was_closed = self.now - self.cut_since > LEASE
+            self.cut_since = math.inf
+            if was_closed:
+                self._join()
+
+    def restart_router(self) -> None:
+        """Every link is closed, which each side notices, and opened again."""
+        self._wire.clear()
+        self.evidence.tokens(frozenset())
+        if not self.is_cut:
+            self._join()
+
+    def _join(self) -> None:
+        """A late joiner sees who lives and gets the last grids; no status until the next."""
+        node = self.node
+        if node is not None and not node.is_hung:
+            self._send(node.run, True)
+            for grid in node.newest.values():
+                self._send(node.run, grid)
+
+    def _send(self, run: str, what: Status | Grid | bool) -> None:
+        is_mute = self.node is not None and self.node.is_mute and not isinstance(what, bool)
+        if not is_mute and (self.now - self.cut_since <= LEASE or not self.is_cut):
+            self._wire.append((self.now + self.delay, run, what))
+
+    def pass_time(self, seconds: float) -> None:
+        """Let time go by."""
+        until = self.now + seconds
+        while self.now < until:
+            self.now = min(until, self.now + TICK)
+            node = self.node
+            if node is not None and not node.is_hung and self.now >= self._next_status:
+                self._next_status = self.now + PERIOD
+                self._tell(node)
+            if self.is_cut or self.now >= self._hung_since or (node is not None and node.is_mute):
+                self._broken = self.now
+            if self.now - self.cut_since > LEASE:
+                self._wire.clear()
+                self.evidence.tokens(frozenset())
+            if node is not None and self.now - self._hung_since > LEASE:
+                self._send(node.run, False)
+                self._hung_since = math.inf
+            self._deliver()
+
+    def _deliver(self) -> None:
+        while self._wire and self._wire[0][0] <= self.now and not self.is_cut:
+            _, run, what = self._wire.popleft()
+            if isinstance(what, bool):
+                live = self.evidence.live
+                self.evidence.tokens(live | {run} if what else live - {run})
+            elif isinstance(what, Status):
+                # A client knows the node's clock to the delay: what lay on the way does not count as heard just now.
+                word = read_word(what, self.now)
+                self.evidence.hear(what, self.now if word is None else min(self.now, word.clock + self.delay))
+            elif not self.evidence.refusal(what, what.extent):
+                self.held[what.extent] = what
+
+    # The planner, and the oracle.
+
+    def against(self, extent: str, limit: float = VALID_FOR) -> tuple[Objection, ...]:
+        """What speaks against the grid that the planner holds; the node is asked for a word where one may help."""
+        self._deliver()
+        found = self._against(extent, limit)
+        node = self.node
+        can_ask = node is not None and not node.is_hung and not node.is_mute and not self.is_cut
+        if found and min(objection.cure for objection in found) is Cure.WORD and can_ask and node is not None:
+            self.evidence.hear(self._status(node), self.now)
+            found = self._against(extent, limit)
+        return found
+
+    def _against(self, extent: str, limit: float) -> tuple[Objection, ...]:
+        grid = self.held[extent]
+        is_gone = self.evidence.is_gone(grid, is_alive=True, was_alive=True)
+        age = self.now - grid.scan_end_clock
+        return self.evidence.against(grid, age=age, limit=limit, now=self.now, is_gone=is_gone)
+
+    def contradicted_for(self, extent: str) -> float:
+        """For how long the truth has forbidden the grid that the planner holds [s]; -inf when it does not."""
+        grid = self.held[extent]
+        since = [self._refuted[grid.pose]] if grid.pose in self._refuted else []
+        if grid.withdrawn:
+            since.append(-math.inf)
+        if extent == "footprint":
+            since += [when for pose, when in self._came.items() if pose > grid.pose]
+        if grid.epoch != self.epoch:
+            since.append(min(when for epoch, when in self._began.items() if int(epoch[5:]) > int(grid.epoch[5:])))
+        return self.now - min(since) if since else -math.inf
+
+    def promised(self) -> float:
+        """How long the gait's word may take to reach the planner [s]: what the link takes, `SILENT` after it broke."""
+        is_broken = self.is_cut or self.now - self._broken <= SILENT + 2 * TICK
+        return self.delay + 2 * TICK + (SILENT if is_broken else 0.0)
+
+    def must_be_used(self, extent: str) -> bool:
+        """Whether nothing excuses a refusal: its node lives and was heard, the pause is the one of the scan."""
+        grid, node = self.held[extent], self.node
+        is_heard = node is not None and not (node.is_hung or node.is_mute or self.is_cut or self._wire)
+        is_of_it = node is not None and grid.run == node.run and grid == node.newest.get(extent)
+        return is_heard and is_of_it and self.contradicted_for(extent) == -math.inf
