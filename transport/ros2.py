@@ -14,7 +14,6 @@ from transport.messages.typestore import GRID_MAP, OCCUPANCY, dds_type_name, typ
 from transport.publisher import Publisher
 from transport.resource import Resource
 from transport.session import Session
-from transport.xxh3 import xxh3_128
 
 # Name of the node as ROS 2 tools show it.
 NODE_NAME = "guara_perception"
@@ -50,7 +49,9 @@ def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, 
 
 def publisher_id(token_key: str) -> bytes:
     """The 16 bytes that identify a publisher: the hash of its token's key, low half first."""
-    return struct.pack("<QQ", *xxh3_128(token_key.encode()))
+    import xxhash
+
+    return bytes(xxhash.xxh3_128_intdigest(token_key.encode()).to_bytes(16, "little"))
 
 
 def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
