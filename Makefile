@@ -31,13 +31,17 @@ $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info[:2] < (3, 15) else "Python 3.11 to 3.14 is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); echo "Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 
+# What pip does is printed: it takes minutes on a slow line.
 $(STAMP): requirements.lock pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@echo "installing $$(grep -c == requirements.lock) packages and this one into $(VENV), nowhere else"
+	$(BIN)/python -m pip install --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --no-deps --no-build-isolation --editable .
 	@touch $@
+	@echo "installed, $$(du -sh $(VENV) | cut -f1): $(BIN)/guara --help"
 
 $(EXTRAS_STAMP): requirements-extras.lock $(STAMP)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-extras.lock
+	@echo "installing $$(grep -c == requirements-extras.lock) packages of the extras into $(VENV)"
+	$(BIN)/python -m pip install --require-hashes -r requirements-extras.lock
 	@touch $@
 
 install-extras: $(EXTRAS_STAMP)
@@ -82,7 +86,7 @@ $(GROUPS:%=test-%): test-%: install-extras
 	$(PYTEST) -m $* || { code=$$?; [ $$code = 5 ] || exit $$code; echo "no test has the mark $*"; }
 
 $(ROBOTS_STAMP): requirements-robots.lock $(STAMP)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-robots.lock
+	$(BIN)/python -m pip install --require-hashes -r requirements-robots.lock
 	@touch $@
 
 install-robots: $(ROBOTS_STAMP)

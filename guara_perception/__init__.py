@@ -1,5 +1,16 @@
 """Terrain perception for walking robots from one camera and a swept laser stripe.
 
+Begin with one of these; `help(gp.TerrainGrid)` and so on say more:
+
+    load_terrain, TerrainGrid     a grid from a file; what it answers: check_foothold, best_foothold, swing, explain
+    TerrainClient                 the grids of a running node; `guara run --simulated` is one without hardware
+    open_scan, process_scan       a recorded scan, and the grid made of it
+    open_recording                a recorded walk: its scans and grids
+    TerrainMap                    the scans of a walk in one map
+    calibrate, load_calibration   what a rangefinder needs once
+    terrain_from_points           a grid from another sensor
+    Hazard                        why a foot must not go there
+
 Public names, listed in `__init__.pyi`, are loaded when first used, so that importing the package costs little.
 """
 
@@ -35,8 +46,8 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names for completion."""
-    return sorted([*globals(), *_MODULES])
+    """Public names for completion, and what every module has."""
+    return sorted([*_MODULES, *(name for name in globals() if name.startswith("__"))])
 
 
 @functools.cache

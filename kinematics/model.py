@@ -72,6 +72,10 @@ class RobotModel:
         missed = pattern_misses(self.config.root, float(mirror[0]), float(mirror[2]) - floor)
         self.doubts = () if missed is None else (f"[scan]: {missed}",)
 
+    def __repr__(self) -> str:
+        """Name, legs, number of joints, and where it was read from."""
+        return f"RobotModel({self.name!r}, legs {' '.join(self.legs)}, {len(self.joint_names)} joints, {self.folder})"
+
     @property
     def config(self) -> RobotToml:
         """What robot.toml says."""

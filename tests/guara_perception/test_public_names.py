@@ -22,17 +22,19 @@ HEAVY = ["pinocchio", "scipy", "matplotlib", "zenoh", "cv2", "rosbags", "mcap", 
 
 @pytest.mark.slow
 def test_type_checkers_see_every_name(tmp_path: Path):
-    """`mypy --strict` knows each of them, by attribute and by `import *`, and refuses a name that is not there."""
+    """`mypy --strict` knows each of them, by attribute and by `import *`, and refuses names and layers that are not."""
     (tmp_path / "user.py").write_text(
         "from guara_perception import *\nimport guara_perception as gp\n"
         + "".join(f"{name}, gp.{name}\n" for name in gp.__all__)
         + "gp.proces_scan\n"
+        + "def user(terrain: TerrainGrid) -> None:\n    terrain.elevation.mean(), terrain.swing, terrain.elevatoin\n"
     )
     root = Path(gp.__file__).parents[1]
     command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", str(tmp_path / "user.py")]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     errors = [line for line in done.stdout.splitlines() if ": error:" in line]
-    assert len(errors) == 1 and 'has no attribute "proces_scan"' in errors[0], done.stdout + done.stderr
+    assert len(errors) == 2, done.stdout + done.stderr
+    assert 'has no attribute "proces_scan"' in errors[0] and 'has no attribute "elevatoin"' in errors[1]
 
 
 @pytest.mark.parametrize("name", gp.__all__)
@@ -53,6 +55,14 @@ def test_star_import_brings_every_public_name():
 def test_promised_names_are_public(name: str):
     """Every name that users were promised is there."""
     assert name in gp.__all__
+
+
+def test_what_is_listed_is_what_there_is():
+    """Completion shows the public names and no tool of the module; `help(gp)` begins with names that exist."""
+    assert [name for name in dir(gp) if not name.startswith("__")] == sorted(gp.__all__)
+    listed = [line[4:34] for line in gp.__doc__.splitlines() if line.startswith("    ")]
+    names = ", ".join(listed).replace(" ", "").split(",")
+    assert len(names) >= 10 and set(names) <= set(gp.__all__)
 
 
 def test_unknown_name_is_refused_with_the_list():

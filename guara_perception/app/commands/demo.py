@@ -41,7 +41,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     """
     from guara_perception.app.demo.check import DemoCheck
     from guara_perception.app.demo.pictures import draw_demo
-    from guara_perception.app.demo.walk import PAUSES_PER_CYCLE, demo_walk
+    from guara_perception.app.demo.walk import PAUSES_PER_CYCLE, demo_walk, first_recorded
 
     if out.exists() and not out.is_dir():
         raise InvalidInput(f"--out is {out}, a file; pictures and recording need a folder")
@@ -58,7 +58,9 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
             show(len(seen), pauses)
     for picture in draw_demo(out, seen):
         click.echo(f"picture: {picture}")
-    click.echo(f"recording: {recording}")
+    size, first = recording.stat().st_size / 1e6, first_recorded(cycles)
+    part = f"the last {pauses - first} of {pauses} pauses" if first else "every pause"
+    click.echo(f"recording: {recording}, {size:.0f} MB, {part}")
     for text in check.lines():
         click.echo(text)
     failures = check.failures(pauses)

@@ -29,8 +29,11 @@ GRID_TIMEOUT_S = 60.0
 # The robot stands until the four grids that are waited for at a pause have come.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
-# Keeps the recording of a whole walk near 100 MB; costs about 0.02 px.
+# Costs about 0.02 px.
 JPEG_QUALITY = 85
+# A pause takes 5.3 MB: the last ones of a longer walk keep the recording below 60 MB. They follow one another, since
+# without the pauses between odometry would take a gait's next cycle for standing still.
+RECORDED_PAUSES = 11
 PAUSES_PER_CYCLE = 4
 
 
@@ -99,6 +102,7 @@ def demo_walk(
                     calibration=robot.calibration,
                     jpeg_quality=JPEG_QUALITY,
                     scene=Scene(robot.robot, robot.calibration),
+                    first=first_recorded(cycles),
                 )
             )
         node = stack.enter_context(
@@ -148,6 +152,11 @@ def demo_walk(
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
             if pause.step == last:
                 return
+
+
+def first_recorded(cycles: float) -> int:
+    """The step from which on a walk is recorded."""
+    return max(0, round(cycles * PAUSES_PER_CYCLE) + 1 - RECORDED_PAUSES)
 
 
 def free_endpoint() -> str:

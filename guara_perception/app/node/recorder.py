@@ -56,6 +56,7 @@ class ScanRecorder:
         jpeg_quality: int | None = None,
         scene: Scene | None = None,
         limit: int | None = None,
+        first: int = 0,
     ) -> None:
         """Create the file.
 
@@ -66,6 +67,7 @@ class ScanRecorder:
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
             scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, ROS grids; None leaves these out.
             limit: [byte] that all files of a folder may take; the oldest are removed.
+            first: step from which on scans and grids are written.
 
         Raises:
             transport.RecordingError: it cannot be created.
@@ -74,6 +76,7 @@ class ScanRecorder:
         self._files = RecordingFiles(Path(path), robot, limit)
         self._calibration = to_json(calibration).encode()
         self._scene = scene
+        self._first = first
         self._counted = threading.Lock()
         self._recorded = self._lost = 0
         self._problem = self._trouble = ""
@@ -105,8 +108,10 @@ class ScanRecorder:
         """Files of this recording whose process was killed, oldest first: `guara recover` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
-    def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording:
-        """Start a scan."""
+    def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
+        """Start a scan; None for one that is left out."""
+        if step < self._first:
+            return None
         self.post(0, self._go_on)
         stamp = time.time_ns()
         record = ScanRecord(
@@ -127,6 +132,8 @@ class ScanRecorder:
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
         """Add grids that came after their scan had ended, as when it is withdrawn; returns at once."""
+        if step < self._first:
+            return
 
         def add() -> None:
             try:

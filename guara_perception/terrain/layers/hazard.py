@@ -162,8 +162,9 @@ class Reason:
     detail: str = ""
 
     def __str__(self) -> str:
-        """Text for people, in millimetres and degrees."""
-        scale, unit = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg")}.get(self.unit, (1.0, self.unit))
+        """Text for people, in millimetres, degrees and per cent."""
+        units = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg"), "share": (1e2, "%")}
+        scale, unit = units.get(self.unit, (1.0, self.unit))
         if math.isnan(self.value):
             return f"{self.test} impossible" + (f" ({self.detail})" if self.detail else "")
         text = f"{self.test} {self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"

@@ -132,11 +132,13 @@ class LayeredGrid(Gridded):
         object.__setattr__(self, "pictures", MappingProxyType(pictures))
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
 
-    def __getattr__(self, name: str) -> Array:
-        """Layers as attributes: `terrain.elevation`, `terrain.hazard` ..."""
-        if name in LAYER_NAMES:
-            return self.layers[name]
-        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
+    if not TYPE_CHECKING:
+        # Type checkers know the layers one by one, below, and refuse a misspelt one.
+        def __getattr__(self, name: str) -> Array:
+            """Layers as attributes: `terrain.elevation`, `terrain.hazard` ..."""
+            if name in LAYER_NAMES:
+                return self.layers[name]
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
     def __dir__(self) -> list[str]:
         """Layers too, for completion."""

@@ -45,6 +45,10 @@ class FootholdVerdict:
         """The same as `ok`."""
         return self.ok
 
+    def __repr__(self) -> str:
+        """The same text as `str` with the name of the class."""
+        return f"FootholdVerdict({self})"
+
     def __str__(self) -> str:
         """Text for people, in millimetres and degrees."""
         return f"ok, score {self.score:.2f}" if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
@@ -75,6 +79,10 @@ class FootholdVerdicts:
         """Freeze the arrays."""
         for name in ("x", "y", "ok", "score", "beyond"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
+
+    def __repr__(self) -> str:
+        """How many places are safe."""
+        return f"FootholdVerdicts({int(self.ok.sum())} of {len(self)} places ok, leg={self.leg!r})"
 
     def __len__(self) -> int:
         """Number of places."""

@@ -46,6 +46,10 @@ class PathVerdict:
         """The same as `ok`."""
         return self.ok
 
+    def __repr__(self) -> str:
+        """The same text as `str` with the name of the class."""
+        return f"PathVerdict({self})"
+
     def __str__(self) -> str:
         """Text for people, in millimetres and degrees."""
         if not self.ok:

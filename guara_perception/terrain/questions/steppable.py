@@ -58,6 +58,15 @@ class SteppableRegion:
         for name in ("halfspaces", "vertices", "plane"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
+    def __repr__(self) -> str:
+        """Place, size and tilt, rounded."""
+        x, y = self.centre
+        slope = math.degrees(math.atan(math.hypot(self.plane[0], self.plane[1])))
+        return (
+            f"SteppableRegion(centre ({x:.3f}, {y:.3f}) m, {1e4 * self.area:.1f} cm2, {len(self.vertices)} corners, "
+            f"slope {slope:.1f} deg, sigma {1e3 * self.sigma:.2f} mm, leg={self.leg!r})"
+        )
+
     @property
     def centre(self) -> Float:
         """(2,) mean of the vertices, which lies inside [m]."""

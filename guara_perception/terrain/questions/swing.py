@@ -63,6 +63,12 @@ class Swing:
         """The same as `ok`."""
         return self.ok
 
+    def __repr__(self) -> str:
+        """Corners and clearance, or why there is none."""
+        if not self.ok:
+            return f"Swing(refused: {'; '.join(map(str, self.reasons))})"
+        return f"Swing(ok, {len(self.points)} corners, clearance {1e3 * self.clearance:.0f} mm)"
+
 
 def swing(
     terrain: LayeredGrid,

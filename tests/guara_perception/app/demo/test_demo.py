@@ -10,6 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
+from guara_perception.app.demo.walk import RECORDED_PAUSES, first_recorded
 from guara_perception.app.files.open_scan import open_scans
 
 PATIENCE = 240.0
@@ -48,6 +49,11 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     for name, magic in (("scan.png", b"\x89PNG"), ("map.png", b"\x89PNG"), ("walk.gif", b"GIF8")):
         assert (demo[0] / name).read_bytes()[:4] == magic
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
+    size = (demo[0] / "walk.mcap").stat().st_size / 1e6
+    assert f"recording: {demo[0] / 'walk.mcap'}, {size:.0f} MB, every pause" in demo[1].splitlines()
+    # So many are recorded of the longest walk.
+    assert size / 5 * RECORDED_PAUSES < 60
+    assert [first_recorded(cycles) for cycles in (1, 2.5, 5, 10, 12)] == [0, 0, 10, 30, 38]
 
 
 @pytest.mark.heavy

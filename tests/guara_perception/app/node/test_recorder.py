@@ -213,3 +213,18 @@ def test_what_was_cut_stays_and_is_named(tmp_path: Path, calibration: gp.Calibra
     for name, step in (("whole.mcap", 0), ("w-2.mcap", 1)):
         with open_recording(tmp_path / name) as recording:
             assert [(scan.step, scan.is_whole) for scan in recording.scans] == [(step, True)]
+
+
+def test_a_recording_may_begin_later(tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan) -> None:
+    """What is left out is not counted as lost."""
+    with ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration, first=6) as recorder:
+        for step in range(9):
+            scan = recorder.begin(step, "standard", paper_scan.stance)
+            assert (scan is None) == (step < 6)
+            if scan is not None:
+                scan.add(_capture(0))
+                scan.finish((), None)
+        assert recorder.flush(PATIENCE)
+        assert recorder.status_item().values["recorded"] == "3" and recorder.status_item().values["lost"] == "0"
+    with open_recording(tmp_path / "w.mcap") as recording:
+        assert [scan.step for scan in recording.scans] == [6, 7, 8]

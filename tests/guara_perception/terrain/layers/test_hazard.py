@@ -231,6 +231,7 @@ def cell_centres(terrain: gp.TerrainGrid, mask: np.ndarray) -> tuple[np.ndarray,
         (Reason("slope", 0.6, 0.54, "rad", "to the left"), "slope 34.4 deg, allowed 30.9 deg (to the left)"),
         (Reason("reach", float("nan"), 0.0, "rad", "of lf beyond"), "reach impossible (of lf beyond)"),
         (Reason("reach", float("nan"), 0.0, "rad"), "reach impossible"),
+        (Reason("unknown", 0.0136, 0.0, "share", "of the sole: X"), "unknown 1.36 %, allowed 0 % (of the sole: X)"),
     ],
 )
 def test_text(reason: Reason, expected_text: str):

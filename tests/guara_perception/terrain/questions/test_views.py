@@ -201,3 +201,29 @@ def test_answers_are_printed_in_words(paper_terrain: gp.TerrainGrid) -> None:
         r"ok, clearance \d+ mm", str(paper_terrain.check_path([start, start + (-0.10, 0.0, 0.0)], 0.03))
     )
     assert str(paper_terrain.check_path([start, start + (0.0, 0.2, 0.0)], 0.03)).startswith("refused: unknown ")
+    assert re.fullmatch(
+        r"refused: unknown \d+(\.\d+)? %, allowed 0 % \(of the sole: .+\)",
+        str(paper_terrain.check_foothold(0.60, 0.265)),
+    )
+
+
+def test_answers_show_themselves_in_a_line(paper_terrain: gp.TerrainGrid, robot: gp.RobotModel) -> None:
+    """What an interpreter prints is short, and no array."""
+    foothold = paper_terrain.best_foothold(0.80, 0.00, 0.10)
+    x, y, _ = foothold.position
+    above = foothold.position + (0.0, 0.0, 0.05)
+    region = paper_terrain.steppable_region(x, y, 0.1)
+    shown = {
+        repr(paper_terrain.check_foothold(x, y)): r"FootholdVerdict\(ok, score 0\.\d\d\)",
+        repr(paper_terrain.check_foothold(0.80, 0.20)): r"FootholdVerdict\(refused: edge .*\)",
+        repr(paper_terrain.check_foothold([x, 0.80], [y, 0.20])): r"FootholdVerdicts\(1 of 2 places ok, leg=None\)",
+        repr(
+            paper_terrain.check_path([above, above + (-0.10, 0.0, 0.0)], 0.03)
+        ): r"PathVerdict\(ok, clearance \d+ mm\)",
+        repr(paper_terrain.swing(above, above + (-0.10, 0.0, 0.0), 0.03)): r"Swing\(ok, \d corners, clearance \d+ mm\)",
+        repr(paper_terrain.swing(above, above + (0.0, 0.5, 0.0), 0.03)): r"Swing\(refused: .+\)",
+        repr(region): r"SteppableRegion\(centre \(0\.\d{3}, -?0\.\d{3}\) m, [\d.]+ cm2, \d+ corners, "
+        r"slope \d\.\d deg, sigma [\d.]+ mm, leg=None\)",
+        repr(robot): r"RobotModel\('guara', legs lf rf lh rh, 16 joints, .*guara\)",
+    }
+    assert len(shown) == 8 and not [text for text, wanted in shown.items() if not re.fullmatch(wanted, text)]
