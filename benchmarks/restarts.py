@@ -123,6 +123,7 @@ GAITS = {
     "48 pauses": _pauses,
     "another walk": _walk,
 }
+DISTURBANCES = (World.kill, World.hang, World.wake, World.cut, World.restart_router, World.lose, World.mute)
 DELAYS = (0.0, 0.3)
 # What the gait does comes just before the event, or this long after it [s].
 WHEN = (-TICK, 0.2, 4.0)
@@ -201,21 +202,13 @@ def run_walks(walks: int, seed: int) -> Count:
     count, chosen = Count(), random.Random(seed)
     acts: list[Act] = [
         lambda world: world.begin(new_walk=chosen.random() < 0.2),
+        World.scan,
+        World.scan,
         _end,
         _end_elsewhere,
-        World.scan,
-        World.scan,
-        World.kill,
-        lambda world: world.start(is_healthy=chosen.random() < 0.7),
-        lambda world: world.start(),
-        World.hang,
-        World.wake,
-        World.cut,
+        lambda world: world.start(is_healthy=chosen.random() < 0.8),
         World.heal,
-        World.heal,
-        World.restart_router,
-        World.lose,
-        World.mute,
+        lambda world: chosen.choice(DISTURBANCES)(world),
     ]
     for _ in range(walks):
         world = World(chosen.choice((0.0, 0.2, 1.0)))

@@ -202,22 +202,24 @@ def objections(
         return tuple(found)
     kind = "footprint" if grid.extent == "footprint" else "map"
     newest = word.newest.get(kind)
+    is_known = newest is not None and newest >= grid.sequence
     is_another_walk = bool(word.epoch and grid.epoch and word.epoch != grid.epoch)
     pauses = 0 if is_another_walk else max(s for s in (word.step, step, grid.step) if s is not None) - grid.step
     if is_another_walk:
         # A word from before the grid may not know its walk yet.
-        cure = Cure.NONE if newest is not None and newest >= grid.sequence else Cure.WORD
+        cure = Cure.NONE if is_known else Cure.WORD
         found.append(Objection(f"is of walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
         frame = "; the frame of a footprint ends with its pause" if kind == "footprint" else ""
         found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
-    if word.standing is None:
+    if word.standing is None and (is_known or silence <= SILENT):
+        # Nobody announces pauses, so that nobody can have announced one unheard.
         return tuple(found)
     if is_gone:
         found.append(Objection("is no longer vouched for: its node is gone", Cure.RETURN))
     elif silence > SILENT:
         found.append(Objection(f"is no longer vouched for: its node {silent_for(silence)}", Cure.WORD))
-    if grid.provisional and (pauses or not word.standing):
+    if grid.provisional and (pauses or word.standing is False):
         found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
     if kind == "footprint" and newest is not None and newest > grid.sequence:
         found.append(Objection(f"was followed by sequence {newest}, which has not arrived", Cure.GRID))
