@@ -79,7 +79,6 @@ class Fields:
     """
 
     def __init__(self, data: Mapping[str, Any], source: str, path: str = "") -> None:
-        """See the class."""
         self.data = data
         self.source = source
         self.path = path

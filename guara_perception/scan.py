@@ -65,7 +65,6 @@ class Scan:
     withdrawn: str = ""
 
     def __post_init__(self) -> None:
-        """Check mode and stripes."""
         if self.mode not in MODES:
             raise InvalidInput(f"{self.source}: mode is {self.mode!r}, allowed: {', '.join(MODES)}")
         seen: set[int] = set()
@@ -99,7 +98,6 @@ class FrameReader:
     """Reads the frames of a scan stripe by stripe."""
 
     def __init__(self, scan: Scan) -> None:
-        """Start with nothing read."""
         self._read_frame = scan.read_frame
         self._last: tuple[str, Image] | None = None
 

@@ -65,7 +65,6 @@ class TraversabilityLimits:
     sole_width: float
 
     def __post_init__(self) -> None:
-        """Refuse limits that can never hold."""
         for name in self.__slots__:
             value = getattr(self, name)
             high = LARGEST_LIMIT[name]

@@ -16,7 +16,6 @@ class Findings:
     """
 
     def __init__(self, path: Path) -> None:
-        """Nothing is found yet."""
         self.path = path
         self._wrong: list[tuple[int, str]] = []
         self._unused: Counter[str] = Counter()

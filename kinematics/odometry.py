@@ -96,7 +96,6 @@ class LegOdometry:
         transform_camera_to_base: npt.ArrayLike | None = None,
         camera_covariance: npt.ArrayLike | None = None,
     ) -> None:
-        """Start before the first pause."""
         self._robot = robot
         self._camera = transform_camera_to_base
         self._camera_covariance = camera_covariance

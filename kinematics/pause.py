@@ -30,7 +30,6 @@ class PauseDetector:
     """Watches joint speeds and contacts: a pause is when all joints have been slow for long enough on the same feet."""
 
     def __init__(self, robot: RobotModel) -> None:
-        """Start with no reading: no pause."""
         self._robot = robot
         self._limits = robot.pause_limits
         self._time: float | None = None

@@ -32,7 +32,6 @@ class Stance:
     gravity_in_base: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the values and make them immutable."""
         object.__setattr__(self, "joint_positions", _checked_joints(self.joint_positions))
         object.__setattr__(self, "support_feet", _checked_feet(self.support_feet))
         if self.gravity_in_base is not None:

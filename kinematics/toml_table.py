@@ -29,7 +29,6 @@ class Table:
     def __init__(
         self, path: Path, name: str, values: Mapping[str, object], lines: Mapping[str, int] | None = None
     ) -> None:
-        """Keep the values; nothing is checked yet."""
         self.path = path
         self.name = name
         self.values = values

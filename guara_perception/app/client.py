@@ -61,13 +61,11 @@ class TerrainClient:
         self._client = PerceptionClient(session, robot=robot, encoding=encoding)
 
     def __enter__(self) -> Self:
-        """The client itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close."""
         self.close()
 
     @property

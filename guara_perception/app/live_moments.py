@@ -84,13 +84,11 @@ class LiveMoments:
         pictures.on_newest(self._take_picture)
 
     def __enter__(self) -> Self:
-        """The receiver itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Disconnect."""
         self._client.close()
 
     def missing(self) -> str:

@@ -64,7 +64,6 @@ class TerrainSummary(Gridded):
     stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the invariant and freeze."""
         check_safe(self.elevation, self.hazard, self.traversability)
         for name in ("elevation", "hazard", "traversability"):
             object.__setattr__(self, name, readonly(getattr(self, name)))

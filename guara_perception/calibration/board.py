@@ -57,7 +57,6 @@ class BoardView:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        """Freeze."""
         object.__setattr__(self, "corners_px", readonly(np.asarray(self.corners_px, dtype=np.float64)))
         object.__setattr__(self, "corners", readonly(np.asarray(self.corners, dtype=np.intp)))
 

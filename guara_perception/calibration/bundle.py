@@ -47,7 +47,6 @@ class CameraFit:
     board_poses: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("transform_camera_to_footprint", "covariance", "pose", "mark_residuals_px", "board_poses"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

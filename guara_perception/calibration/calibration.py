@@ -80,7 +80,6 @@ class Calibration:
     hash: str = ""
 
     def __post_init__(self) -> None:
-        """Check that the parts fit together, and freeze."""
         transform = readonly(np.array(self.transform_camera_to_base, dtype=np.float64))
         check_transform(transform, "transform_camera_to_base")
         stripes = tuple(sorted(self.stripes, key=lambda stripe: stripe.index))
@@ -150,7 +149,6 @@ class CameraModel:
     distortion: Float
 
     def __post_init__(self) -> None:
-        """Check and freeze."""
         matrix = readonly(np.array(self.matrix, dtype=np.float64))
         distortion = readonly(np.array(self.distortion, dtype=np.float64).ravel())
         if len(self.size) != 2 or not all(16 <= n <= LARGEST_SIDE_PX and n == int(n) for n in self.size):

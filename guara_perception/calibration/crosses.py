@@ -48,7 +48,6 @@ class Mark:
     score: float
 
     def __post_init__(self) -> None:
-        """Freeze."""
         object.__setattr__(self, "centre_px", readonly(np.asarray(self.centre_px, dtype=np.float64)))
 
 

@@ -286,7 +286,6 @@ class DriftWatch:
     """
 
     def __init__(self) -> None:
-        """Start with no scan."""
         self._with_floor: deque[Drift] = deque(maxlen=REMEMBERED)
         self._counts: Counter[str] = Counter()
 

@@ -46,7 +46,6 @@ class FloorLines:
     roughness: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("index", "x", "offset", "slope", "roughness"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

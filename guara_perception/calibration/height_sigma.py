@@ -40,7 +40,6 @@ class HeightUncertainty:
     field: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         object.__setattr__(self, "planes", {index: readonly(plane) for index, plane in self.planes.items()})
         object.__setattr__(self, "field_origin", readonly(self.field_origin))
         object.__setattr__(self, "field", readonly(self.field))

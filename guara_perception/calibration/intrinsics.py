@@ -45,7 +45,6 @@ class Intrinsics:
     outliers: tuple[tuple[str, str], ...]
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("sigma", "poses", "errors_px"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

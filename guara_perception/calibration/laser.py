@@ -76,7 +76,6 @@ class LaserFit:
     uncertainty: HeightUncertainty
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         object.__setattr__(self, "planes_in_camera", readonly(self.planes_in_camera))
         object.__setattr__(self, "line_errors", readonly(self.line_errors))
 

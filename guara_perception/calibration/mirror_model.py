@@ -34,7 +34,6 @@ class MirrorModel:
     gain: float
 
     def __post_init__(self) -> None:
-        """Freeze."""
         for name in ("laser_plane", "axis", "point", "normal_at_zero"):
             object.__setattr__(self, name, readonly(np.array(getattr(self, name), dtype=np.float64)))
 

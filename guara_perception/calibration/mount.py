@@ -49,7 +49,6 @@ class FloorPose:
     residual_px: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("transform_camera_to_footprint", "residual_px"):
             object.__setattr__(self, name, readonly(np.asarray(getattr(self, name), dtype=np.float64)))
 

@@ -55,7 +55,6 @@ class PlateLine:
     sigma_px: float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("pixels", "weights"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

@@ -37,7 +37,6 @@ class Fiducials:
     points_px: Float | None = None
 
     def __post_init__(self) -> None:
-        """Check number and shape, freeze."""
         points = np.asarray(self.points_in_footprint, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 4:
             raise InvalidInput(
@@ -96,7 +95,6 @@ class CalibrationSession:
     read_picture: Callable[[str], Image]
 
     def __post_init__(self) -> None:
-        """Check that the fields fit together."""
         if min(self.board.columns, self.board.rows) < 3 or not 0.001 <= self.board.square <= 1.0:
             raise InvalidInput(
                 f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "

@@ -52,7 +52,6 @@ class StripeFit:
     line_residual: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("mirror_angles", "planes", "covariance", "bases", "wobble", "line_residual"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

@@ -27,7 +27,6 @@ class SurfaceMap:
     residual: Float
 
     def __post_init__(self) -> None:
-        """Freeze."""
         for name in ("homography", "residual"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

@@ -48,7 +48,6 @@ class Sweep:
     lever: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("parameters", "covariance", "mirror_angles", "step_errors", "residual", "lever"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

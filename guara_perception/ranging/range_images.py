@@ -33,7 +33,6 @@ class RangeImages:
     range_image_mm: Float32
 
     def __post_init__(self) -> None:
-        """Freeze the pictures."""
         object.__setattr__(self, "ortho_image_mm", readonly(self.ortho_image_mm))
         object.__setattr__(self, "range_image_mm", readonly(self.range_image_mm))
 

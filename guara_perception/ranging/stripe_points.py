@@ -54,7 +54,6 @@ class ColumnPoints:
     points: Array
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         object.__setattr__(self, "columns", _stored(self.columns, np.int32))
         object.__setattr__(self, "points", _stored(self.points, np.float32))
 
@@ -80,7 +79,6 @@ class StripePoints:
     doubtful: ColumnPoints
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("points", "variance", "strength"):
             object.__setattr__(self, name, _stored(getattr(self, name), np.float32))
         object.__setattr__(self, "status", readonly(self.status))

@@ -33,7 +33,6 @@ class Feature:
     material: str = "wood"
 
     def __post_init__(self) -> None:
-        """Check what every feature has."""
         _finite(self, "x", "y", "yaw")
         if len(self.size) != 2 or not all(np.isfinite(s) and s > 0 for s in self.size):
             raise InvalidInput(f"size is {tuple(self.size)}, it must be (length, width), both above 0 m")
@@ -80,7 +79,6 @@ class Box(Feature):
     height: float
 
     def __post_init__(self) -> None:
-        """Check."""
         Feature.__post_init__(self)
         _positive(self, "height")
 
@@ -98,7 +96,6 @@ class Ramp(Feature):
     material: str = "concrete"
 
     def __post_init__(self) -> None:
-        """Check."""
         Feature.__post_init__(self)
         _positive(self, "height")
 
@@ -119,7 +116,6 @@ class Rock(Feature):
     material: str = "concrete"
 
     def __post_init__(self) -> None:
-        """Check."""
         Feature.__post_init__(self)
         _positive(self, "height")
 
@@ -146,7 +142,6 @@ class Pit(Feature):
     material: str = "soil"
 
     def __post_init__(self) -> None:
-        """Check."""
         Feature.__post_init__(self)
         _positive(self, "depth")
 
@@ -168,7 +163,6 @@ class Step:
     run: float = field(default=1.0, init=False)
 
     def __post_init__(self) -> None:
-        """Check."""
         _check_stairs(self)
 
     @property

@@ -66,7 +66,6 @@ class Light:
     jpeg_quality: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse values that no light can have."""
         for f in fields(self):
             values = np.atleast_1d(getattr(self, f.name))
             if not np.isfinite(values).all() or (values < 0).any():

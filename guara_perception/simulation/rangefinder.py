@@ -48,7 +48,7 @@ class SimulatedRangefinder:
     def __init__(
         self, world: World, calibration: Calibration, robot: RobotModel, seed: int = 0, *, light: Light | None = None
     ) -> None:
-        """Build it.
+        """Set up camera, laser planes and noise over a world.
 
         Args:
             world: the terrain.

@@ -41,7 +41,6 @@ class WalkNoise:
     imu: float | None = 0.00175
 
     def __post_init__(self) -> None:
-        """Refuse values that no noise can have."""
         for name in ("joint", "contact", "slip", "imu"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):

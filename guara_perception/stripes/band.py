@@ -36,7 +36,6 @@ class SharedFrame:
     """
 
     def __init__(self, frame: Image) -> None:
-        """Begin with no channel cut out."""
         self.frame = frame
         self._channels: dict[int, Image] = {}
 

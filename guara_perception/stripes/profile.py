@@ -45,7 +45,6 @@ class StripeProfile:
     remark: str = ""
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

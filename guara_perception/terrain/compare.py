@@ -37,7 +37,6 @@ class GridComparison:
     largest: float
 
     def __repr__(self) -> str:
-        """The figures in three lines."""
         return (
             f"GridComparison: heights b - a: mean {1e3 * self.mean:+.3f} mm, rms {1e3 * self.rms:.3f} mm, "
             f"largest {1e3 * self.largest:.3f} mm\n"

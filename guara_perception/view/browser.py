@@ -63,13 +63,11 @@ class BrowserView:
         self._look_from(np.zeros(3))
 
     def __enter__(self) -> Self:
-        """The view itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop serving."""
         self.close()
 
     @property

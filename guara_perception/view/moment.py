@@ -87,12 +87,10 @@ class Timeline:
     """Moments in order and the number of the moment that is shown; while that is the newest, a newer one is shown."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._moments: list[Moment] = []
         self.number = 0
 
     def __len__(self) -> int:
-        """How many moments there are."""
         return len(self._moments)
 
     @property

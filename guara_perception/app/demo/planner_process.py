@@ -39,13 +39,11 @@ class PlannerProcess:
             raise
 
     def __enter__(self) -> Self:
-        """The process itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop it."""
         self.close()
 
     def choose(self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint") -> dict[str, Any]:

@@ -50,13 +50,11 @@ class Recording:
         self.scans: tuple[Scan, ...] = tuple(open_recorded_scans(self.path))
 
     def __enter__(self) -> Self:
-        """The recording itself."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close."""
         self.close()
 
     def __iter__(self) -> Iterator[TerrainGrid]:

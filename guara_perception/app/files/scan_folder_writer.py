@@ -45,7 +45,6 @@ class ScanFolderWriter:
         self._offs: dict[object, str] = {}
 
     def __enter__(self) -> Self:
-        """The writer itself."""
         return self
 
     def __exit__(

@@ -88,14 +88,12 @@ class LivePage:
         self.address = f"http://127.0.0.1:{self._server.server_address[1]}/"
 
     def __enter__(self) -> Self:
-        """Begin to serve."""
         supervised("live page", self._server.serve_forever).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop."""
         self._server.shutdown()
         self._server.server_close()
 

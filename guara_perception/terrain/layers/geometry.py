@@ -29,7 +29,6 @@ class GridGeometry:
     shape: tuple[int, int]
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if not (np.isfinite(self.resolution) and self.resolution > 0):
             raise InvalidInput(f"resolution is {self.resolution}, it must be a positive number of metres")
         if not np.isfinite(self.origin).all() or len(self.origin) != 2:

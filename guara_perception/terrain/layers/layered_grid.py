@@ -119,7 +119,6 @@ class LayeredGrid(Gridded):
     stale_because: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the invariant and freeze."""
         check_invariant(self.layers)
         shape = self.layers["elevation"].shape
         if shape != self.geometry.shape:
@@ -202,7 +201,6 @@ class LayeredGrid(Gridded):
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore and freeze again."""
         for name, value in state.items():
             object.__setattr__(self, name, value)
         self.__post_init__()
@@ -296,7 +294,6 @@ class Ceiling:
     sigma: float
 
     def __post_init__(self) -> None:
-        """Check and freeze."""
         if not (np.isfinite(self.sigma) and self.sigma >= 0) or np.ndim(self.height) != 2:
             raise InvalidInput(
                 f"a ceiling of shape {np.shape(self.height)} with sigma {self.sigma}, it must be (ny, nx) with a "

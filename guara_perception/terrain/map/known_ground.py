@@ -32,7 +32,6 @@ class KnownGround:
     sigma: float
 
     def __post_init__(self) -> None:
-        """Check and freeze."""
         outline = np.array(self.outline, dtype=np.float64)
         if outline.ndim != 2 or outline.shape[1:] != (2,) or len(outline) < 3 or not np.isfinite(outline).all():
             raise InvalidInput(f"outline of known ground has shape {outline.shape}, it must be 3 or more finite (x, y)")

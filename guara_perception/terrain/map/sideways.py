@@ -31,7 +31,6 @@ class SidewaysDrift:
     total: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         object.__setattr__(self, "pauses", readonly(self.pauses))
         object.__setattr__(self, "total", readonly(self.total))
 

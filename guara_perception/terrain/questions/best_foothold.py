@@ -48,7 +48,6 @@ class Foothold:
     leg: str | None
 
     def __post_init__(self) -> None:
-        """Freeze the normal."""
         object.__setattr__(self, "normal", readonly(self.normal))
 
     def __repr__(self) -> str:

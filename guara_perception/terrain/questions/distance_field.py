@@ -33,7 +33,6 @@ class DistanceField:
     resolution: float
 
     def __post_init__(self) -> None:
-        """Freeze the values."""
         object.__setattr__(self, "values", readonly(self.values))
 
     def at(self, points: npt.ArrayLike) -> Float:

@@ -42,7 +42,6 @@ class FootholdVerdict:
     reasons: tuple[Reason, ...]
 
     def __bool__(self) -> bool:
-        """The same as `ok`."""
         return self.ok
 
     def __repr__(self) -> str:
@@ -76,7 +75,6 @@ class FootholdVerdicts:
     beyond: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("x", "y", "ok", "score", "beyond"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -85,7 +83,6 @@ class FootholdVerdicts:
         return f"FootholdVerdicts({int(self.ok.sum())} of {len(self)} places ok, leg={self.leg!r})"
 
     def __len__(self) -> int:
-        """Number of places."""
         return int(self.x.size)
 
     def __getitem__(self, i: int) -> FootholdVerdict:
@@ -97,7 +94,6 @@ class FootholdVerdicts:
         return FootholdVerdict(False, 0.0, tuple(_reasons(self.terrain, x, y, self.leg, beyond)))
 
     def __iter__(self) -> Iterator[FootholdVerdict]:
-        """All verdicts in order."""
         return (self[i] for i in range(len(self)))
 
 

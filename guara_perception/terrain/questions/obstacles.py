@@ -64,7 +64,6 @@ class Obstacle:
     area: float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         object.__setattr__(self, "outline", readonly(np.asarray(self.outline, dtype=np.float64)))
         object.__setattr__(self, "position", readonly(np.asarray(self.position, dtype=np.float64)))
 

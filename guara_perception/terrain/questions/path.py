@@ -43,7 +43,6 @@ class PathVerdict:
     reasons: tuple[Reason, ...]
 
     def __bool__(self) -> bool:
-        """The same as `ok`."""
         return self.ok
 
     def __repr__(self) -> str:

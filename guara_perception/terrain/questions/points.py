@@ -70,12 +70,10 @@ class HeightScan:
     points: Float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in self.__slots__:
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
     def __len__(self) -> int:
-        """Number of points."""
         return int(self.heights.size)
 
     @property

@@ -47,7 +47,6 @@ class Tread:
     area: float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("plane", "centre"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -67,7 +66,6 @@ class Riser:
     height: float
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("start", "end"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -91,7 +89,6 @@ class Stairs:
     run: float
 
     def __post_init__(self) -> None:
-        """Freeze."""
         object.__setattr__(self, "direction", readonly(self.direction))
 
 

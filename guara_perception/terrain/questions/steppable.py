@@ -54,7 +54,6 @@ class SteppableRegion:
     leg: str | None
 
     def __post_init__(self) -> None:
-        """Freeze the arrays."""
         for name in ("halfspaces", "vertices", "plane"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 

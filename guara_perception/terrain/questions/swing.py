@@ -56,11 +56,9 @@ class Swing:
     reasons: tuple[Reason, ...]
 
     def __post_init__(self) -> None:
-        """Freeze the points."""
         object.__setattr__(self, "points", readonly(self.points))
 
     def __bool__(self) -> bool:
-        """The same as `ok`."""
         return self.ok
 
     def __repr__(self) -> str:
