@@ -1,4 +1,4 @@
-"""Names for the types of arrays, read-only arrays, and medians; shapes and units stand where they are used."""
+"""Names for the types of arrays, and medians; shapes and units stand where they are used."""
 
 from __future__ import annotations
 
@@ -26,29 +26,6 @@ Image = npt.NDArray[Any]
 Interval = tuple[float, float]
 # Makes the median of absolute deviations the standard deviation of a normal distribution.
 SIGMA_PER_DEVIATION = 1.4826
-
-
-def readonly(array: Array) -> Array:
-    """The same values in an array that cannot be written, not even through another array on the same memory.
-
-    An array whose memory is read-only already is returned as it is. Any other is copied, so that the caller's array
-    stays writable.
-    """
-    if _is_frozen(array):
-        return array
-    copy = np.array(array)
-    copy.setflags(write=False)
-    return copy
-
-
-def _is_frozen(array: Array) -> bool:
-    """Whether the array and everything that it is a view of are read-only."""
-    memory: Any = array
-    while isinstance(memory, np.ndarray):
-        if memory.flags.writeable:
-            return False
-        memory = memory.base
-    return memory is None or isinstance(memory, bytes)
 
 
 def upper_median(values: Array) -> float:

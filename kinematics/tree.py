@@ -58,10 +58,12 @@ class KinematicTree:
         moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
         leg_joints = [joint for leg in config.legs for joint in leg.joints]
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
-        self.lower_limits = read_only([moving[name].lower for name in self.joint_names])
-        self.upper_limits = read_only([moving[name].upper for name in self.joint_names])
+        self.lower_limits = read_only(np.array([moving[name].lower for name in self.joint_names], np.float64))
+        self.upper_limits = read_only(np.array([moving[name].upper for name in self.joint_names], np.float64))
         centre = (self.lower_limits + self.upper_limits) / 2.0
-        self.nominal = centre if nominal is None else read_only([nominal[name] for name in self.joint_names])
+        self.nominal = (
+            centre if nominal is None else read_only(np.array([nominal[name] for name in self.joint_names], np.float64))
+        )
         try:
             self.pinocchio_model: Any = build_model(urdf)
         except (ValueError, RuntimeError) as error:

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Flags, Float32, Mask, readonly
+from guara_perception.arrays import Flags, Float32, Mask
 from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe
 from guara_perception.terrain.layers.layered_grid import Gridded
+from kinematics.arrays import read_only
 from transport import TerrainMessage
 from transport.messages.map_origin import origin_of
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
@@ -66,7 +67,7 @@ class TerrainSummary(Gridded):
     def __post_init__(self) -> None:
         check_safe(self.elevation, self.hazard, self.traversability)
         for name in ("elevation", "hazard", "traversability"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> bytearray:

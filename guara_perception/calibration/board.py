@@ -8,7 +8,8 @@ from typing import Final, Self
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image, Index, readonly
+from guara_perception.arrays import Float, Grey, Image, Index
+from kinematics.arrays import read_only
 
 CHECKERBOARD: Final = "checkerboard"
 CHARUCO: Final = "charuco"
@@ -57,8 +58,8 @@ class BoardView:
     reason: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "corners_px", readonly(np.asarray(self.corners_px, dtype=np.float64)))
-        object.__setattr__(self, "corners", readonly(np.asarray(self.corners, dtype=np.intp)))
+        object.__setattr__(self, "corners_px", read_only(np.asarray(self.corners_px, dtype=np.float64)))
+        object.__setattr__(self, "corners", read_only(np.asarray(self.corners, dtype=np.intp)))
 
     @classmethod
     def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:

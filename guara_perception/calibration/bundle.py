@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
+from kinematics.arrays import read_only
 
 # Scale of the robust loss, in standard deviations: a corner further off counts less and less.
 ROBUST_SIGMAS = 3.0
@@ -48,7 +49,7 @@ class CameraFit:
 
     def __post_init__(self) -> None:
         for name in ("transform_camera_to_footprint", "covariance", "pose", "mark_residuals_px", "board_poses"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def lens(self) -> Float:

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from kinematics.arrays import read_only
 
 VERDICTS = ("good", "usable", "refused", "unknown")
 # 8 fixed-point iterations leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
@@ -48,7 +49,7 @@ class StripePlane:
         if abs(length - 1) > 1e-3:
             raise InvalidInput(f"plane of stripe {self.index}: the normal has length {length:.4f}, it must be 1")
         # Only where it matters: normalising again would change the last bit, and with it the content hash.
-        object.__setattr__(self, "plane", readonly(plane / length if abs(length - 1) > 1e-9 else plane))
+        object.__setattr__(self, "plane", read_only(plane / length if abs(length - 1) > 1e-9 else plane))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ class Calibration:
     hash: str = ""
 
     def __post_init__(self) -> None:
-        transform = readonly(np.array(self.transform_camera_to_base, dtype=np.float64))
+        transform = read_only(np.array(self.transform_camera_to_base, dtype=np.float64))
         check_transform(transform, "transform_camera_to_base")
         stripes = tuple(sorted(self.stripes, key=lambda stripe: stripe.index))
         indices = [stripe.index for stripe in stripes]
@@ -149,8 +150,8 @@ class CameraModel:
     distortion: Float
 
     def __post_init__(self) -> None:
-        matrix = readonly(np.array(self.matrix, dtype=np.float64))
-        distortion = readonly(np.array(self.distortion, dtype=np.float64).ravel())
+        matrix = read_only(np.array(self.matrix, dtype=np.float64))
+        distortion = read_only(np.array(self.distortion, dtype=np.float64).ravel())
         if len(self.size) != 2 or not all(16 <= n <= LARGEST_SIDE_PX and n == int(n) for n in self.size):
             raise InvalidInput(
                 f"camera size is {tuple(n if n != int(n) else int(n) for n in self.size)}, it must be (width, height), "

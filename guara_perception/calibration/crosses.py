@@ -8,9 +8,10 @@ from itertools import product
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Grey, readonly
+from guara_perception.arrays import Float, Float32, Grey
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
+from kinematics.arrays import read_only
 
 # The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
@@ -48,7 +49,7 @@ class Mark:
     score: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_px", readonly(np.asarray(self.centre_px, dtype=np.float64)))
+        object.__setattr__(self, "centre_px", read_only(np.asarray(self.centre_px, dtype=np.float64)))
 
 
 def find_crosses(

@@ -8,8 +8,9 @@ from itertools import combinations
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index, Mask, readonly
+from guara_perception.arrays import Float, Index, Mask
 from guara_perception.calibration.calibration import CameraModel
+from kinematics.arrays import read_only
 
 # A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
 PARTS = 12
@@ -47,7 +48,7 @@ class FloorLines:
 
     def __post_init__(self) -> None:
         for name in ("index", "x", "offset", "slope", "roughness"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:

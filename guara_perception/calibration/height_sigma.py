@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.exceptions import FileFormatError
+from kinematics.arrays import read_only
 
 # The height field is a quadratic in the distance from a point of base_link: centre of the area, 40 mm over the floor.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
@@ -40,9 +41,9 @@ class HeightUncertainty:
     field: Float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "planes", {index: readonly(plane) for index, plane in self.planes.items()})
-        object.__setattr__(self, "field_origin", readonly(self.field_origin))
-        object.__setattr__(self, "field", readonly(self.field))
+        object.__setattr__(self, "planes", {index: read_only(plane) for index, plane in self.planes.items()})
+        object.__setattr__(self, "field_origin", read_only(self.field_origin))
+        object.__setattr__(self, "field", read_only(self.field))
 
     @staticmethod
     def of(calibration: Calibration) -> HeightUncertainty | None:

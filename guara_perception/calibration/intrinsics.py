@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import CalibrationRefused
+from kinematics.arrays import read_only
 
 MIN_VIEWS = 5
 # Largest angle between two boards below which focal length and distance cannot be separated.
@@ -46,7 +47,7 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         for name in ("sigma", "poses", "errors_px"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def rms_px(self) -> float:

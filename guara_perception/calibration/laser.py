@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Interval, readonly
+from guara_perception.arrays import Float, Interval
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.height_sigma import (
@@ -21,6 +21,7 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
+from kinematics.arrays import read_only
 
 # Where the height field is sampled: y, heights, and the number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
@@ -76,8 +77,8 @@ class LaserFit:
     uncertainty: HeightUncertainty
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "planes_in_camera", readonly(self.planes_in_camera))
-        object.__setattr__(self, "line_errors", readonly(self.line_errors))
+        object.__setattr__(self, "planes_in_camera", read_only(self.planes_in_camera))
+        object.__setattr__(self, "line_errors", read_only(self.line_errors))
 
 
 def fit_laser(

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.height_sigma import plane_in_frame
+from kinematics.arrays import read_only
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class MirrorModel:
 
     def __post_init__(self) -> None:
         for name in ("laser_plane", "axis", "point", "normal_at_zero"):
-            object.__setattr__(self, name, readonly(np.array(getattr(self, name), dtype=np.float64)))
+            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=np.float64)))
 
     def planes(self, mirror_angles: npt.ArrayLike) -> Float:
         """Planes (n, 4) of mirror angles (n,) [rad]; the normals are unit vectors."""

@@ -8,13 +8,14 @@ from itertools import permutations
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, readonly
+from guara_perception.arrays import Float, Grey
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.crosses import Mark, find_crosses
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.session import Fiducials
 from guara_perception.exceptions import CalibrationRefused
+from kinematics.arrays import read_only
 
 # Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -50,7 +51,7 @@ class FloorPose:
 
     def __post_init__(self) -> None:
         for name in ("transform_camera_to_footprint", "residual_px"):
-            object.__setattr__(self, name, readonly(np.asarray(getattr(self, name), dtype=np.float64)))
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float64)))
 
     @property
     def rms_px(self) -> float:

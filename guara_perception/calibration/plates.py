@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.height_sigma import row_bands
@@ -16,6 +16,7 @@ from guara_perception.calibration.session import Plate
 from guara_perception.exceptions import CalibrationMismatch
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.profile import StripeProfile
+from kinematics.arrays import read_only
 
 # A laser mount this much off its nominal position (3 degrees, 20 mm) moves a stripe by this share of the picture.
 BAND_SHARE = 0.12
@@ -56,7 +57,7 @@ class PlateLine:
 
     def __post_init__(self) -> None:
         for name in ("pixels", "weights"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)

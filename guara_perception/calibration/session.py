@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image, readonly
+from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.charuco import marker_dictionary
 from guara_perception.exceptions import InvalidInput
 from guara_perception.scan import Scan
+from kinematics.arrays import read_only
 
 if TYPE_CHECKING:
     from kinematics import Stance
@@ -42,7 +43,7 @@ class Fiducials:
             raise InvalidInput(
                 f"fiducials.points_in_footprint: {len(points)} points given, 4 or more [x, y] are needed"
             )
-        object.__setattr__(self, "points_in_footprint", readonly(points))
+        object.__setattr__(self, "points_in_footprint", read_only(points))
         if self.points_px is not None:
             pixels = np.asarray(self.points_px, dtype=np.float64)
             if pixels.shape != points.shape:
@@ -50,7 +51,7 @@ class Fiducials:
                     f"fiducials.points_px has shape {pixels.shape}, it must have one [u, v] for each of the "
                     f"{len(points)} points_in_footprint"
                 )
-            object.__setattr__(self, "points_px", readonly(pixels))
+            object.__setattr__(self, "points_px", read_only(pixels))
 
 
 @dataclass(frozen=True, slots=True)

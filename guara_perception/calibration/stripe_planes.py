@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
+from kinematics.arrays import read_only
 
 # A laser plane may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
@@ -53,7 +54,7 @@ class StripeFit:
 
     def __post_init__(self) -> None:
         for name in ("mirror_angles", "planes", "covariance", "bases", "wobble", "line_residual"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def fit_stripes(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
+from kinematics.arrays import read_only
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class SurfaceMap:
 
     def __post_init__(self) -> None:
         for name in ("homography", "residual"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def rms(self) -> float:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
+from kinematics.arrays import read_only
 
 # Usual error of one position of the mirror's stepper [rad]: sigma of a prior, not a limit.
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
@@ -49,7 +50,7 @@ class Sweep:
 
     def __post_init__(self) -> None:
         for name in ("parameters", "covariance", "mirror_angles", "step_errors", "residual", "lever"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def planes(self) -> Float:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Index, readonly
+from guara_perception.arrays import Array, Float, Float32, Index
 from guara_perception.ranging.lines import shares
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import EVERYWHERE, surface_keys, surface_lines
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
+from kinematics.arrays import read_only
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
@@ -33,8 +34,8 @@ class RangeImages:
     range_image_mm: Float32
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ortho_image_mm", readonly(self.ortho_image_mm))
-        object.__setattr__(self, "range_image_mm", readonly(self.range_image_mm))
+        object.__setattr__(self, "ortho_image_mm", read_only(self.ortho_image_mm))
+        object.__setattr__(self, "range_image_mm", read_only(self.range_image_mm))
 
 
 def range_images(

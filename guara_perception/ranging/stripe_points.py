@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Codes, Float, Index, Mask, readonly
+from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.ranging.locate import Locator
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from kinematics.arrays import read_only
 
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
@@ -38,7 +39,7 @@ def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
     if array is not values and array.base is None:
         # No other reference to this one exists.
         array.setflags(write=False)
-    return readonly(array)
+    return read_only(array)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ class StripePoints:
     def __post_init__(self) -> None:
         for name in ("points", "variance", "strength"):
             object.__setattr__(self, name, _stored(getattr(self, name), np.float32))
-        object.__setattr__(self, "status", readonly(self.status))
+        object.__setattr__(self, "status", read_only(self.status))
 
 
 # Most stripes have no points that are set apart.

@@ -7,7 +7,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from guara_perception.arrays import Codes, Float32, readonly
+from guara_perception.arrays import Codes, Float32
+from kinematics.arrays import read_only
 
 
 class StripeStatus(IntEnum):
@@ -46,7 +47,7 @@ class StripeProfile:
 
     def __post_init__(self) -> None:
         for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def is_frame_bad(self) -> bool:

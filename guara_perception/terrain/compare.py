@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells
+from kinematics.arrays import read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     difference = b.layers["elevation"].astype(np.float64) - a.layers["elevation"]
     both = difference[known_a & known_b]
     return GridComparison(
-        difference=readonly(difference),
+        difference=read_only(difference),
         known_in_both=both.size,
         known_only_in_a=int((known_a & ~known_b).sum()),
         known_only_in_b=int((known_b & ~known_a).sum()),

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Codes, Flags, Float, Float32, Mask, readonly
+from guara_perception.arrays import Array, Codes, Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.staleness import refuse_stale
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard, check_invariant, occupancy_values
 from guara_perception.terrain.layers.layers import LAYER_NAMES
+from kinematics.arrays import read_only
 
 EXTENTS = ("footprint", "map")
 
@@ -125,8 +126,8 @@ class LayeredGrid(Gridded):
             raise InvalidInput(f"layers have shape {shape}, the geometry says {self.geometry.shape}")
         if self.extent not in EXTENTS:
             raise InvalidInput(f"extent is {self.extent!r}, allowed: {', '.join(EXTENTS)}")
-        frozen = {name: readonly(self.layers[name]) for name in LAYER_NAMES}
-        pictures = {name: readonly(picture) for name, picture in self.pictures.items()}
+        frozen = {name: read_only(self.layers[name]) for name in LAYER_NAMES}
+        pictures = {name: read_only(picture) for name, picture in self.pictures.items()}
         object.__setattr__(self, "layers", MappingProxyType(frozen))
         object.__setattr__(self, "pictures", MappingProxyType(pictures))
         object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
@@ -299,4 +300,4 @@ class Ceiling:
                 f"a ceiling of shape {np.shape(self.height)} with sigma {self.sigma}, it must be (ny, nx) with a "
                 "finite sigma of 0 or more [m]"
             )
-        object.__setattr__(self, "height", readonly(np.asarray(self.height, np.float32)))
+        object.__setattr__(self, "height", read_only(np.asarray(self.height, np.float32)))

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import inside_polygon
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
+from kinematics.arrays import read_only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +40,7 @@ class KnownGround:
             raise InvalidInput(
                 f"known ground has height {self.height} and sigma {self.sigma}, both must be finite and sigma 0 or more"
             )
-        object.__setattr__(self, "outline", readonly(outline))
+        object.__setattr__(self, "outline", read_only(outline))
 
 
 def declared_heights(

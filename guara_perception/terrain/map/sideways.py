@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, Index, readonly
+from guara_perception.arrays import Float, Index
 from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields
+from kinematics.arrays import read_only
 
 # Pauses that are kept; what was seen before the first of them is treated as seen then, and has long been stale.
 MOST_PAUSES = 256
@@ -31,8 +32,8 @@ class SidewaysDrift:
     total: Float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pauses", readonly(self.pauses))
-        object.__setattr__(self, "total", readonly(self.total))
+        object.__setattr__(self, "pauses", read_only(self.pauses))
+        object.__setattr__(self, "total", read_only(self.total))
 
     @staticmethod
     def none() -> SidewaysDrift:

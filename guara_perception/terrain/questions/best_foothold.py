@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at
+from kinematics.arrays import read_only
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -48,7 +49,7 @@ class Foothold:
     leg: str | None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "normal", readonly(self.normal))
+        object.__setattr__(self, "normal", read_only(self.normal))
 
     def __repr__(self) -> str:
         """Short text with rounded numbers."""

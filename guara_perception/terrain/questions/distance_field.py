@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Float32, readonly
+from guara_perception.arrays import Float, Float32
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.layers.limits_of import limits_of
+from kinematics.arrays import read_only
 
 # Ten million voxels take about a second and 200 MB.
 MOST_VOXELS = 10_000_000
@@ -33,7 +34,7 @@ class DistanceField:
     resolution: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", readonly(self.values))
+        object.__setattr__(self, "values", read_only(self.values))
 
     def at(self, points: npt.ArrayLike) -> Float:
         """Distances (n,) of points (n, 3), never too large [m]; minus infinity beside or below the field, NaN above it.

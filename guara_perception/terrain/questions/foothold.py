@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Flags, Float, Index, Mask, readonly
+from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -17,6 +17,7 @@ from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOW
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
+from kinematics.arrays import read_only
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -76,7 +77,7 @@ class FootholdVerdicts:
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "ok", "score", "beyond"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
         """How many places are safe."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Flags, Float, Index, Mask, readonly
+from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
+from kinematics.arrays import read_only
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -64,8 +65,8 @@ class Obstacle:
     area: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "outline", readonly(np.asarray(self.outline, dtype=np.float64)))
-        object.__setattr__(self, "position", readonly(np.asarray(self.position, dtype=np.float64)))
+        object.__setattr__(self, "outline", read_only(np.asarray(self.outline, dtype=np.float64)))
+        object.__setattr__(self, "position", read_only(np.asarray(self.position, dtype=np.float64)))
 
 
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, Mask, readonly
+from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.extras import optional_library
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
+from kinematics.arrays import read_only
 
 FRAMES = ("base_footprint", "base_link")
 
@@ -71,7 +72,7 @@ class HeightScan:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
         return int(self.heights.size)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Mask, readonly
+from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
+from kinematics.arrays import read_only
 
 # A tread is level to this, and no smaller than this; level cells beside each other of one height are one tread.
 STEEPEST_TREAD_RAD = 0.12
@@ -48,7 +49,7 @@ class Tread:
 
     def __post_init__(self) -> None:
         for name in ("plane", "centre"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +68,7 @@ class Riser:
 
     def __post_init__(self) -> None:
         for name in ("start", "end"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ class Stairs:
     run: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", readonly(self.direction))
+        object.__setattr__(self, "direction", read_only(self.direction))
 
 
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Mask, readonly
+from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.layers.limits_of import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
+from kinematics.arrays import read_only
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -55,7 +56,7 @@ class SteppableRegion:
 
     def __post_init__(self) -> None:
         for name in ("halfspaces", "vertices", "plane"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
         """Place, size and tilt, rounded."""

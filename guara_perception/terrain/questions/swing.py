@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Float, readonly
+from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import Reason
 from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked
@@ -24,6 +24,7 @@ from guara_perception.terrain.questions.path import (
     sampled,
 )
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
+from kinematics.arrays import read_only
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -56,7 +57,7 @@ class Swing:
     reasons: tuple[Reason, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", readonly(self.points))
+        object.__setattr__(self, "points", read_only(self.points))
 
     def __bool__(self) -> bool:
         return self.ok
