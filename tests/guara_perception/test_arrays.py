@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from guara_perception.arrays import robust_sigma, upper_median, upper_medians
 
