@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 
 from benchmarks import growth, scans, starting, stripes, sweeps, transport
-from benchmarks.plots import error_against_time, growth_plot
+from benchmarks.plots import error_against_time
 from benchmarks.report import machine, to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
 from benchmarks.targets import judged, remarks
@@ -19,10 +19,7 @@ from testbed import scenes
 
 ROOT = Path(__file__).resolve().parents[1]
 OWN_DATA = ROOT / "tests" / "data"
-PICTURES = (
-    ("images/extraction.png", "Error against time of stripe extraction; down and left is better"),
-    ("images/growth.png", "CPU time over the number of stripes, pixels and cells"),
-)
+PICTURE = "images/extraction.png", "Error against time of stripe extraction; down and left is better"
 
 
 def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = print) -> dict[str, Section]:
@@ -59,31 +56,25 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
 
 
 def write(docs: Path, sections: dict[str, Section], described: dict[str, str]) -> None:
-    """docs/performance.md and its pictures."""
+    """docs/performance.md and its picture."""
     (docs / "images").mkdir(parents=True, exist_ok=True)
-    error_against_time(sections["extraction_synthetic"], docs / PICTURES[0][0])
-    growth_plot(sections["growth"], docs / PICTURES[1][0])
-    write_page(docs / "performance.md", list(sections.values()), described, PICTURES, remarks(sections["targets"]))
+    error_against_time(sections["extraction_synthetic"], docs / PICTURE[0])
+    write_page(docs / "performance.md", list(sections.values()), described, PICTURE, remarks(sections["targets"]))
 
 
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks all", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer rounds, under a minute; writes no documents")
-    parser.add_argument(
-        "--data", type=Path, action="append", help="folder with calibration/ and scans/; may be repeated"
-    )
-    parser.add_argument("--scans", default="paper", help="recorded scans that take part, with commas between")
+    parser.add_argument("--scans", type=Path, nargs="*", default=[OWN_DATA / "scans" / "paper"], help="DATA/scans/NAME")
     parser.add_argument("--json", type=Path, help="file for all figures as numbers")
     parser.add_argument(
-        "--docs", type=Path, help="folder for performance.md and its pictures; default: docs, quick: none"
+        "--docs", type=Path, help="folder for performance.md and its picture; default: docs, quick: none"
     )
     arguments = parser.parse_args()
     start = time.monotonic()
     described = machine()
-    names = arguments.scans.split(",")
-    folders = [data / "scans" / name for data in arguments.data or [OWN_DATA] for name in names]
-    sections = measure(QUICK if arguments.quick else FULL, [folder for folder in folders if folder.is_dir()])
+    sections = measure(QUICK if arguments.quick else FULL, arguments.scans)
     docs = arguments.docs or (None if arguments.quick else ROOT / "docs")
     if docs is not None:
         write(docs, sections, described)

@@ -1,6 +1,6 @@
 """What the gait's messages cost a running node: HOLD at 100 Hz and more, and floods of messages that are not for it.
 
-Usage: python -m benchmarks transport announcements [--seconds 5] [--json]
+Usage: python -m benchmarks transport announcements [--seconds 5]
 
 The node runs in this process, so that its processor time can be read; the gait sends from a process of its own. In each
 round, silence of the same length precedes every kind of message.
@@ -18,7 +18,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -165,12 +164,11 @@ def measure(seconds: float) -> dict[str, Cost]:
 
 
 def main() -> None:
-    """Processor time and log lines that HOLD and floods cost a node [--seconds S, --json]."""
+    """Processor time and log lines that HOLD and floods cost a node [--seconds S]."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--seconds", type=float, default=5.0, help="how long each kind is sent in each round; at most 60"
     )
-    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     costs = measure(min(max(options.seconds, 0.1), 60.0))
     for name, cost in costs.items():
@@ -178,9 +176,6 @@ def main() -> None:
             f"{name:<28} {cost.sent:>6} sent, {cost.spent_ms:6.3f} ms of processor time each, "
             f"{cost.lines:.1f} log lines per second"
         )
-    if options.json:
-        figures: dict[str, Any] = {name: dataclasses.asdict(cost) for name, cost in costs.items()}
-        print(json.dumps(figures))
     sys.exit(any(cost.lines > ALLOWED_LINES for cost in costs.values()))
 
 

@@ -5,7 +5,6 @@ The folder holds calib0 ... 11.jpg with the laser off, and light0 ... 11.jpg.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Image
 
 POSES = 12
 DOTS = (7, 7)
@@ -23,28 +22,22 @@ FIT_ROUNDS = 6
 
 
 @dataclass(frozen=True)
-class Pose:
-    """What one pair of photographs gives.
-
-    Attributes:
-        points_mm: (n, 3) stripe points on the board, in the camera frame.
-        columns: number of columns in which the stripe's line crosses the mask.
-        known: number of these in which the stripe has a position.
-    """
-
-    points_mm: Float
-    columns: int
-    known: int
-
-
-@dataclass(frozen=True)
 class Board:
-    """Camera model and board poses of the photographs."""
+    """Camera model, and of each photograph the board's rotation (3, 3), shift (3,) [mm] and dots (n, 2) [px]."""
 
     matrix: Float
     distortion: Float
-    poses: list[tuple[Float, Float]]
+    rotations: list[Float]
+    shifts: list[Float]
     dots: list[Float]
+
+
+def read(folder: Path, name: str) -> Image:
+    """One photograph."""
+    picture = cv2.imread(str(folder / name))
+    if picture is None:
+        raise SystemExit(f"{folder}: {name} is missing")
+    return np.asarray(picture, np.uint8)
 
 
 def calibrate(folder: Path) -> Board:
@@ -55,65 +48,57 @@ def calibrate(folder: Path) -> Board:
     detector = cv2.SimpleBlobDetector.create(parameters)
     grid = np.zeros((DOTS[0] * DOTS[1], 3), np.float32)
     grid[:, :2] = np.mgrid[: DOTS[0], : DOTS[1]].T.reshape(-1, 2) * PITCH_MM
-    dots = []
-    size = (0, 0)
+    dots, size = [], (0, 0)
     for i in range(POSES):
-        picture = cv2.imread(str(folder / f"calib{i}.jpg"), cv2.IMREAD_GRAYSCALE)
-        if picture is None:
-            raise SystemExit(f"{folder}: calib{i}.jpg is missing")
+        picture = cv2.cvtColor(read(folder, f"calib{i}.jpg"), cv2.COLOR_BGR2GRAY)
         size = (picture.shape[1], picture.shape[0])
         found, centres = cv2.findCirclesGrid(picture, DOTS, flags=cv2.CALIB_CB_SYMMETRIC_GRID, blobDetector=detector)
         if not found:
             raise SystemExit(f"{folder}: no {DOTS[0]}x{DOTS[1]} dots in calib{i}.jpg")
-        dots.append(centres.reshape(-1, 2))
+        dots.append(centres)
     rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-        [grid] * POSES, [d.reshape(-1, 1, 2) for d in dots], size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
+        [grid] * POSES, dots, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
     )
     print(f"camera: rms {rms:.3f} px, f {matrix[0, 0]:.1f} {matrix[1, 1]:.1f}")
-    poses = [
-        (np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(shift, np.float64).ravel())
-        for turn, shift in zip(turns, shifts, strict=True)
-    ]
-    camera, lens = np.asarray(matrix, np.float64), np.asarray(distortion, np.float64).ravel()
-    return Board(camera, lens, poses, [np.asarray(d, np.float64) for d in dots])
+    return Board(
+        np.asarray(matrix, np.float64),
+        np.asarray(distortion, np.float64),
+        [np.asarray(cv2.Rodrigues(turn)[0], np.float64) for turn in turns],
+        [np.asarray(shift, np.float64).ravel() for shift in shifts],
+        [np.asarray(each, np.float64).reshape(-1, 2) for each in dots],
+    )
 
 
-def mask_of(dots: Float, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+def mask_of(dots: Float, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
     """Picture mask: hull of the dots, grown by half a pitch."""
     hull = cv2.convexHull(dots.astype(np.float32)).reshape(-1, 2)
-    spacing = np.linalg.norm(dots[1] - dots[0])
     mask = np.zeros(shape, np.uint8)
     cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
-    radius = int(round(spacing / 2))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    return np.asarray(cv2.dilate(mask, disc), np.uint8)
+    side = 2 * int(round(np.linalg.norm(dots[1] - dots[0]) / 2)) + 1
+    return np.asarray(cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))) > 0
 
 
-def points_on_board(folder: Path, board: Board, i: int, method: str) -> Pose:
-    """Extract one stripe and put its points on the board's plane."""
-    on, off = (cv2.imread(str(folder / f"{name}{i}.jpg")) for name in ("light", "calib"))
-    if on is None or off is None:
-        raise SystemExit(f"{folder}: light{i}.jpg or calib{i}.jpg is missing")
-    profile = gp.extract_stripe(on, off, method=method)
-    mask = mask_of(board.dots[i], on.shape[:2])
-    columns = np.arange(on.shape[1])
-    rows = profile.position_px.astype(np.float64)
-    known = np.isfinite(rows)
-    inside = known.copy()
-    inside[known] = mask[np.clip(np.rint(rows[known]).astype(int), 0, on.shape[0] - 1), columns[known]] > 0
+def points_on_board(folder: Path, board: Board, i: int, method: str) -> tuple[Float, int, int]:
+    """Stripe points (n, 3) on the board's plane in the camera frame [mm], columns that cross the mask, known ones."""
+    on, off = read(folder, f"light{i}.jpg"), read(folder, f"calib{i}.jpg")
+    rows = gp.extract_stripe(on, off, method=method).position_px.astype(np.float64)
+    mask, columns, height = mask_of(board.dots[i], on.shape[:2]), np.arange(on.shape[1]), on.shape[0]
+
+    def is_on_board(at: Float) -> npt.NDArray[np.bool_]:
+        row = np.nan_to_num(np.rint(at), nan=-1).astype(int)
+        return (row >= 0) & (row < height) & mask[np.clip(row, 0, height - 1), columns]
+
+    inside = is_on_board(rows)
     line = robust_line(columns[inside].astype(np.float64), rows[inside])
-    expected_row = np.rint(np.polyval(line, columns)).astype(int)
-    expected = (expected_row >= 0) & (expected_row < on.shape[0])
-    expected[expected] = mask[expected_row[expected], columns[expected]] > 0
+    expected = is_on_board(np.asarray(np.polyval(line, columns), np.float64))
     if not inside.any():
-        return Pose(np.empty((0, 3)), int(expected.sum()), 0)
+        return np.empty((0, 3)), int(expected.sum()), 0
     pixels = np.column_stack((columns[inside], rows[inside])).astype(np.float64)
     rays = cv2.undistortPoints(pixels.reshape(-1, 1, 2), board.matrix, board.distortion).reshape(-1, 2)
     rays = np.column_stack((rays, np.ones(len(rays))))
-    rotation, shift = board.poses[i]
-    normal = rotation[:, 2]
-    points = rays * ((normal @ shift) / (rays @ normal))[:, None]
-    return Pose(points, int(expected.sum()), int((inside & expected).sum()))
+    normal = board.rotations[i][:, 2]
+    points = rays * ((normal @ board.shifts[i]) / (rays @ normal))[:, None]
+    return points, int(expected.sum()), int((inside & expected).sum())
 
 
 def robust_line(x: Float, y: Float) -> Float:
@@ -142,34 +127,19 @@ def _without_outliers(error: Float, least: float) -> npt.NDArray[np.bool_]:
     return error < max(3 * 1.4826 * float(np.median(error)), least)
 
 
-def leave_one_out(poses: list[Pose]) -> dict[str, float]:
-    """Distances of each pose's points from the plane of all the others, as figures by name."""
-    means, distances = [], []
-    for i, pose in enumerate(poses):
-        if not len(pose.points_mm):
-            continue
-        normal, distance = robust_plane(np.concatenate([p.points_mm for j, p in enumerate(poses) if j != i]))
-        error = pose.points_mm @ normal - distance
-        means.append(abs(float(error.mean())))
-        distances.append(error)
-    error = np.abs(np.concatenate(distances))
-    return {
-        "bias": float(np.mean(means)),
-        "rms": float(np.sqrt((error**2).mean())),
-        "p95": float(np.percentile(error, 95)),
-        "over_1mm": 100 * float((error > 1).mean()),
-        "worst": float(error.max()),
-        "coverage": sum(p.known for p in poses) / max(sum(p.columns for p in poses), 1),
-    }
-
-
-def report(folder: Path, methods: Sequence[str] = ("precise", "paper")) -> None:
-    """Print the table."""
+def report(folder: Path, methods: tuple[str, ...] = ("precise", "paper")) -> None:
+    """Print distances of each pose's points from the plane of all the others."""
     board = calibrate(folder)
     print("method    bias mm   rms mm   p95 mm  > 1 mm %  worst mm  coverage")
     for method in methods:
-        f = leave_one_out([points_on_board(folder, board, i, method) for i in range(POSES)])
+        points, columns, known = zip(*(points_on_board(folder, board, i, method) for i in range(POSES)), strict=True)
+        distances = []
+        for i in range(POSES):
+            normal, distance = robust_plane(np.concatenate(points[:i] + points[i + 1 :]))
+            distances.append(points[i] @ normal - distance)
+        error = np.abs(np.concatenate(distances))
+        bias = np.mean([abs(each.mean()) for each in distances if each.size])
         print(
-            f"{method:<8} {f['bias']:8.4f} {f['rms']:8.3f} {f['p95']:8.3f} {f['over_1mm']:9.2f} "
-            f"{f['worst']:9.2f} {f['coverage']:9.3f}"
+            f"{method:<8} {bias:8.4f} {np.sqrt((error**2).mean()):8.3f} {np.percentile(error, 95):8.3f} "
+            f"{100 * (error > 1).mean():9.2f} {error.max():9.2f} {sum(known) / max(sum(columns), 1):9.3f}"
         )

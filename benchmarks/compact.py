@@ -1,14 +1,12 @@
 """Size and time of a grid in both encodings: `python -m benchmarks transport compact`.
 
-Recorded scans of the tests' data, and the map that one of them makes; processor time, median of 30 interleaved rounds.
+Recorded scans of the tests' data, and the map that one of them makes; processor time, median of 30 rounds.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.rounds import alternate
 from guara_perception.app.messages import terrain_to_message
 from kinematics import PoseInOdom, load_robot
 from testbed.truth import truth_calibration
@@ -25,8 +24,6 @@ from transport.messages.compact import encode_compact
 DATA = Path(__file__).parents[1] / "tests" / "data"
 SCANS = ("paper", "dark", "tilt")
 ROUNDS = 30
-# Rates of the links [bit/s].
-LINKS = (2e6, 5e6, 20e6)
 
 
 def main() -> None:
@@ -36,12 +33,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
     options = parser.parse_args()
     rows = [row for name, grid in grids(options.data) for row in measured(name, grid)]
-    print(f"{'grid':<18} {'encoding':<9} {'bytes':>9} {'of lossless':>11} {'make ms':>8} {'read ms':>8}", end="")
-    print("".join(f"{f'{rate / 1e6:g} Mbit/s':>12}" for rate in LINKS))
+    print(f"{'grid':<18} {'encoding':<9} {'bytes':>9} {'of lossless':>11} {'make ms':>8} {'read ms':>8}")
     for row in rows:
-        print(f"{row['grid']:<18} {row['encoding']:<9} {row['bytes']:>9} {row['share']:>11.3f}", end="")
-        print(f"{row['make_ms']:>9.2f} {row['read_ms']:>8.2f}", end="")
-        print("".join(f"{8e3 * row['bytes'] / rate:>9.0f} ms" for rate in LINKS))
+        print("{grid:<18} {encoding:<9} {bytes:>9} {share:>11.3f} {make_ms:>8.2f} {read_ms:>8.2f}".format(**row))
     if options.json:
         print(json.dumps({"compact": rows}))
 
@@ -61,26 +55,11 @@ def grids(data: Path) -> list[tuple[str, gp.TerrainGrid]]:
 def measured(name: str, grid: gp.TerrainGrid) -> list[dict[str, Any]]:
     """A row for each encoding."""
     message = terrain_to_message(grid, robot="guara", sequence=1)
-    makers: dict[str, Callable[[], bytes | bytearray]] = {
-        "lossless": lambda: encode_terrain(message),
-        "compact": lambda: encode_compact(message),
-    }
-    payloads = {encoding: make() for encoding, make in makers.items()}
-    times: dict[str, list[tuple[float, float]]] = {encoding: [] for encoding in makers}
-    for _ in range(ROUNDS):
-        for encoding, make in makers.items():
-            times[encoding].append((spent(make), spent(partial(decode_terrain, payloads[encoding]))))
-    rows = []
-    for encoding, payload in payloads.items():
-        make, read = np.median(times[encoding], axis=0)
-        share = len(payload) / len(payloads["lossless"])
-        row = {"grid": name, "encoding": encoding, "bytes": len(payload), "share": share}
-        rows.append(row | {"make_ms": 1e3 * float(make), "read_ms": 1e3 * float(read)})
+    rows: list[dict[str, Any]] = []
+    for encoding, encode in (("lossless", encode_terrain), ("compact", encode_compact)):
+        payload = encode(message)
+        times = alternate({"make": partial(encode, message), "read": partial(decode_terrain, payload)}, ROUNDS)
+        row: dict[str, Any] = {"grid": name, "encoding": encoding, "bytes": len(payload)}
+        row["share"] = len(payload) / (rows[0]["bytes"] if rows else len(payload))
+        rows.append(row | {f"{work}_ms": times.milliseconds(work) for work in ("make", "read")})
     return rows
-
-
-def spent(work: Callable[[], object]) -> float:
-    """Processor time of a call [s]."""
-    start = time.process_time()
-    work()
-    return time.process_time() - start

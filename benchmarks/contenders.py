@@ -119,14 +119,3 @@ def touch(*arrays: Image) -> int:
         numbers = flat[: flat.size // 8 * 8].view(np.uint64)
         total ^= int(np.bitwise_xor.reduce(numbers))
     return total
-
-
-def copy(*arrays: Image) -> None:
-    """Copy every byte once."""
-    for array in arrays:
-        np.copyto(_buffer(array.shape), array)
-
-
-@lru_cache(maxsize=1024)
-def _buffer(shape: tuple[int, ...]) -> Image:
-    return np.empty(shape, np.uint8)

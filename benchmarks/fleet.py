@@ -1,6 +1,6 @@
 """Many robots with a planner each on one router: delays, traffic, processor time and memory.
 
-Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 15] [--held 10] [--bursts 5] [--json]
+Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 15] [--held 10] [--bursts 5]
 
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random instant on; each
 planner receives both extents of its own robot. All over TCP on one machine, without shared memory; each process holds
@@ -28,7 +28,6 @@ import numpy as np
 
 import transport
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
-from benchmarks.report import machine
 from transport.configuration import router_configuration
 from transport.security.folder import CONFIGURATION
 from transport.security.router_folder import make_router
@@ -287,8 +286,16 @@ def show(name: str, row: dict[str, Any]) -> None:
     )
 
 
+def show_storm(name: str, row: dict[str, Any]) -> None:
+    """One line on a router's restart."""
+    print(
+        f"{name}: {row['came']} of {row['robots']} planners had the newest grid, half of them "
+        f"{row['newest_p50_s']} s and the last {row['newest_worst_s']} s after the router was back"
+    )
+
+
 def main() -> None:
-    """Many robots and planners on one router [--sizes N,N, --seconds S, --held N, --bursts N, --json]."""
+    """Many robots and planners on one router [--sizes N,N, --seconds S, --held N, --bursts N]."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
     parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for this long; at most 60")
@@ -296,7 +303,6 @@ def main() -> None:
         "--held", type=int, default=HELD, help="robots, or planners, of one process; 1 takes 65 MB each"
     )
     parser.add_argument("--bursts", type=int, default=5, help="how often 20 robots publish at once; at most 50")
-    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     options = parser.parse_args()
     seconds = min(max(options.seconds, 1.0), 60.0)
     held = min(max(options.held, 1), 100)
@@ -306,27 +312,19 @@ def main() -> None:
         with ExitStack() as stack:
             rows.append(measure(Fleet(stack, size, held=held), seconds))
         show(str(size), rows[-1])
-    figures: dict[str, Any] = {"machine": machine(), "held_by_a_process": held, "period_s": PERIOD, "fleets": rows}
     with ExitStack() as stack:
         plain = Fleet(stack, COMPARED, held=held)
-        figures["bursts"] = row = bursts(plain, min(max(options.bursts, 1), 50))
+        row = bursts(plain, min(max(options.bursts, 1), 50))
         print(
             f"bursts: {row['map_arrived']} of {COMPARED * row['bursts']} maps, 99th percentile {row['map_p99_ms']} ms, "
             f"worst {row['map_worst_ms']} ms; {row['fetched']} grids did not arrive at first and were fetched"
         )
-        figures["storm"] = storm(plain)
+        show_storm("storm", storm(plain))
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         secured = Fleet(stack, COMPARED, folder, held=held)
-        figures["tls"] = measure(secured, seconds)
-        show(f"{COMPARED} tls", figures["tls"])
-        figures["storm_tls"] = storm(secured)
-    for name in ("storm", "storm_tls"):
-        row = figures[name]
-        print(
-            f"{name}: {row['came']} of {row['robots']} planners had the newest grid, half of them "
-            f"{row['newest_p50_s']} s and the last {row['newest_worst_s']} s after the router was back"
-        )
+        show(f"{COMPARED} tls", measure(secured, seconds))
+        show_storm("storm, tls", storm(secured))
     largest = max(rows, key=lambda row: int(row["robots"]))
     is_met = all(
         largest[f"{extent}_p99_ms"] <= HIGH_MS and largest[f"{extent}_worst_ms"] <= WORST_MS for extent in EXTENTS
@@ -335,8 +333,6 @@ def main() -> None:
         f"{'ok  ' if is_met else 'FAIL'} with {largest['robots']} robots: the newest of each within {HIGH_MS:g} ms at "
         f"the 99th percentile, {WORST_MS:g} ms at worst"
     )
-    if options.json:
-        print(json.dumps(figures))
     sys.exit(not is_met)
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import transport
+from testbed.terrain_message import make_terrain
 from transport import keys
 
 SHAPE = (108, 90)
@@ -90,48 +91,6 @@ def free_endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-def make_terrain(sequence: int, shape: tuple[int, int] = SHAPE) -> transport.TerrainMessage:
-    """A grid with all layers; `variance` holds the sequence number, so that a mixture of two grids would show."""
-    rng = np.random.default_rng(sequence)
-    layers: dict[str, Any] = {}
-    for name, kind in transport.LAYERS.items():
-        values = rng.random(shape) if kind.dtype == np.float32 else rng.integers(0, 256, shape)
-        layers[name] = values.astype(kind.dtype)
-    layers["variance"][:] = sequence
-    now = time.time_ns()
-    return transport.TerrainMessage(
-        robot="guara",
-        extent="footprint",
-        sequence=sequence,
-        step=sequence,
-        stamp=now,
-        scan_start=now,
-        scan_end=now,
-        valid_for=1e9,
-        valid_pauses=1000,
-        mode="standard",
-        method="precise",
-        calibration_hash="0" * 64,
-        resolution=0.005,
-        origin=(0.5, -0.27),
-        layers=layers,
-        stance=transport.StanceMessage(
-            joint_positions={f"joint_{i}": 0.1 * i for i in range(16)},
-            support_feet=("lf", "rf", "lh", "rh"),
-            gravity_in_base=(0.0, 0.0, -1.0),
-        ),
-        attitude_source="imu",
-        transforms=(
-            transport.TransformMessage(
-                source_frame="base_link", destination_frame="base_footprint", matrix=np.eye(4), covariance=np.eye(6)
-            ),
-        ),
-        point_counts={"in": 70000, "used": 69000, "dropout": 1000},
-        stage_ms={"stripes": 100.0, "finish": 20.0},
-        coverage=0.98,
-    )
-
-
 def is_whole(terrain: transport.TerrainMessage, value: int) -> bool:
     """Whether every cell of `variance` holds this value."""
     return bool(np.all(terrain.layers["variance"] == value))
@@ -142,8 +101,7 @@ class Pauses:
 
     def __init__(self, map_shape: tuple[int, int]) -> None:
         """Make both grids."""
-        self._footprint = make_terrain(1)
-        self._map = dataclasses.replace(make_terrain(1, map_shape), extent="map")
+        self._footprint, self._map = make_terrain(1), make_terrain(1, shape=map_shape, extent="map")
         self._occupancy = np.zeros(SHAPE, np.int8)
         self.sizes = {each.extent: len(transport.encode_terrain(each)) for each in (self._footprint, self._map)}
 
@@ -182,7 +140,7 @@ def run_node(endpoint: str, mode: str) -> None:
         for line in sys.stdin:
             command = json.loads(line)
             if "publish" in command:
-                publisher.put(transport.encode_terrain(make_terrain(command["publish"])))
+                publisher.put(transport.encode_terrain(make_terrain(command["publish"], stamp=time.time_ns())))
             else:
                 _stream(publisher, outbox, command)
         outbox.close()
@@ -191,7 +149,7 @@ def run_node(endpoint: str, mode: str) -> None:
 
 def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: dict[str, Any]) -> None:
     shape = (int(command["rows"]), 400) if command.get("rows") else SHAPE
-    templates = [make_terrain(n, shape) for n in range(1, min(command["stream"], 20) + 1)]
+    templates = [make_terrain(n, shape=shape, stamp=time.time_ns()) for n in range(1, min(command["stream"], 20) + 1)]
     # The number goes into the step, so that many grids share the arrays of few.
     grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(command["stream"])]
     times: dict[int, int] = {}

@@ -53,7 +53,7 @@ def write_page(
     path: Path,
     sections: Sequence[Section],
     machine: Mapping[str, str],
-    pictures: Sequence[tuple[str, str]],
+    picture: tuple[str, str],
     remarks: str = "",
 ) -> None:
     """The page of the documents.
@@ -62,11 +62,12 @@ def write_page(
         path: file to write.
         sections: in order, but the targets first: on the page they follow what they are taken from.
         machine: what the run was made on.
-        pictures: file name beside the page and caption.
+        picture: file name beside the page and caption.
         remarks: text about the targets, printed after their table.
     """
     on = ["## Machine", "", *(f"- {name}: {value}" for name, value in machine.items()), ""]
-    shown = [line for name, caption in pictures for line in (f"![{caption}]({name})", "", f"*{caption}*", "")]
+    name, caption = picture
+    shown = [f"![{caption}]({name})", "", f"*{caption}*", ""]
     first, *others = sections
     limits = [to_markdown(first), *([remarks] if remarks else [])]
     path.write_text(

@@ -33,22 +33,19 @@ class Cost:
     Attributes:
         scan_ms: median processor time of a scan [ms].
         stripes: number of stripes of a scan.
-        strong: number of them that the highest peaks did not show, so that they were followed in any light; None where
-            the revision finds all stripes in the same way.
+        strong: number of them that the highest peaks did not show, so that they were followed in any light.
         cheap_ms, strong_ms: median processor time of a stripe that the highest peaks show, and of one that was followed
             in any light [ms]; NaN where there is none.
     """
 
     scan_ms: float
     stripes: int
-    strong: int | None
+    strong: int
     cheap_ms: float
     strong_ms: float
 
     def __str__(self) -> str:
         """One line of the table."""
-        if self.strong is None:
-            return f"{self.scan_ms:6.0f} ms a scan, {self.stripes} stripes, all found in one way"
         share = f"{self.strong} of {self.stripes} stripes ({self.strong / max(self.stripes, 1):.0%}) in any light"
         times = f"{self.cheap_ms:.2f} ms a stripe by its highest peaks"
         if self.strong:
@@ -130,8 +127,6 @@ def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[
 
 def _cost(scan_ms: float, scans: list[dict[str, Any]]) -> Cost:
     stripes = int(scans[0]["stripes"])
-    if scans[0]["strong"] is None:
-        return Cost(scan_ms, stripes, None, float("nan"), float("nan"))
     cheap, strong = ([value for scan in scans for value in scan[kind]] for kind in ("cheap", "strong"))
     cheap_ms, strong_ms = (1e3 * float(np.median(values)) if values else float("nan") for values in (cheap, strong))
     return Cost(scan_ms, stripes, len(strong) // len(scans), cheap_ms, strong_ms)

@@ -1,6 +1,6 @@
 """The process in which one checkout scans for `benchmarks.scan_cost`; it runs with the code of that checkout.
 
-Only what older revisions have too is used; where one finds all stripes in the same way, `cheap` and `strong` are null.
+Only what older revisions have too is used.
 """
 
 from __future__ import annotations
@@ -27,10 +27,8 @@ def clocked(seconds: list[float], function: Callable[..., Any]) -> Callable[...,
     return call
 
 
-def sorted_by_path(precise: Any) -> tuple[list[float], list[float]] | None:
-    """Lists that fill with the seconds of each stripe: by its highest peaks, and in any light; None for one way."""
-    if not hasattr(precise, "detect_in_any_light"):
-        return None
+def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
+    """Lists that fill with the seconds of each stripe: by its highest peaks, and in any light."""
     cheap: list[float] = []
     strong: list[float] = []
     in_any_light: list[float] = []
@@ -58,7 +56,7 @@ def main_of_peer(scan: Path) -> None:
     in_memory = import_module(f"{home}.scenes").recorded(scan)
     by_path = sorted_by_path(import_module("guara_perception.stripes.precise"))
     for _ in sys.stdin:
-        for seconds_of_stripes in by_path or ():
+        for seconds_of_stripes in by_path:
             seconds_of_stripes.clear()
         gc.collect()
         start = time.process_time()
@@ -66,7 +64,7 @@ def main_of_peer(scan: Path) -> None:
         in_memory.add_to(processor)
         processor.finish()
         seconds = time.process_time() - start
-        cheap, strong = by_path or (None, None)
+        cheap, strong = by_path
         report = {"scan": seconds, "stripes": len(in_memory.frames), "cheap": cheap, "strong": strong}
         print(json.dumps(report), flush=True)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from benchmarks.contenders import LITERAL, REFERENCE, USER, copy, extractors, touch
+from benchmarks.contenders import LITERAL, REFERENCE, USER, extractors, touch
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
@@ -16,7 +16,7 @@ from testbed.scenes import ScanInMemory
 from testbed.synthetic_stripes import CASES, COLUMNS, SIGMA_PX, STRIPES, stripe_errors, stripes
 from testbed.synthetic_stripes import figures as stripe_figures
 
-FLOOR, ALL_FLOOR, COPY = "floor: band read once", "floor: all bytes read once", "floor: all bytes copied"
+FLOOR = "floor: band read once"
 
 
 def synthetic(effort: Effort) -> Section:
@@ -63,8 +63,9 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
             name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
             for name, extract in extractors().items()
         }
-        floors = {FLOOR: _over(touch, bands), ALL_FLOOR: _over(touch, whole), COPY: _over(copy, whole)}
-        timings = alternate(contenders | floors, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds)
+        timings = alternate(
+            contenders | {FLOOR: _over(touch, bands)}, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds
+        )
         figures[scan.name] = {}
         for name in timings.seconds:
             ratio = timings.ratio(name, REFERENCE)

@@ -10,7 +10,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -108,12 +108,23 @@ def by_rate(say: Callable[[str], object] = print) -> list[dict[str, float]]:
 
 def by_light(say: Callable[[str], object] = print) -> list[Triggered]:
     """Triggered sweeps beside their bound, by the emulated board, which are returned, and by the firmware's ramp."""
-    rows = [triggered(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]
-    for row in rows:
-        say(_line("emulated board, 7 rad/s at once", row))
-    for row in on_chip(say):
-        say(_line("firmware on its chip, with its ramp", row))
-    return rows
+    from testbed.chip import ChipMissing
+
+    rows: dict[str, list[Triggered]] = {}
+    for name, sweep in (
+        ("emulated board, 7 rad/s at once", triggered),
+        ("firmware on its chip, with its ramp", triggered_on_chip),
+    ):
+        try:
+            rows[name] = [sweep(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]
+        except ChipMissing as missing:
+            say(str(missing))
+        for row in rows.get(name, ()):
+            say(
+                f"{name}: {row.stripes} stripes at {1e3 * row.flash:g} ms of light in {row.seconds:.3f} s, "
+                f"{row.seconds / row.bound:.2f} of the bound {row.bound:.3f} s; {row.proved} of {row.stripes} proved"
+            )
+    return next(iter(rows.values()))
 
 
 def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SWEEPS) -> dict[str, object]:
@@ -143,32 +154,8 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
             "end_to_end_s": round(whole.seconds, 4),
         },
         "free_running": free,
-        "faults": {
-            "sweeps": trouble.sweeps,
-            "injected": trouble.injected,
-            "found": trouble.found,
-            "wrong_stripes": trouble.wrong_stripes,
-        },
+        "faults": asdict(trouble),
     }
-
-
-def on_chip(say: Callable[[str], object]) -> list[Triggered]:
-    """The rows with the firmware's ramp; none, and a message to `say`, where the emulated chip is not installed."""
-    from testbed.chip import ChipMissing
-
-    try:
-        return [triggered_on_chip(stripes, flash) for stripes in STRIPES for flash in (0.002, FLASH)]
-    except ChipMissing as missing:
-        say(str(missing))
-        return []
-
-
-def _line(what: str, row: Triggered) -> str:
-    share = row.seconds / row.bound
-    return (
-        f"{what}: {row.stripes} stripes at {1e3 * row.flash:g} ms of light in {row.seconds:.3f} s, "
-        f"{share:.2f} of the bound {row.bound:.3f} s; {row.proved} of {row.stripes} proved"
-    )
 
 
 def section(faulty_sweeps: int) -> Section:

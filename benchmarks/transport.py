@@ -20,11 +20,12 @@ import numpy as np
 import transport
 from benchmarks import announcements, compact, fleet, viewers
 from benchmarks.parts import run_part
-from benchmarks.peers import PATIENCE, Peer, free_endpoint, free_port, make_terrain, peers
+from benchmarks.peers import PATIENCE, Peer, free_endpoint, free_port, peers
 from benchmarks.report import to_terminal
 from benchmarks.rounds import Ratio, number
 from benchmarks.section import FULL, QUICK, Effort, Section
 from testbed.slow_link import SlowLink
+from testbed.terrain_message import make_terrain
 from transport import keys
 
 TRANSPORT, TCP = "publish to receive, array to array", "raw TCP ping"

@@ -61,8 +61,8 @@ def main() -> None:
         worst = max(total[WORST], counts[WORST])
         total.update(counts)
         total[WORST] = worst
-        print(f"world {seed}: {line(counts)}", flush=True)
-    print(f"all worlds: {line(total)}")
+        print(f"world {seed}: {ground_line(counts)}", flush=True)
+    print(f"all worlds: {ground_line(total)}")
     report(total)
     print(json.dumps(dict(sorted(total.items()))))
 
@@ -251,19 +251,6 @@ def ground_line(counts: Counter[str]) -> str:
     return (
         f"recall {recall:.1f} %, free {counts['free']}, beyond oracle {counts['beyond oracle']}, unsafe by truth "
         f"{counts['free, unsafe by truth: relief']} + {counts['free, unsafe by truth: dark']}"
-    )
-
-
-def line(counts: Counter[str]) -> str:
-    """The main figures in one line."""
-    return (
-        f"{ground_line(counts)}; places found for "
-        f"{counts['swings']} swings: truth {counts['place: truth']}, map {counts['place: map']}, with reach "
-        f"{counts['place: map with reach']}; of {counts['truly good']} truly good swings up, over, down "
-        f"{counts['truly good and accepted']} accepted, with bounds "
-        f"{counts['truly good and accepted with bounds']}; "
-        f"{counts['bounds: broken']} of {counts['bounds']} bounds broken, the truth higher by "
-        f"{1e-3 * counts[WORST]:.1f} mm at most"
     )
 
 

@@ -1,6 +1,6 @@
 """A local planner beside a viewer on a slow link: its delay from the end of a scan to the grid's arrival, and failures.
 
-Usage: python -m benchmarks transport viewers [--scans 50] [--json]
+Usage: python -m benchmarks transport viewers [--scans 50]
 
 A node, a planner that asks for scans and a viewer of both extents are processes of their own; the viewer comes through
 a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each link alternate in one run.
@@ -18,7 +18,6 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -148,14 +147,12 @@ def summary(delays: Delays) -> dict[str, float]:
 
 
 def main() -> None:
-    """Delays of a local planner beside a viewer on a slow link [--scans N, --json]."""
+    """Delays of a local planner beside a viewer on a slow link [--scans N]."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--scans", type=int, default=50, help="number of scans beside each kind of viewer; at most 1000"
     )
-    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
     arguments = parser.parse_args()
-    figures: dict[str, Any] = {}
     is_met = True
     print(
         "[ms]  beside        failed     footprint: p50    p95  worst       added p95    map: p50    p95  worst  viewed"
@@ -177,10 +174,7 @@ def main() -> None:
                 f"{above:>+16.1f} {row['map_p50_ms']:>11.1f} {row['map_p95_ms']:>6.1f} {row['map_worst_ms']:>6.1f}"
                 f"  {got}"
             )
-        figures[link] = {f"{rate:g}": row | seen.get(rate, {}) for rate, row in rows.items()}
     print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
-    if arguments.json:
-        print(json.dumps(figures))
     sys.exit(not is_met)
 
 

@@ -10,7 +10,6 @@ the area, when the hind feet come to it.
 from __future__ import annotations
 
 import argparse
-import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,12 +93,12 @@ def drift() -> None:
     parser.add_argument("--flat", type=int, default=3, help="over level ground")
     parser.add_argument("--frames", type=int, default=0, help="through simulated frames; slow where no file is kept")
     parser.add_argument("--cycles", type=int, default=10)
-    parser.add_argument("--kept", type=Path, help="folder that keeps the scans from run to run")
+    parser.add_argument("--kept", type=Path, help="folder that keeps the scans of frames from run to run")
     arguments = parser.parse_args()
     robot, cycles, kept = load_robot("guara"), arguments.cycles, arguments.kept
     kinds: tuple[tuple[str, int, int, Callable[[int], Iterator[WalkedPause]]], ...] = (
-        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic(robot, seed, cycles, kept)),
-        ("level ground", arguments.first, arguments.flat, lambda seed: analytic(robot, seed, cycles, kept, level=True)),
+        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic(robot, seed, cycles)),
+        ("level ground", arguments.first, arguments.flat, lambda seed: analytic(robot, seed, cycles, level=True)),
         ("frames", 0, arguments.frames, lambda seed: frames(robot, seed, cycles, kept)),
     )
     for name, first, count, pauses_of in kinds:
@@ -205,22 +204,13 @@ def follow_hidden(
         shares.append(float(is_hidden.sum()) / terrain.geometry.size)
 
 
-def analytic(
-    robot: RobotModel, seed: int, cycles: int, kept: Path | None = None, *, level: bool = False
-) -> Iterator[WalkedPause]:
+def analytic(robot: RobotModel, seed: int, cycles: int, *, level: bool = False) -> Iterator[WalkedPause]:
     """A walk over analytic ground: joint and contact noise, no frames."""
     ground = Ground.random(seed)
     if level:
         ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
-    file = None if kept is None else kept / f"{'level' if level else 'mixed'}-wide-{seed}-{cycles}.pickle"
-    if file is not None and file.is_file():
-        items = pickle.loads(file.read_bytes())
-    else:
-        items = [(pause, scan(robot, ground, pause, seed)) for pause in walk(robot, ground, cycles, seed)]
-        if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(pickle.dumps(items))
-    for pause, terrain in items:
+    for pause in walk(robot, ground, cycles, seed):
+        terrain = scan(robot, ground, pause, seed)
         to_world = _to_world(pause.transform_base_to_world, terrain)
         under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
         height = ground.height_at(under[:, 0], under[:, 1])
