@@ -23,7 +23,7 @@ from kinematics.footprint import (
 )
 from kinematics.state import RobotState
 from kinematics.toml_table import Table
-from kinematics.transforms import checked_covariance, checked_transform, inverse
+from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
 # Where the vertical can come from, the best first.
@@ -215,7 +215,7 @@ def stance_pose(
         support_feet_used=tuple(legs),
         unloaded_feet=tuple(unloaded),
         support_residual=plane.residual if plane is not None else float("nan"),
-        soles_in_footprint=read_only(soles @ transform[:3, :3].T + transform[:3, 3]),
+        soles_in_footprint=read_only(transform_points(transform, soles)),
         transform_camera_to_footprint=read_only(transform @ camera),
         camera_covariance=read_only(compose_covariance(transform, covariance, camera, mount)),
         state=state,

@@ -22,6 +22,7 @@ from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import read_only
+from kinematics.transforms import transform_points
 
 # Where the height field is sampled: y, heights, and the number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
@@ -143,7 +144,7 @@ def height_sigmas(
         pixel = level_pixels(fit.camera, transform, point[:, :2], 0.0)
         moved = heights_through(pixel + np.array([0.0, 1.0]), fit.camera, transform, plane)
         here = heights_through(pixel, fit.camera, transform, plane)
-        in_camera = point @ to_camera[:3, :3].T + to_camera[:3, 3]
+        in_camera = transform_points(to_camera, point)
         to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
         systematic = laser.uncertainty.variance(
             laser.stripes.indices[k], laser.planes_in_camera[k], in_camera, to_base, transform[2, :3]
@@ -246,6 +247,6 @@ def _uncertainty(
             of_stripe = row == k
             heights[of_stripe] = heights_through(pixel[of_stripe], camera, transform, refitted.planes[k])
         errors.append((heights - point[:, 2]) / sigma)
-    in_base = point @ to_base[:3, :3].T + to_base[:3, 3]
+    in_base = transform_points(to_base, point)
     origin = in_base.mean(axis=0)
     return HeightUncertainty(planes, origin, field_covariance(in_base - origin, errors, fit.covariance))

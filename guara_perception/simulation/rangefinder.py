@@ -19,6 +19,7 @@ from guara_perception.simulation.relief import Relief
 from guara_perception.simulation.scene_view import Body, SceneView, view_scene
 from guara_perception.simulation.sensor import Sensor
 from guara_perception.simulation.world import World
+from kinematics.transforms import inverse, transform_points
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -103,7 +104,7 @@ class SimulatedRangefinder:
         """
         transform = np.asarray(transform_base_to_world, dtype=np.float64)
         camera = transform @ self.calibration.transform_camera_to_base
-        laser = transform[:3, :3] @ self._laser_in_base + transform[:3, 3]
+        laser = transform_points(transform, self._laser_in_base)
         for name, position in (("camera", camera[:3, 3]), ("laser", laser)):
             clearance = position[2] - float(self.world.height(position[0], position[1]))
             if clearance < LEAST_CLEARANCE_M:
@@ -115,10 +116,7 @@ class SimulatedRangefinder:
         self._view = view_scene(self._relief, self._rays, camera, beam, body, self.light)
         self._sensor.set_scene(self._view.ambient)
         self._bounce = Bounce(self._view) if self.light.bounce > 0 else None
-        inverse = np.eye(4)
-        inverse[:3, :3] = transform[:3, :3].T
-        inverse[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
-        self._transform_world_to_base = inverse
+        self._transform_world_to_base = inverse(transform)
         self._thin_points = np.ascontiguousarray(self._view.points[::THINNING_PX, ::THINNING_PX])
         return self._view
 

@@ -13,6 +13,7 @@ from guara_perception.arrays import Float, Float32, Mask
 from guara_perception.simulation.features import MATERIALS
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.relief import PolarView, Relief
+from kinematics.transforms import transform_points
 
 if TYPE_CHECKING:
     from kinematics import RobotState
@@ -259,7 +260,7 @@ class Body:
     def corners(self) -> Float:
         """Corners (n, 8, 3) of all boxes in the world."""
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        return np.array([(signs * half) @ transform[:3, :3].T + transform[:3, 3] for transform, half in self._boxes])
+        return np.array([transform_points(transform, signs * half) for transform, half in self._boxes])
 
     def meets(self, number: int, viewpoint: Float, directions: Float32) -> tuple[Float32, npt.NDArray[np.int8]]:
         """Where lines from a viewpoint meet one box.

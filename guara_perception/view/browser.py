@@ -17,6 +17,7 @@ from guara_perception.view.controls import SHOWN, Controls, cell_text, legend_ht
 from guara_perception.view.moment import Moment, Timeline, no_stripes, pose_of
 from guara_perception.view.scene_drawing import SceneDrawing
 from guara_perception.view.terrain_mesh import met_by_ray, terrain_mesh
+from kinematics.transforms import inverse, transform_points
 from transport.supervision import supervised
 
 if TYPE_CHECKING:
@@ -183,9 +184,9 @@ class BrowserView:
                 return
             grid = self._grid_of(moment)
             pose = pose_of(grid)
-            to_grid = np.linalg.inv(pose)
-            met = met_by_ray(grid, to_grid[:3, :3] @ origin + to_grid[:3, 3], to_grid[:3, :3] @ direction)
-            self._clicked = None if met is None else pose[:3, :3] @ met + pose[:3, 3]
+            to_grid = inverse(pose)
+            met = met_by_ray(grid, transform_points(to_grid, origin), to_grid[:3, :3] @ direction)
+            self._clicked = None if met is None else transform_points(pose, met)
             self._explain(grid)
 
     def _explain(self, grid: TerrainGrid) -> None:
@@ -194,8 +195,8 @@ class BrowserView:
             self._drawing.cell(grid, None)
             self._controls.cell(None)
             return
-        to_grid = np.linalg.inv(pose_of(grid))
-        point = to_grid[:3, :3] @ self._clicked + to_grid[:3, 3]
+        to_grid = inverse(pose_of(grid))
+        point = transform_points(to_grid, self._clicked)
         self._drawing.cell(grid, point)
         self._controls.cell(cell_text(grid.explain(float(point[0]), float(point[1]))))
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from guara_perception.arrays import Float, Index
+from kinematics.transforms import transform_points
 from kinematics.urdf import Shape, rotation_from_rpy
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def _colour(material: ElementTree.Element) -> Colour | None:
 def _visual_shape(shape: Shape, colour: Colour) -> VisualShape:
     vertices, faces = primitive(shape.kind, shape.size)
     transform = shape.transform_shape_to_link
-    return VisualShape(vertices @ transform[:3, :3].T + transform[:3, 3], faces, colour)
+    return VisualShape(transform_points(transform, vertices), faces, colour)
 
 
 def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:

@@ -19,6 +19,7 @@ from guara_perception.terrain.drawing.style import (
 )
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.whole_file import whole_file
+from kinematics.transforms import inverse, transform_points
 
 if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
@@ -102,14 +103,14 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
     """Where the feet of a leg were put, (n, 3) in base_footprint of the last pause [m]."""
-    to_last = np.linalg.inv(pauses[-1].pause.transform_footprint_to_world)
+    to_last = inverse(pauses[-1].pause.transform_footprint_to_world)
     positions = [
         item.pause.last_footstep.sole_in_world
         for item in pauses
         if item.pause.last_footstep is not None and item.pause.last_footstep.leg == leg
     ]
     soles = np.array(positions, dtype=np.float64).reshape(-1, 3)
-    return np.asarray(soles @ to_last[:3, :3].T + to_last[:3, 3])
+    return transform_points(to_last, soles)
 
 
 def _map_image(item: DemoPause) -> Image:

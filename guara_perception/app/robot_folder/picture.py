@@ -14,6 +14,7 @@ from guara_perception.terrain.drawing.style import new_figure, save_figure, styl
 from guara_perception.view.robot_looks import visual_shapes
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import StancePose
+from kinematics.transforms import transform_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +75,7 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) ->
     shapes = []
     for link, visuals in visual_shapes(robot).items():
         transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
-        shapes += [(item.vertices @ transform[:3, :3].T + transform[:3, 3], item.colour) for item in visuals]
+        shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
     # Shapes further from the viewer first: those on the left when seen from the right, the low ones when seen from
     # above.
     shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())

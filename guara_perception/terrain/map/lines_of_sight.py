@@ -13,6 +13,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layered_grid import Ceiling
 from guara_perception.terrain.map.terrain_map import TerrainMap
+from kinematics.transforms import transform_points
 
 # Light that passes higher than this over the soles bounds nothing that a swing needs.
 HIGHEST_M = 0.14
@@ -114,7 +115,7 @@ class LinesOfSight:
         geometry, limits = fused.geometry, fused.metadata["limits"]
         transform = np.array(fused.metadata["transform_footprint_to_odom"])
         x, y = (axis.ravel() for axis in np.meshgrid(*geometry.centres()))
-        in_odom = np.column_stack((x, y, np.zeros(x.size))) @ transform[:3, :3].T + transform[:3, 3]
+        in_odom = transform_points(transform, np.column_stack((x, y, np.zeros(x.size))))
         least = np.full(x.size, NONE, np.float32)
         oldest = fused.stamp - round(float(fused.metadata["validity_seconds"]) * 1e9)
         confidence, stands = float(limits["confidence"]), set(self._map.sideways_drift.pauses.tolist())
@@ -159,11 +160,11 @@ def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float
         to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
     except KeyError as error:
         raise InvalidInput(f"the scan's metadata lacks {error}: lines of sight begin at camera and laser") from None
-    camera = to_footprint[:3, :3] @ camera + to_footprint[:3, 3]
+    camera = transform_points(to_footprint, camera)
     if "laser_origin" in terrain.metadata:
         return [camera, np.array(terrain.metadata["laser_origin"], dtype=np.float64)]
     laser = terrain_map.robot.transform_laser_to_base[:3, 3]
-    return [camera, to_footprint[:3, :3] @ laser + to_footprint[:3, 3]]
+    return [camera, transform_points(to_footprint, laser)]
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:

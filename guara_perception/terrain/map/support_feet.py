@@ -20,6 +20,7 @@ from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import sole_covariances
+from kinematics.transforms import transform_points
 
 # A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
@@ -66,11 +67,11 @@ def support_feet(
     legs = list(terrain.metadata.get("support_feet_used", stance.support_feet))
     state = robot.state(stance.joint_positions)
     transform_base_to_footprint = np.asarray(transform_fields, dtype=np.float64)
-    soles = state.soles_in_base(legs) @ transform_base_to_footprint[:3, :3].T + transform_base_to_footprint[:3, 3]
+    soles = transform_points(transform_base_to_footprint, state.soles_in_base(legs))
     up = transform_base_to_footprint[2, :3]
     variances = [float(up @ c @ up) for c in sole_covariances(state, legs, robot.noise)]
     transform = transform_footprint_to_odom
-    in_odom = soles @ transform[:3, :3].T + transform[:3, 3]
+    in_odom = transform_points(transform, soles)
     half = np.array([limits.sole_length, limits.sole_width]) / 2
     resolution = cells.resolution
     feet = []

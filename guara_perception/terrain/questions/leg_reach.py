@@ -19,6 +19,7 @@ from guara_perception.terrain.layers.limits_of import rounding_of
 from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 from kinematics.stance_pose import sole_covariances
+from kinematics.transforms import transform_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +106,7 @@ def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tupl
 def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
     """Sole centres (n, 3) in base_footprint [m]."""
     transform = np.asarray(pose.transform_base_to_footprint)
-    return np.asarray(pose.state.soles_in_base(legs) @ transform[:3, :3].T + transform[:3, 3])
+    return transform_points(transform, pose.state.soles_in_base(legs))
 
 
 def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:

@@ -14,6 +14,7 @@ from guara_perception.extras import optional_library
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 from kinematics.arrays import read_only
+from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
 
@@ -113,7 +114,7 @@ def height_scan(
         if transform is None:
             raise InvalidInput("the grid's metadata holds no transform_base_to_footprint: ask in base_footprint")
         matrix = np.asarray(transform, dtype=np.float64)
-        placed = placed @ matrix[:3, :3].T + matrix[:3, 3]
+        placed = transform_points(matrix, placed)
     x, y = placed[:, 0], placed[:, 1]
     heights = np.asarray(terrain.height_at(x, y), dtype=np.float64)
     variance = np.asarray(look_up(terrain, "variance", x, y, np.float32(np.nan)), dtype=np.float64)
