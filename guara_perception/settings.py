@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from guara_perception.arrays import Interval
 from guara_perception.exceptions import FileFormatError, InvalidInput
-from guara_perception.fields import Fields
 from kinematics import RobotModel, load_robot
 from kinematics.exceptions import RobotFileError
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics.findings import Findings
+from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
 # Beyond these a limit is a slip of units (degrees, millimetres), not a robot.
@@ -124,35 +120,35 @@ class Settings:
 
     @staticmethod
     def _read(robot: RobotModel) -> Settings:
-        def table(name: str) -> Fields:
-            return Fields(_plain(robot.section(name)), f"robot.toml of {robot.name}", name)
-
-        def angles() -> Interval:
-            scan = table("scan")
-            return scan.number("mirror_angle_first", -3, 3), scan.number("mirror_angle_last", -3, 3)
-
-        def maximum() -> float:
-            lowest = table("heights").data.get("minimum")
-            return table("heights").number("maximum", (lowest if isinstance(lowest, float) else -2.0) + 0.01, 2.0)
-
-        return Settings(
-            **_all_read(
-                resolution=lambda: table("grid").number("resolution", 1e-4, 0.1),
-                footprint_x=lambda: _range(table("grid").sub("footprint"), "x"),
-                footprint_y=lambda: _range(table("grid").sub("footprint"), "y"),
-                map_x=lambda: _range(table("grid").sub("map"), "x"),
-                map_y=lambda: _range(table("grid").sub("map"), "y"),
-                minimum_height=lambda: table("heights").number("minimum", -2.0, 0.0),
-                maximum_height=maximum,
-                join_height=lambda: table("heights").number("join_height", 1e-4, 0.1),
-                stripes=lambda: table("scan").integer("stripes", 2, 10_000),
-                coarse_every=lambda: table("scan").integer("coarse_every", 1, 100),
-                mirror_angles=angles,
-                limits=lambda: _limits(table("traversability"), robot.sole),
-                validity_pauses=lambda: table("validity").integer("pauses", 1, 255),
-                validity_seconds=lambda: table("validity").number("seconds", 0.1, 1e6),
-            )
+        findings = Findings(robot.config.path)
+        root = robot.config.root.gathering(findings)
+        grid, scan, heights, validity = (root.table(name) for name in ("grid", "scan", "heights", "validity"))
+        footprint, whole_map = grid.table("footprint"), grid.table("map")
+        lowest = heights.number("minimum", least=-2.0, most=0.0)
+        settings = Settings(
+            resolution=grid.number("resolution", least=1e-4, most=0.1),
+            footprint_x=footprint.pair("x", rising=True),
+            footprint_y=footprint.pair("y", rising=True),
+            map_x=whole_map.pair("x", rising=True),
+            map_y=whole_map.pair("y", rising=True),
+            minimum_height=lowest,
+            maximum_height=heights.number("maximum", least=min(lowest, 0.0) + 0.01, most=2.0),
+            join_height=heights.number("join_height", least=1e-4, most=0.1),
+            stripes=scan.integer("stripes", least=2, most=10_000),
+            coarse_every=scan.integer("coarse_every", least=1, most=100),
+            mirror_angles=(
+                scan.number("mirror_angle_first", least=-3, most=3),
+                scan.number("mirror_angle_last", least=-3, most=3),
+            ),
+            limits=_limits(root),
+            validity_pauses=validity.integer("pauses", least=1, most=255),
+            validity_seconds=validity.number("seconds", least=0.1, most=1e6),
         )
+        try:
+            findings.refuse()
+        except RobotFileError as error:
+            raise FileFormatError(*error.findings) from None
+        return settings
 
     def pattern(self, mode: str) -> range:
         """Stripe indices of a mode, in the standard pattern.
@@ -169,52 +165,14 @@ class Settings:
 _OF_ROBOTS: WeakKeyDictionary[RobotModel, Settings] = WeakKeyDictionary()
 
 
-def _all_read(**reads: Callable[[], object]) -> dict[str, Any]:
-    """What each reader gives; what any of them refuses is reported at once.
-
-    Raises:
-        FileFormatError: `findings` lists each.
-    """
-    values: dict[str, object] = {}
-    refused: list[str] = []
-    for name, read in reads.items():
-        try:
-            values[name] = read()
-        except (FileFormatError, RobotFileError) as error:
-            refused += error.findings
-    if refused:
-        raise FileFormatError(*dict.fromkeys(refused))
-    return values
-
-
-def _limits(table: Fields, sole: tuple[float, float]) -> TraversabilityLimits:
-    names = {"slope": "slope_limit", "step": "step_limit", "drop": "drop_limit", "roughness": "roughness_limit"}
-    names |= {"sigma": "sigma_limit", "disc_radius": "disc_radius", "confidence": "confidence"}
-    values = _all_read(**{name: partial(table.number, key) for name, key in names.items()})
-    try:
-        return TraversabilityLimits(**values, sole_length=float(sole[0]), sole_width=float(sole[1]))
-    except InvalidInput as error:
-        raise FileFormatError(f"{table.source}: [traversability] {error}") from None
-
-
-def _range(fields: Fields, name: str) -> Interval:
-    low, high = (float(v) for v in fields.array(name, (2,)))
-    if high <= low:
-        raise FileFormatError(f"{fields.path_to(name)} is [{low}, {high}], the first must be below the second")
-    return low, high
-
-
-def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Lists and dicts from whatever immutable containers the robot hands out."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {key: plain(item) for key, item in value.items()}
-        if isinstance(value, tuple | list):
-            return [plain(item) for item in value]
-        return value
-
-    return {key: plain(item) for key, item in table.items()}
+def _limits(root: Table) -> TraversabilityLimits:
+    table = root.table("traversability")
+    keys = {"slope": "slope_limit", "step": "step_limit", "drop": "drop_limit", "roughness": "roughness_limit"}
+    keys |= {"sigma": "sigma_limit", "disc_radius": "disc_radius"}
+    values = {name: table.number(key, above=0.0, most=LARGEST_LIMIT[name]) for name, key in keys.items()}
+    length, width = root.pair("sole", above=0.0, most=LARGEST_LIMIT["sole_length"])
+    confidence = table.number("confidence", least=0.0, most=LARGEST_LIMIT["confidence"])
+    return TraversabilityLimits(**values, confidence=confidence, sole_length=length, sole_width=width)
 
 
 def robot_model(robot: RobotLike) -> RobotModel:

@@ -52,23 +52,26 @@ class Table:
         """
         self._tell(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
-    def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf) -> float:
-        """A finite number greater than `above` and not below `least`."""
+    def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> float:
+        """A finite number greater than `above`, not below `least` and not beyond `most`."""
         value = self._get(key)
-        if isinstance(value, int | float) and _is_number(value) and value > above and value >= least:
+        if isinstance(value, int | float) and _is_number(value) and value > above and least <= value <= most:
             return float(value)
         if value is not _ABSENT:
-            bound = f" above {above:g}" if above > -math.inf else f" of {least:g} or more" if least > -math.inf else ""
-            self.wrong(key, f"a number{bound}")
+            self.wrong(key, f"a number{_bounds(above, least, most)}")
         return 1.0
 
-    def integer(self, key: str, *, least: int) -> int:
-        """A whole number of at least `least`."""
+    def integer(self, key: str, *, least: int, most: int | None = None) -> int:
+        """A whole number of at least `least`, and at most `most` where given."""
         value = self._get(key)
-        if isinstance(value, int) and not isinstance(value, bool) and value >= least:
+        if (
+            isinstance(value, int)
+            and not isinstance(value, bool)
+            and least <= value <= (value if most is None else most)
+        ):
             return value
         if value is not _ABSENT:
-            self.wrong(key, f"a whole number of at least {least}")
+            self.wrong(key, f"a whole number of at least {least}{'' if most is None else f' and at most {most}'}")
         return least
 
     def text(self, key: str) -> str:
@@ -93,15 +96,19 @@ class Table:
             return ()
         return tuple(value)
 
-    def pair(self, key: str, *, above: float = -math.inf) -> tuple[float, float]:
-        """Two finite numbers, each greater than `above`."""
+    def pair(
+        self, key: str, *, above: float = -math.inf, most: float = math.inf, rising: bool = False
+    ) -> tuple[float, float]:
+        """Two finite numbers, each greater than `above` and at most `most`; with `rising` the second is the larger."""
         value = self._get(key)
         if value is _ABSENT:
             return (1.0, 1.0)
         if not isinstance(value, list) or len(value) != 2:
             self.wrong(key, "a list of two numbers")
-        elif not all(_is_number(item) and item > above for item in value):
-            self.wrong(key, "a list of two numbers" + (f" above {above:g}" if above > -math.inf else ""))
+        elif not all(_is_number(item) and above < item <= most for item in value):
+            self.wrong(key, f"a list of two numbers{_bounds(above, -math.inf, most)}")
+        elif rising and value[0] >= value[1]:
+            self.wrong(key, "a list of two numbers, the first below the second,")
         else:
             return (float(value[0]), float(value[1]))
         return (1.0, 1.0)
@@ -144,6 +151,11 @@ class Table:
 
     def _path_of(self, key: str) -> str:
         return f"[{self.name}] {key}" if self.name else key
+
+
+def _bounds(above: float, least: float, most: float) -> str:
+    low = f" above {above:g}" if above > -math.inf else f" of {least:g} or more" if least > -math.inf else ""
+    return low if most == math.inf else f"{low} and at most {most:.4g}"
 
 
 def _is_number(value: object) -> bool:

@@ -50,15 +50,23 @@ def test_limits_go_through_plain_values(robot: RobotModel) -> None:
 @pytest.mark.parametrize(
     ("line", "instead", "message"),
     [
-        ("resolution = 0.005", "resolution = 0.0", "grid.resolution is 0.0"),
-        ("resolution = 0.005", 'resolution = "5 mm"', "grid.resolution is a text"),
-        ("x = [0.50, 0.95]", "x = [0.95, 0.50]", "the first must be below the second"),
-        ("x = [0.50, 0.95]", "x = [0.50]", "grid.footprint.x"),
-        ("slope_limit = 0.35", "slope_limit = 20.0", r"\[traversability\] limit slope is 20.0"),
-        ("drop_limit = 0.020", "", "traversability.drop_limit is missing"),
-        ("pauses = 40", "pauses = 0", "validity.pauses is 0, allowed: 1"),
-        ("stripes = 70", "stripes = 70.5", "scan.stripes"),
-        ("minimum = -0.080", "minimum = 0.2", "heights.minimum is 0.2"),
+        (
+            "resolution = 0.005",
+            "resolution = 0.0",
+            r"robot.toml:\d+: \[grid\] resolution is 0.0; a number of 0.0001 or more and at most 0.1",
+        ),
+        ("resolution = 0.005", 'resolution = "5 mm"', r"\[grid\] resolution is '5 mm'"),
+        ("x = [0.50, 0.95]", "x = [0.95, 0.50]", "the first below the second"),
+        ("x = [0.50, 0.95]", "x = [0.50]", r"\[grid.footprint\] x is \[0.5\]; a list of two numbers"),
+        (
+            "slope_limit = 0.35",
+            "slope_limit = 20.0",
+            r"\[traversability\] slope_limit is 20.0; a number above 0 and at most 1.571",
+        ),
+        ("drop_limit = 0.020", "", r"\[traversability\] drop_limit is missing"),
+        ("pauses = 40", "pauses = 0", r"\[validity\] pauses is 0; a whole number of at least 1 and at most 255"),
+        ("stripes = 70", "stripes = 70.5", r"\[scan\] stripes is 70.5"),
+        ("minimum = -0.080", "minimum = 0.2", r"\[heights\] minimum is 0.2"),
     ],
 )
 def test_wrong_values_are_refused_with_table_and_field(
@@ -90,8 +98,8 @@ def test_all_wrong_values_are_reported_at_once(robot: RobotModel, tmp_path: Path
     with pytest.raises(gp.FileFormatError, match="5 findings: ") as caught:
         Settings.of(load_robot(folder))
     for expected_text in (
-        "grid.resolution",
-        "drop_limit is a text",
+        "[grid] resolution is 5.0",
+        "drop_limit is '2 cm'",
         "disc_radius is missing",
         "coarse_every is 0",
         "[validity]",

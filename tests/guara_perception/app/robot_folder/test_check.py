@@ -110,7 +110,7 @@ SPOILED = {
         "robot.toml",
         r"slope_limit = 0\.35",
         "slope_limit = 9.0",
-        "limit slope is 9.0",
+        "slope_limit is 9.0",
         Weight.UNUSABLE,
     ),
 }
