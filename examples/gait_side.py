@@ -14,9 +14,14 @@ import numpy as np
 import guara_perception as gp
 from transport import PausePhase, StanceMessage, StancePause, StancePublisher, open_client
 
+# Seconds between two HOLDs: many readings tell a motion of 1 mm from the encoders' noise.
+HOLD_PERIOD = 0.02
+# Seconds in which a real gait would swing a leg, to a foothold on the confirmed grid.
+SWING = 1.0
+
 
 def main() -> None:
-    """Three pauses in the scan posture; the joints are read anew for every message, here with an encoder's noise."""
+    """Pauses in the scan posture; the joints are read anew for every message, here with an encoder's noise."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("--pauses", type=int, default=3)
@@ -25,25 +30,42 @@ def main() -> None:
     robot = gp.load_robot("guara")
     posture, rng = robot.posture(robot.config.scan_posture), np.random.default_rng(0)
     walk = uuid.uuid4().hex
-    with open_client(options.endpoint) as session:
+    confirmed: set[tuple[str, int]] = set()
+
+    def take(grid: gp.TerrainGrid) -> None:
+        if not grid.is_provisional:
+            confirmed.add((grid.metadata["epoch"], grid.step))
+
+    with open_client(options.endpoint) as session, gp.TerrainClient(options.endpoint, robot=robot.name) as client:
         publisher = StancePublisher(session, robot=robot.name)
-        for step in range(options.pauses):
-            for phase in (PausePhase.BEGIN, PausePhase.HOLD, PausePhase.END):
-                joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
-                stance = StanceMessage(joint_positions=joints, support_feet=robot.legs)
-                publisher.publish(
-                    StancePause(
-                        robot=robot.name,
-                        step=step,
-                        phase=phase,
-                        stamp=time.time_ns(),
-                        stance=stance,
-                        time_available=options.seconds if phase is PausePhase.BEGIN else 0.0,
-                        epoch=walk,
-                    )
+        client.on_terrain(take)
+
+        def say(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
+            joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
+            publisher.publish(
+                StancePause(
+                    robot=robot.name,
+                    step=step,
+                    phase=phase,
+                    stamp=time.time_ns(),
+                    stance=StanceMessage(joint_positions=joints, support_feet=robot.legs),
+                    time_available=time_available,
+                    epoch=walk,
                 )
-                print(f"step {step}: {phase.name}")
-                time.sleep(options.seconds / 2 if phase is not PausePhase.END else 0.0)
+            )
+
+        for step in range(options.pauses):
+            begun = time.monotonic()
+            say(step, PausePhase.BEGIN, options.seconds)
+            # The robot stands until its scan is confirmed, and no longer than announced.
+            while (walk, step) not in confirmed and (left := begun + options.seconds - time.monotonic()) > 0:
+                time.sleep(min(HOLD_PERIOD, left))
+                say(step, PausePhase.HOLD)
+            say(step, PausePhase.END)
+            stood = time.monotonic() - begun
+            time.sleep(SWING)
+            found = "confirmed" if (walk, step) in confirmed else "not confirmed"
+            print(f"step {step}: END after {stood:.1f} s, its grid is {found}")
         publisher.flush(5.0)
 
 

@@ -161,6 +161,7 @@ class Pause:
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
         """Test a reading; False when the robot moved, which ends the pause."""
+        is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
             self.stillness.add((stamp - self.stamp) * 1e-9, stance)
@@ -171,6 +172,9 @@ class Pause:
             still = self.stamp + round(self.stillness.still_until * 1e9)
             self._still = (still, now if still > self._still[0] else self._still[1])
         if motion:
+            if is_late:
+                # The test takes readings in the order of their arrival: since when the camera moved is not known.
+                self._still = (self.stamp, self.begun)
             self._break(motion, moved=True)
         return not motion
 

@@ -55,6 +55,7 @@ class Published:
         fused: the map with it, None while it is not in the map.
         is_confirmed: whether the pause has confirmed it.
         was_sent_provisional: whether it was published as provisional.
+        will_be_refined: whether a finer grid of the same pause follows, which is confirmed in its place.
     """
 
     pause: Pause
@@ -63,6 +64,7 @@ class Published:
     fused: TerrainGrid | None = None
     is_confirmed: bool = False
     was_sent_provisional: bool = False
+    will_be_refined: bool = False
 
 
 class PauseScanner:
@@ -152,6 +154,8 @@ class PauseScanner:
             swept = self._of_the_pause(pause, self._sweeper.sweep(mode, job))
             messages.append(self._publish(pause, swept))
         except BaseException:
+            if self._newest is not None:
+                self._newest.will_be_refined = False
             if recording is not None:
                 recording.abandon()
             raise
@@ -243,9 +247,7 @@ class PauseScanner:
     def _publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
         """Publish the grid of a scan; `will_be_refined` where a finer one follows in this pause."""
         terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan), stamp=swept.scan.end)
-        if will_be_refined:
-            terrain = dataclasses.replace(terrain, metadata={**terrain.metadata, "refinement_follows": True})
-        self._newest = Published(pause, swept, terrain)
+        self._newest = Published(pause, swept, terrain, will_be_refined=will_be_refined)
         return self._send(self._newest, terrain)
 
     def _fuse(self, published: Published) -> TerrainMessage:
@@ -316,7 +318,7 @@ class PauseScanner:
     def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
         """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
         pause, scan = published.pause, published.swept.scan
-        is_provisional = pause.still_until < scan.last_frame
+        is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
         published.was_sent_provisional |= is_provisional
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
         return publish_terrain(
@@ -326,7 +328,10 @@ class PauseScanner:
             scan_end=scan.end,
             scan_end_clock=scan.last_frame,
             valid_for=max(limit, 0.0),
-            stated=walk_of(pause, is_provisional=is_provisional),
+            stated={
+                **walk_of(pause, is_provisional=is_provisional),
+                "refinement_follows": published.will_be_refined,
+            },
         )
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:

@@ -1,19 +1,26 @@
 """A robot that moves during its pause: grids are provisional until the gait has confirmed them, and are taken back."""
 
+import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.files.open_scan import open_scans
+from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.simulation.walk import fresh_reading
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from kinematics import Stance
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from kinematics import RobotModel, Stance
+from testbed.moved_robot import scan_of_a_moved_robot
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from tests.guara_perception.app.node.test_node_faults import bad_end
 from transport import GroundPatch, PausePhase, StanceMessage, StancePause
 from transport.messages.codec import encode
 from transport.messages.stance_pause import make_stance_pause
+from transport.stance_link import StancePublisher
 
 pytestmark = pytest.mark.slow
 
@@ -294,3 +301,99 @@ def test_walks_have_an_identity(bench: Bench) -> None:
         bench.gait.say(step, PausePhase.END)
         both(bench, step, confirmed=True)
     assert walks[0] == walks[1] != walks[2] and "walk-b" not in walks
+
+
+def test_no_frame_after_the_robot_moved_is_confirmed_by_an_end_that_comes_late(free_endpoint: str) -> None:
+    """Dim light, so that the frames themselves do not show it; all frames together hold many wrong free cells."""
+    found = scan_of_a_moved_robot(free_endpoint)
+    assert found.wrong_in_all_frames > 100
+    assert (found.confirmed_wrong, found.map_wrong) == (0, 0)
+
+
+def test_frames_after_the_joints_of_end_leave_grid_and_map(
+    bench_with: Callable[..., AbstractContextManager[Bench]],
+    robot: RobotModel,
+    calibration: gp.Calibration,
+    tmp_path: Path,
+) -> None:
+    """An END that was held up for most of a scan: stripes until its joints were read are confirmed, no others.
+
+    The recording says that not all of its frames may be used.
+    """
+    path = tmp_path / "walk.mcap"
+    recorder = ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=80)
+    with recorder, bench_with(recorder) as bench:
+        bench.rig.camera._period = 0.05
+        bench.gait.say(0, PausePhase.BEGIN)
+        provisional, fused = both(bench, 0)
+        message = bench.client._client.receiver().latest().message
+        middle = (message.scan_start + message.scan_end) // 2
+        bench.gait.say(0, PausePhase.END, stamp=middle)
+        cut, fused_cut = both(bench, 0, confirmed=True)
+        assert 4 < cut.metadata["stripes_used"] < 25 and provisional.metadata["stripes_used"] == 35
+        assert "were taken later than the joints that confirm the scan" in str(cut.metadata["health"]["reasons"])
+        gone = np.isfinite(provisional.elevation) & np.isnan(cut.elevation)
+        assert gone.sum() > 1000 and bench.rig.never_safer(cut)
+        assert np.mean((cut.hazard[gone] & Hazard.UNSCANNED) != 0) > 0.9
+        assert 0 < np.isfinite(fused_cut.elevation).sum() < np.isfinite(fused.elevation).sum() - 1000
+        assert fused_cut.looks.max() == 1
+        bench.gait.say(1, PausePhase.BEGIN)
+        assert both(bench, 1)[1].looks.max() == 2
+        bench.gait.say(1, PausePhase.END)
+        both(bench, 1, confirmed=True)
+    first, second = open_scans(path)
+    assert "were read before" in first.withdrawn and not second.withdrawn
+
+
+def test_an_end_that_was_read_before_the_scan_withdraws_it(bench: Bench) -> None:
+    """Nothing is left of it: grid and map know nothing."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    bench.gait.say(0, PausePhase.END, stamp=bench.gait.first_stamp + 1)
+    assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
+    assert reported(bench, "the joints that confirm the scan were read before most of it was taken")
+
+
+def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
+    bench_with: Callable[..., AbstractContextManager[Bench]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The status says why and what to do; once the clock is told, the pause is confirmed."""
+    monkeypatch.setattr(StancePublisher, "_on_question", lambda self, query: query.drop())
+    with bench_with() as bench:
+        bench.gait.say(0, PausePhase.BEGIN)
+        both(bench, 0)
+        bench.gait.say(0, PausePhase.END)
+        assert reported(bench, "the gait does not tell its clock on guara/gait/v1/clock")
+        assert reported(bench, "Announce pauses by this version's StancePublisher")
+        message = bench.client._client.receiver().latest().message
+        assert message.provisional and not message.withdrawn
+        bench.gait.say(1, PausePhase.BEGIN)
+        assert both(bench, 1)[1].looks.max() == 1
+        bench.gait.say(1, PausePhase.END)
+        monkeypatch.undo()
+        StancePublisher(bench.gait.session)
+        footprint, fused = both(bench, 1, confirmed=True)
+        assert not footprint.is_provisional and np.isfinite(fused.elevation).any()
+        assert wait_until(lambda: all(item.name != "gait_clock" for item in bench.status.items()))
+
+
+def test_a_movement_that_comes_to_light_after_end_withdraws_what_was_confirmed(bench: Bench) -> None:
+    """A HOLD that was held up, read before the END: scan and map are taken back; one of the swing changes nothing."""
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    held_up = time.time_ns()
+    bench.gait.say(0, PausePhase.END)
+    both(bench, 0, confirmed=True)
+    bench.gait.say(0, PausePhase.HOLD, bench.gait.moved())
+    assert np.isfinite(bench.client.latest().elevation).any()
+    bench.gait.say(0, PausePhase.HOLD, bench.gait.moved(), stamp=held_up)
+    assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
+
+
+def test_a_begin_that_comes_after_the_end_of_its_pause_turns_no_laser_on(bench: Bench) -> None:
+    """It was held up for longer than the pause lasts: no scan, and the status says so."""
+    bench.gait.say(0, PausePhase.BEGIN, time_available=4.0, stamp=time.time_ns() - 60 * 10**9)
+    assert wait_until(lambda: any("step 0" in item.message for item in bench.status.items()))
+    assert not bench.rig.board.view().laser_on and bench.client.counts()["received"] == 0
+    bench.gait.say(1, PausePhase.BEGIN)
+    assert bench.client.wait_for_step(0, timeout=TIMEOUT).step == 1

@@ -85,7 +85,7 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
     # A planner had the coarse grid first, which said that a finer one follows.
     assert (first.mode, second.mode) == ("coarse", "standard") and first.provisional and second.provisional
     coarse, fine = message_to_terrain(first).metadata, message_to_terrain(second).metadata
-    assert coarse["refinement_follows"] and "refinement_follows" not in fine
+    assert coarse["refinement_follows"] and not fine["refinement_follows"]
     # The coarse stripes are recorded twice, and no topic's time goes back.
     assert len(times) == 35 + 70 and times == sorted(times)
 

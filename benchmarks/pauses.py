@@ -1,0 +1,265 @@
+"""Scans that a gait gets confirmed in the time it announces, on a loaded machine; and none that it should not.
+
+Usage: python -m benchmarks pauses [--pauses 20] [--quick] [--json]
+
+Node (emulated board and camera in real time, adaptive), gait and planner are a process each, two more keep the machine
+busy. The joints have the noise of robot.toml in every message. `example` is examples/gait_side.py; the other gaits say
+HOLD at 50 Hz or never, and END so much later than announced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import statistics
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.peers import Peer, free_endpoint, peers, say
+from drivers import CameraSettings, Image, LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.simulation.features import Box
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.walk import fresh_reading
+from guara_perception.simulation.world import World
+from kinematics import Stance, load_robot
+from testbed.moved_robot import WRONG_M, scan_of_a_moved_robot
+from transport import PausePhase, StancePause, StancePublisher, StanceReceiver, open_client, open_node
+from transport.server import PerceptionServer
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "gait_side.py"
+TIMEOUT = 60.0
+HOLD_PERIOD = 0.02
+# Announced time [s], how the gait speaks, and how much later than announced it says END [s].
+CASES = (
+    (4.0, "example", 0.0),
+    (3.0, "example", 0.0),
+    (4.0, "no HOLD", 0.0),
+    (3.0, "no HOLD", 0.0),
+    (4.0, "no HOLD", 0.02),
+    (3.0, "no HOLD", 0.02),
+    (4.0, "no HOLD", 0.4),
+    (3.0, "no HOLD", 0.4),
+    (4.0, "HOLD", 0.02),
+    (4.0, "HOLD", 0.4),
+    (3.0, "HOLD", 0.4),
+)
+QUICK = (CASES[0], CASES[5], CASES[6])
+# Between two pauses the robot swings a leg [s]; the Guará takes 2.6 s and more.
+SWING = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What became of the pauses of one case.
+
+    Attributes:
+        announced, gait, late: as in `CASES`.
+        arrived: pauses of which a grid came before END, or confirmed after it.
+        coarse_first: pauses of which a coarse grid came before its refinement.
+        confirmed: pauses whose grid was confirmed.
+        stripes: stripes of the confirmed grids, median.
+        withdrawn: pauses whose grid was withdrawn.
+    """
+
+    announced: float
+    gait: str
+    late: float
+    arrived: int
+    coarse_first: int
+    confirmed: int
+    stripes: float
+    withdrawn: int
+
+
+def run_node(endpoint: str) -> None:
+    """Node over emulated devices that keep real time; each picture is rendered once."""
+    robot = load_robot("guara")
+    truth = specimen(robot, (640, 512))
+    places = ((0.60, 0.18, 0.02), (0.60, 0.0, 0.03), (0.60, -0.18, 0.04), (0.80, 0.10, 0.06), (0.80, -0.10, 0.08))
+    boxes = tuple(Box(x=x, y=y, size=(0.05, 0.05), height=height) for x, y, height in places)
+    view = SimulatedRangefinder(World(features=boxes), truth, robot, seed=3)
+    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    view.set_pose(robot.stance_pose(stance).transform_base_to_footprint, stance.joint_positions)
+    pictures: dict[int, Image] = {-1: view.frame(laser=0.0)}
+    for stripe in truth.stripes:
+        pictures[stripe.index] = view.frame(mirror_angle=stripe.mirror_angle)
+    angles = np.array([stripe.mirror_angle for stripe in truth.stripes])
+
+    def render(seen: Any, settings: CameraSettings) -> Image:
+        lit = truth.stripes[int(np.abs(angles - seen.mirror_angle).argmin())].index
+        return pictures[lit if seen.laser_fraction > 0.5 else -1]
+
+    board = EmulatedBoard()
+    camera = EmulatedCamera(board, render, fps=30.0, exposure=0.004, latency=0.002)
+    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    with rangefinder, open_node(listen=endpoint) as session:
+        status = NodeStatus(truth)
+        server = PerceptionServer(session, collect_status=status.items)
+        with PerceptionNode(robot, truth, rangefinder, server, mode="adaptive", status=status) as node:
+            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
+            say(ready=True)
+            sys.stdin.read()
+
+
+def run_planner(endpoint: str) -> None:
+    """Says of every grid what it is, as it comes."""
+    with gp.TerrainClient(endpoint, timeout=TIMEOUT) as client:
+
+        def take(grid: gp.TerrainGrid) -> None:
+            say(
+                step=grid.step,
+                epoch=grid.metadata["epoch"],
+                stripes=grid.metadata["stripes_used"],
+                confirmed=not grid.is_provisional,
+                withdrawn=bool(grid.metadata.get("withdrawn")),
+                follows=bool(grid.metadata.get("refinement_follows")),
+            )
+
+        say(ready=True)
+        client.on_terrain(take)
+        sys.stdin.read()
+
+
+def run_gait(endpoint: str, pauses: int, announced: float, holds: bool, late: float) -> None:
+    """A gait that says END `late` seconds after the time that it announced."""
+    robot = load_robot("guara")
+    stance, rng = Stance(robot.posture(robot.config.scan_posture), robot.legs, None), np.random.default_rng()
+    epoch = uuid.uuid4().hex
+    with open_client(endpoint, timeout=TIMEOUT) as session:
+        publisher = StancePublisher(session)
+        say(ready=True)
+
+        def announce(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
+            message = stance_to_message(fresh_reading(stance, rng, robot.noise.encoder_noise))
+            publisher.publish(
+                StancePause(
+                    robot="guara",
+                    step=step,
+                    phase=phase,
+                    stamp=time.time_ns(),
+                    stance=message,
+                    time_available=time_available,
+                    epoch=epoch,
+                )
+            )
+
+        for step in range(pauses):
+            end = time.monotonic() + announced + late
+            announce(step, PausePhase.BEGIN, announced)
+            while (left := end - time.monotonic()) > 0:
+                time.sleep(min(HOLD_PERIOD, left) if holds else left)
+                if holds:
+                    announce(step, PausePhase.HOLD)
+            announce(step, PausePhase.END)
+            time.sleep(SWING)
+        publisher.flush(TIMEOUT)
+        # It lives on, as a gait does: its last END must be confirmed.
+        time.sleep(1.0)
+
+
+def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[Row]:
+    """Pauses of each case with one node, one planner and two busy processes beside them."""
+    rows: list[Row] = []
+    heard: list[dict[str, Any]] = []
+    endpoint = free_endpoint()
+    with ExitStack() as stack:
+        for _ in range(2):
+            busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            stack.callback(busy.wait)
+            stack.callback(busy.kill)
+        start = stack.enter_context(peers())
+        start("node", endpoint, module="pauses")
+        planner = start("planner", endpoint, module="pauses")
+        reader = threading.Thread(target=lambda: _listen(planner, heard), daemon=True)
+        reader.start()
+        for announced, gait, late in cases:
+            known = {grid["epoch"] for grid in heard}
+            limit = pauses * (announced + late + SWING) + TIMEOUT
+            if gait == "example":
+                command = [str(EXAMPLE), endpoint, "--pauses", str(pauses), "--seconds", str(announced)]
+                subprocess.run([sys.executable, *command], timeout=limit, check=True, stdout=subprocess.DEVNULL)
+                time.sleep(1.0)
+            else:
+                arguments = (str(pauses), str(announced), str(int(gait == "HOLD")), str(late))
+                start("gait", endpoint, *arguments, module="pauses").popen.wait(limit)
+            rows.append(_row((announced, gait, late), [grid for grid in heard if grid["epoch"] not in known]))
+            print(_line(rows[-1], pauses), flush=True)
+    return rows
+
+
+def _listen(planner: Peer, heard: list[dict[str, Any]]) -> None:
+    while grid := planner.hear():
+        heard.append(grid)
+
+
+def _row(case: tuple[float, str, float], grids: list[dict[str, Any]]) -> Row:
+    def steps(key: str, *, good: bool = True) -> set[int]:
+        return {grid["step"] for grid in grids if grid[key] and not (good and grid["withdrawn"])}
+
+    confirmed = steps("confirmed")
+    stripes = [grid["stripes"] for grid in grids if grid["confirmed"] and not grid["withdrawn"]]
+    return Row(
+        *case,
+        arrived=len({grid["step"] for grid in grids if not grid["withdrawn"]}),
+        coarse_first=len(steps("follows")),
+        confirmed=len(confirmed),
+        stripes=statistics.median(stripes) if stripes else 0.0,
+        withdrawn=len(steps("withdrawn", good=False)),
+    )
+
+
+def _line(row: Row, pauses: int) -> str:
+    case = f"announced {row.announced:g} s, {row.gait:<8} END {1e3 * row.late:3.0f} ms late"
+    return (
+        f"{case}: {row.confirmed:2d} of {pauses} confirmed, {row.arrived:2d} arrived, {row.coarse_first:2d} coarse "
+        f"first, {row.withdrawn:2d} withdrawn, {row.stripes:g} stripes"
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pauses", type=int, default=20, help="pauses of each case; at most 100")
+    parser.add_argument("--quick", action="store_true", help="three of the cases")
+    parser.add_argument("--json", action="store_true", help="end with a line of JSON")
+    parser.add_argument("peer", nargs="*", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.peer:
+        role, endpoint, *rest = options.peer
+        if role == "gait":
+            pauses, announced, holds, late = map(float, rest)
+            run_gait(endpoint, int(pauses), announced, bool(holds), late)
+        else:
+            {"node": run_node, "planner": run_planner}[role](endpoint)
+        return
+    moved = scan_of_a_moved_robot(free_endpoint())
+    print(
+        f"body moved by 6 mm at stripe 20 of 70, joints read before, END at stripe 58: free cells wrong by more than "
+        f"{1e3 * WRONG_M:g} mm: {moved.wrong_in_all_frames} with all frames, {moved.confirmed_wrong} in the confirmed "
+        f"grid ({moved.confirmed} known cells), {moved.map_wrong} in the map",
+        flush=True,
+    )
+    rows = measure(min(options.pauses, 100), QUICK if options.quick else CASES)
+    if options.json:
+        print(json.dumps({"moved": dataclasses.asdict(moved), "rows": [dataclasses.asdict(row) for row in rows]}))
+
+
+if __name__ == "__main__":
+    main()
