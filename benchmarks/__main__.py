@@ -10,7 +10,7 @@ PROGRAMS = {
     "all": "speed and accuracy beside what a user would pick instead (make bench)",
     "accuracy": "errors of recorded scans against their truth, also in the paper's own terms",
     "calibration": "errors, drift, crosses, mount, truth: calibrations against the truth, and what harms them",
-    "kinematics": "times, robots: what each call costs; stock quadrupeds from their URDF to a walk",
+    "kinematics": "what each call of the package kinematics costs",
     "light": "effects, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",
     "node": "a running node: sweep, latency, processor time, memory",
     "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",

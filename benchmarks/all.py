@@ -14,7 +14,7 @@ from benchmarks import growth, scans, starting, stripes, sweeps, transport
 from benchmarks.plots import error_against_time
 from benchmarks.report import machine, to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
-from benchmarks.targets import judged, remarks
+from benchmarks.targets import judged
 from testbed import scenes
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,7 +38,6 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
         lambda: stripes.frames_of_scans(all_scans, effort),
         lambda: scans.whole_scans(all_scans, effort),
         lambda: scans.stages(standard, effort),
-        lambda: scans.after_scan(standard, effort),
         lambda: growth.growth(standard, effort),
         lambda: transport.messaging(effort),
         lambda: starting.memory(standard),
@@ -59,7 +58,7 @@ def write(docs: Path, sections: dict[str, Section], described: dict[str, str]) -
     """docs/performance.md and its picture."""
     (docs / "images").mkdir(parents=True, exist_ok=True)
     error_against_time(sections["extraction_synthetic"], docs / PICTURE[0])
-    write_page(docs / "performance.md", list(sections.values()), described, PICTURE, remarks(sections["targets"]))
+    write_page(docs / "performance.md", list(sections.values()), described, PICTURE)
 
 
 def main() -> None:

@@ -1,7 +1,6 @@
-"""The package `kinematics`: what each call costs, and stock quadrupeds from their URDF to a walk.
+"""Median time of each call of the package `kinematics`; its errors are held by tests/kinematics.
 
-`python -m benchmarks kinematics times [--quick]`, `python -m benchmarks kinematics robots [--no-walk] [NAME ...]`; the
-second needs the extra `robots-test`. Errors of legs, covariances and odometry are held by tests/kinematics.
+`python -m benchmarks kinematics [--quick]`.
 """
 
 from __future__ import annotations
@@ -9,20 +8,14 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.parts import run_part
 from kinematics import LegOdometry, SelfFilter, Stance, load_robot, reach_from_pose
 from testbed.analytic_walk import Ground, walk
-from testbed.stock_results import line, stock_result
-from testbed.stock_robots import FILES, StockRobotsMissing
 
 
 def median_ms(call: Callable[[], object], repeats: int) -> float:
@@ -45,14 +38,13 @@ def cold_load_seconds(repeats: int) -> float:
     )
 
 
-def times() -> None:
-    """Median time of each call [--quick]."""
-    parser = argparse.ArgumentParser(description=times.__doc__)
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repeats: for a first impression, not for figures")
     quick = parser.parse_args().quick
     repeats = 5 if quick else 50
-    rows: list[tuple[str, str, str]] = []
-    rows.append(("loading the robot, cold, fresh process", f"{cold_load_seconds(2 if quick else 5):.2f} s", "1.2 s"))
+    rows = [("loading the robot, cold, fresh process", f"{cold_load_seconds(2 if quick else 5):.2f} s", "1.2 s")]
     robot = load_robot("guara")
     stance = Stance(robot.posture("scan"), robot.legs, (0.0, 0.0, -1.0))
     feet_only = Stance(robot.posture("scan"), robot.legs)
@@ -89,43 +81,6 @@ def ms_per_update(odometry: LegOdometry, stances: list[Stance]) -> float:
     for stance in stances:
         odometry.update(stance)
     return 1e3 * (time.perf_counter() - start) / len(stances)
-
-
-def robots() -> None:
-    """Stock quadrupeds of the package index: load, check, walk; exit 1 unless all pass [--no-walk, NAME ...]."""
-    parser = argparse.ArgumentParser(description=robots.__doc__)
-    parser.add_argument("names", nargs="*", default=list(FILES), metavar="NAME", help=f"of: {', '.join(FILES)}")
-    parser.add_argument(
-        "--no-walk", action="store_true", help="without the simulated walk (15 s of processor time each)"
-    )
-    options = parser.parse_args()
-    unknown = sorted(set(options.names) - set(FILES))
-    if unknown:
-        parser.error(f"no stock robot {unknown[0]!r}; there are: {', '.join(FILES)}")
-    cv2.setNumThreads(1)
-    results = []
-    with tempfile.TemporaryDirectory() as made:
-        for name in options.names:
-            try:
-                results.append(stock_result(name, Path(made) / name, with_walk=not options.no_walk))
-            except StockRobotsMissing as error:
-                print(error, file=sys.stderr)
-                sys.exit(2)
-            print(line(results[-1]), flush=True)
-    loaded = sum(not result.error for result in results)
-    sound = sum(not result.error and not result.findings for result in results)
-    print(f"{loaded} of {len(results)} load, {sound} are sound", end="")
-    if not options.no_walk:
-        walked = sum(result.walk is not None and result.walk.is_passed for result in results)
-        print(f", {walked} walk ten pauses with nothing unknown called safe and no foot on a hazard", end="")
-    worst = np.nanmax([result.difference for result in results], initial=0.0)
-    print(f"; stance pose within {worst:.0e} m of yourdfpy's")
-    sys.exit(0 if all(result.is_passed for result in results) else 1)
-
-
-def main() -> None:
-    """Command line."""
-    run_part("kinematics", {"times": times, "robots": robots})
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ It takes 75 s of processor time. `python -m benchmarks light mosaics` takes no a
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
@@ -73,12 +74,9 @@ def judge(scan: ScanInMemory, light: Light, *, with_off: bool) -> tuple[Counts, 
 def lights(strengths: Sequence[float], names: Sequence[str]) -> Iterator[tuple[str, float, Light]]:
     """Name of the effect, strength and light of every case."""
     yield "none", 0.0, Light()
-    for name in names:
-        for strength in strengths:
-            if name == ALL:
-                yield name, strength, real_light(dict.fromkeys(EFFECTS, strength * ALL_STRENGTH))
-            else:
-                yield name, strength, real_light({name: strength})
+    for name, strength in itertools.product(names, strengths):
+        of_each = dict.fromkeys(EFFECTS, strength * ALL_STRENGTH) if name == ALL else {name: strength}
+        yield name, strength, real_light(of_each)
 
 
 def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[dict[str, Any]]:

@@ -19,6 +19,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
+from guara_perception.process import with_pictures
 from guara_perception.settings import Settings
 from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.analytic_walk import Ground, scan, walk
@@ -59,6 +60,7 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
     result = {}
     terrain, result["grid of the footprint"] = timed(processor.finish)
     wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", report=terrain.metadata))
+    result["range images, 512 x 640, both"] = timed(lambda: with_pictures(terrain, processor))[1]
     for name, grid in (("footprint", terrain), ("wide grid", wide)):
         result[f"map from a {name}, laid onto it"] = update_again(robot, grid)
     return result

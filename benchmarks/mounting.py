@@ -78,16 +78,12 @@ def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:
     # A plane in the camera's frame transforms by the inverse transpose; the laser moves against the camera.
     moved_camera = lift @ camera
     moved_laser = np.linalg.inv(moved_camera) @ laser @ camera
+    planes = [stripe.plane @ np.linalg.inv(moved_laser) for stripe in calibration.stripes]
     stripes = tuple(
-        replace(stripe, plane=_plane(stripe.plane @ np.linalg.inv(moved_laser))) for stripe in calibration.stripes
+        replace(stripe, plane=plane / np.linalg.norm(plane[:3]))
+        for stripe, plane in zip(calibration.stripes, planes, strict=True)
     )
     return replace(calibration, transform_camera_to_base=head @ moved_camera, stripes=stripes)
-
-
-def _plane(plane: np.ndarray) -> np.ndarray:
-    result = plane / np.linalg.norm(plane[:3])
-    result.setflags(write=False)
-    return result
 
 
 def heights(scan: scenes.ScanInMemory, calibration: gp.Calibration) -> np.ndarray:

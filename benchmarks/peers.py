@@ -122,9 +122,9 @@ def say(**reply: Any) -> None:
     print(json.dumps(reply), flush=True)
 
 
-def run_router(endpoint: str, shared: str = "") -> None:
+def run_router(endpoint: str) -> None:
     """A Zenoh router and nothing else."""
-    with transport.open_node(listen=endpoint, shared_memory=bool(shared)):
+    with transport.open_node(listen=endpoint):
         say(ready=True)
         sys.stdin.read()
 
@@ -161,11 +161,11 @@ def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: d
     say(times=times, longest_ms=1e3 * outbox.longest)
 
 
-def run_scanner(endpoint: str, mode: str, rows: str, columns: str, shared: str = "", security: str = "") -> None:
+def run_scanner(endpoint: str, mode: str, rows: str, columns: str, security: str = "") -> None:
     """A node that answers scan requests with grids of both extents, the map of this shape."""
     options: dict[str, Any] = {mode: endpoint, "timeout": PATIENCE, "security": security or None}
     pauses = Pauses((int(rows), int(columns)))
-    with transport.open_node(**options, shared_memory=bool(shared)) as session:
+    with transport.open_node(**options) as session:
         server = transport.PerceptionServer(session)
         server.serve_scans(lambda _: pauses.publish(server))
         say(ready=True)

@@ -13,25 +13,7 @@ import numpy as np
 
 from benchmarks.section import Section
 
-HEAD = """# Performance
-
-Made by `make bench`; do not edit. `make bench-quick` prints the same with fewer rounds in under a minute.
-
-Everybody works on the same frames in the same run: contenders take turns, who begins changes from round to round, and
-each is compared with the reference of its own round. Tables give the median of these ratios and [smallest largest].
-**Believe the ratios**: milliseconds of a machine that others use too move by a factor of two and more, and a ratio of
-two wall times still varies with it. CPU time is used where totals are compared, wall time where somebody waits.
-Frames are in memory, decoding is timed apart, OpenCV and the linear algebra run on one thread.
-
-- *Reference*: a plain band extraction with OpenCV and numpy (red planes subtracted, five taps, block argmax, centre of
-  gravity). It has no guard against two stripes, clipped light, texture or a changed background and gives no sigma.
-- *Paper taken literally*: red channel, Otsu, skeleton, mean row, `griddata` of scipy for the range image, eqs. 20 and
-  21, `generic_filter` for slope and step height on cells of 5 mm; arrays wherever arrays will do. The skeleton is this
-  project's own Zhang-Suen thinning.
-- *Point by point*: the same as it stands in the text, one loop over the points and one over the pixels, slope and step
-  height on the paper's own picture of 512 x 640.
-- *OpenCV user*: argmax and centre of gravity on the whole frame, `griddata` onto the cells, layers with OpenCV.
-"""
+HEAD = Path(__file__).with_name("performance_head.md")
 
 
 def to_terminal(section: Section) -> str:
@@ -54,7 +36,6 @@ def write_page(
     sections: Sequence[Section],
     machine: Mapping[str, str],
     picture: tuple[str, str],
-    remarks: str = "",
 ) -> None:
     """The page of the documents.
 
@@ -63,16 +44,13 @@ def write_page(
         sections: in order, but the targets first: on the page they follow what they are taken from.
         machine: what the run was made on.
         picture: file name beside the page and caption.
-        remarks: text about the targets, printed after their table.
     """
     on = ["## Machine", "", *(f"- {name}: {value}" for name, value in machine.items()), ""]
     name, caption = picture
     shown = [f"![{caption}]({name})", "", f"*{caption}*", ""]
     first, *others = sections
-    limits = [to_markdown(first), *([remarks] if remarks else [])]
-    path.write_text(
-        "\n".join([HEAD, "\n".join(shown), *map(to_markdown, others), *limits, "\n".join(on)]).rstrip() + "\n"
-    )
+    tables = [*map(to_markdown, others), to_markdown(first)]
+    path.write_text("\n".join([HEAD.read_text(), *shown, *tables, *on]).rstrip() + "\n")
 
 
 def machine() -> dict[str, str]:

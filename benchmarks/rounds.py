@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +32,11 @@ class Timings:
 
     Attributes:
         seconds: contender -> round -> seconds.
+        results: contender -> what it returned last.
     """
 
     seconds: Mapping[str, Mapping[int, float]]
+    results: Mapping[str, Any] = field(default_factory=dict)
 
     def milliseconds(self, name: str, per: int = 1) -> float:
         """Median over the rounds."""
@@ -67,6 +70,7 @@ def alternate(
     """
     names = list(contenders)
     seconds: dict[str, dict[int, float]] = {name: {} for name in names}
+    results: dict[str, Any] = {}
     if warm:
         for name in names:
             if name not in slow:
@@ -78,9 +82,9 @@ def alternate(
                 continue
             gc.collect()
             start = clock()
-            contenders[name]()
+            results[name] = contenders[name]()
             seconds[name][round_number] = clock() - start
-    return Timings(seconds)
+    return Timings(seconds, results)
 
 
 def number(value: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -16,15 +15,11 @@ from benchmarks import paper_chain as paper
 from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, Extract, literal, opencv_user, reference
 from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
-from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.arrays import Float
-from guara_perception.process import with_pictures
 from guara_perception.settings import Settings
-from kinematics import PoseInOdom
 from testbed.grid_truth import Truth
 from testbed.scenes import ScanInMemory
-from transport import encode_terrain
 
 REFERENCE = "reference extraction of the same frames"
 CELL_M = 0.005
@@ -114,10 +109,8 @@ def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     """Whole scans by name; the reference extracts only."""
     bands = scan.bands()
     found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
-    found |= {
-        name: lambda method=method: process(scan, method).elevation  # type: ignore[misc]
-        for name, method in OURS.items()
-    }
+    for name, method in OURS.items():
+        found[name] = lambda method=method: process(scan, method).elevation  # type: ignore[misc]
     found[LITERAL] = lambda: paper_literally(scan, literal)
     if scan.mode == "standard":
         found[LOOPS] = lambda: paper_point_by_point(scan)
@@ -131,9 +124,8 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     figures: dict[str, dict[str, dict[str, float]]] = {}
     for scan in all_scans:
         runs = contenders(scan)
-        grids: dict[str, Any] = {}
         timings = alternate(
-            {name: _kept(run, name, grids) for name, run in runs.items()},
+            runs,
             effort.rounds,
             slow=[name for name in runs if name.startswith((LITERAL, LOOPS, USER))],
             slow_rounds=effort.slow_rounds,
@@ -142,7 +134,7 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         figures[scan.name] = {}
         for name in runs:
             ratio, speed = timings.ratio(name, REFERENCE), timings.ratio(name, precise)
-            error = None if name == REFERENCE or scan.truth is None else grid_errors(grids[name], scan.truth)
+            error = None if name == REFERENCE or scan.truth is None else grid_errors(timings.results[name], scan.truth)
             figures[scan.name][name] = {
                 "ratio": ratio.median, "low": ratio.low, "high": ratio.high, "to_precise": speed.median, **(error or {})
             }  # fmt: skip
@@ -163,13 +155,6 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         rows,
         figures,
     )
-
-
-def _kept(run: Callable[[], Any], name: str, results: dict[str, Any]) -> Callable[[], None]:
-    def keep() -> None:
-        results[name] = run()
-
-    return keep
 
 
 def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
@@ -241,57 +226,6 @@ def _one_scan(scan: ScanInMemory) -> dict[str, float]:
     terrain = processor.finish()
     latency = time.perf_counter() - start
     return {"prepare": prepared, **terrain.metadata["seconds"], "last frame to grid": latency}
-
-
-def after_scan(scan: ScanInMemory, effort: Effort) -> Section:
-    """What is done with a finished grid: layers alone, fusion, encoding; and decoding a frame, for comparison."""
-    terrain = process(scan, "precise")
-    bands = scan.bands()
-    limits = Settings.of(scan.robot).limits
-    terrain_map = gp.TerrainMap(scan.robot)
-    steps = iter(range(1, 10_000))
-
-    def fuse() -> None:
-        step = next(steps)
-        pose = np.eye(4)
-        pose[0, 3] = 0.035 * step
-        terrain_map.update(replace(terrain, step=step), PoseInOdom(pose, np.eye(6) * 1e-6 * step))
-
-    jpeg = cv2.imencode(".jpg", scan.frames[0][1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
-    one = f"{REFERENCE} / {len(bands)}"
-    runs: dict[str, Callable[[], Any]] = {
-        one: lambda: [reference(on, off) for on, off, _ in bands],
-        "layers (slope, step, roughness, clearance, hazards)": lambda: gp.assess_terrain(
-            terrain.elevation, terrain.resolution, limits=limits
-        ),
-        "range images (512 x 640, both)": _pictures(scan),
-        "fusion into the map": fuse,
-        "message and its bytes": lambda: encode_terrain(terrain_to_message(terrain, robot="guara", sequence=1)),
-        "decoding one JPEG frame": lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR),
-    }
-    timings = alternate(runs, effort.rounds, clock=time.perf_counter)
-    rows: list[tuple[str, ...]] = []
-    figures: dict[str, Any] = {}
-    for name in list(runs)[1:]:
-        ratio = timings.ratio(name, one)
-        scaled = Ratio(*(len(bands) * value for value in (ratio.median, ratio.low, ratio.high)))
-        figures[name] = scaled.median
-        rows.append((name, f"{timings.milliseconds(name):.2f}", str(scaled)))
-    return Section(
-        "after_scan",
-        "Work beside the scan",
-        f"Wall time on the grid of the same scan ({scan.name}), against the reference extraction of one frame.",
-        ("what", "ms", "x reference of one frame"),
-        rows,
-        figures,
-    )
-
-
-def _pictures(scan: ScanInMemory) -> Callable[[], object]:
-    processor = scan.processor()
-    scan.add_to(processor)
-    terrain = processor.finish()
-    return lambda: with_pictures(terrain, processor)
 
 
 def _ratio(values: npt.NDArray[np.float64]) -> Ratio:

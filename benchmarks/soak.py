@@ -1,6 +1,6 @@
 """A long run with real processes: a router, a node and planners, the last two killed again and again; prints counts.
 
-`python -m benchmarks.soak [--minutes 20] [--period 15] [--shared-memory]`
+`python -m benchmarks.soak [--minutes 20] [--period 15]`
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import transport
 from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, say
 
 
-def run_planner(endpoint: str, shared: str) -> None:
+def run_planner(endpoint: str) -> None:
     """A planner that asks for scans and prints its counts about twice a second."""
     counts: Counter[str] = Counter()
     newest: dict[str, int] = {}
-    with transport.open_client(endpoint, timeout=PATIENCE, shared_memory=bool(shared)) as session:
+    with transport.open_client(endpoint, timeout=PATIENCE) as session:
         client = transport.PerceptionClient(session)
 
         def take(terrain: transport.TerrainMessage) -> None:
@@ -80,18 +80,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=20.0, help="how long; at most 120")
     parser.add_argument("--period", type=float, default=15.0, help="[s] between two kills")
-    parser.add_argument(
-        "--shared-memory", dest="shared", action="store_true", help="to see what it keeps of dead nodes"
-    )
     options = parser.parse_args()
-    shared = "shared" if options.shared else ""
     endpoint, chance = free_endpoint(), random.Random(0)
     counts, kills = Counter[str](), Counter[str]()
-    router = Child("router", endpoint, shared)
-    scanner = "scanner", endpoint, "connect", *map(str, SHAPE), shared
+    router = Child("router", endpoint)
+    scanner = "scanner", endpoint, "connect", *map(str, SHAPE)
     node = Child(*scanner)
     # The first planner lives through all; the second is killed.
-    lasting, other = (Child(endpoint, shared, module="soak") for _ in range(2))
+    lasting, other = (Child(endpoint, module="soak") for _ in range(2))
     memory: list[float] = []
     end = time.monotonic() + 60.0 * min(options.minutes, 120.0)
     try:
@@ -105,7 +101,7 @@ def main() -> None:
                 node = Child(*scanner)
             else:
                 counts += other.kill()
-                other = Child(endpoint, shared, module="soak")
+                other = Child(endpoint, module="soak")
         time.sleep(2.0)
     finally:
         first, last = lasting.first, lasting.last

@@ -26,7 +26,6 @@ from testbed.triggered_camera import EmulatedTriggeredCamera
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)
 SIZE = (640, 512)
-SLOWER = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +135,6 @@ def measure(say: Callable[[str], object] = print, faulty_sweeps: int = FAULTY_SW
         f"first trigger to encoded grid {whole.seconds:.3f} s: {1e3 * whole.tail:.1f} ms after the last frame; "
         f"{1e3 * whole.per_stripe:.2f} ms of processor time a stripe, {1e3 * whole.after:.1f} ms for the grid"
     )
-    slow = SLOWER * whole.per_stripe
-    say(f"estimate, not measured: a board {SLOWER} times slower works on {1 / slow:.0f} stripes/s of this size")
     trouble = faults(faulty_sweeps)
     say(
         f"{trouble.sweeps} sweeps with triggers missed, doubled, late: {trouble.injected} injected, "

@@ -1,4 +1,4 @@
-"""Figures that this project wants to reach, measured beside their limits, and why some are missed."""
+"""Figures that this project wants to reach, measured beside their limits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ class Target:
         must, goal: limits; the value may not be larger (smaller when `at_least`).
         path: section, and keys of its figures; SCAN stands for the name of the standard scan.
         at_least: whether more is better.
-        reason: for the documents, why it is not met where it is not.
     """
 
     what: str
@@ -30,7 +29,6 @@ class Target:
     goal: float | None
     path: tuple[str, ...]
     at_least: bool = False
-    reason: str = "see the stages of a scan above"
 
     def value(self, sections: Mapping[str, Section], scan: str) -> float:
         """The measured figure."""
@@ -47,42 +45,30 @@ TARGETS = (
         2.6,
         1.75,
         ("extraction_synthetic", "clean", PRECISE, "ratio"),
-        reason="the reference only takes the highest peak; `precise` also smooths over three columns, looks for "
-        "rivals, judges the frame, gives a sigma and smooths the line: about 100 calls of numpy on arrays of "
-        "one row, each of which costs more to call than to carry out. A compiled kernel that fuses the passes "
-        "reached 0.4 of the reference in a prototype (numba: 200 MB more to install, 0.4 s more to start)",
     ),
     Target(
         "extraction / reference extraction, frames of the scan",
         2.6,
         1.75,
         ("extraction_scans", SCAN, PRECISE),
-        reason="as above; where the stripe clips, all three channels are read and mixed",
     ),
     Target(
         "CPU of a whole scan / reference extraction of its frames",
         7.0,
         3.7,
         ("whole_scans", SCAN, PRECISE, "ratio"),
-        reason="extraction is half of it (see above); the rest is triangulation with its guards (ends of runs, own "
-        "body) and the raster of the surface between stripes, all of them numpy on one stripe at a time",
     ),
     Target(
         "last frame to grid / reference extraction of one frame",
         26.0,
         14.0,
         ("stages", "latency", "ratio"),
-        reason="one stripe with all its guards, the causes of unknown cells (what hides each cell from camera and "
-        "laser) and the layers are most of it",
     ),
     Target(
         "memory growth in a scan, MB",
         14.0,
         12.0,
         ("memory", "first_mb"),
-        reason="8 MB of it are the pair of frames itself and 4 MB what a scan keeps (profiles and points of every "
-        "stripe, for range images and for stripes that come late); the rest comes and goes, with a band as "
-        "with the layers at the end",
     ),
     Target(
         "paper taken literally / ours, whole scan",
@@ -125,9 +111,3 @@ def judged(sections: Mapping[str, Section], scan: str) -> Section:
         rows,
         figures,
     )
-
-
-def remarks(targets: Section) -> str:
-    """A list in Markdown with the reason for each missed target; empty when none is missed."""
-    lines = [f"- *{t.what}*: {t.reason}." for t in TARGETS if not targets.figures[t.what]["met"]]
-    return "\n".join(["### Why the others are not met", "", *lines, ""]) if lines else ""

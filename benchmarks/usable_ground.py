@@ -10,6 +10,7 @@ import argparse
 import dataclasses
 import json
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ from benchmarks.scanned_walk import JudgedPause, ScannedPause, judged_walk, scan
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
+from guara_perception.simulation import World
 from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.assessment.disc import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
@@ -52,51 +54,42 @@ def main() -> None:
     arguments = parser.parse_args()
     robot = load_robot("guara")
     if arguments.rendered:
-        rendered(robot, sorted(scan for data in arguments.rendered for scan in data.glob("scans/*")))
-        return
+        judged = rendered(robot, sorted(scan for data in arguments.rendered for scan in data.glob("scans/*")))
+    else:
+        options = {"mode": arguments.mode, "cycles": arguments.cycles, "kept": arguments.kept}
+        judged = ((f"world {n}", walked(robot, *scanned_walk(robot, n, **options))) for n in range(arguments.seeds))
     total: Counter[str] = Counter()
-    for seed in range(arguments.seeds):
-        world, pauses = scanned_walk(robot, seed, mode=arguments.mode, cycles=arguments.cycles, kept=arguments.kept)
-        counts = judge(robot, TrueGround.of(world), pauses)
+    for name, (counts, beyond) in judged:
+        counts["beyond oracle, hazard at the rim of the sole's window"] = sum(each.at_rim for each in beyond)
         worst = max(total[WORST], counts[WORST])
         total.update(counts)
         total[WORST] = worst
-        print(f"world {seed}: {ground_line(counts)}", flush=True)
-    print(f"all worlds: {ground_line(total)}")
+        print("\n".join([f"{name}: {ground_line(counts)}", *explained(beyond)]), flush=True)
+    print(f"all: {ground_line(total)}")
     report(total)
     print(json.dumps(dict(sorted(total.items()))))
 
 
-def judge(robot: RobotModel, truth: TrueGround, pauses: list[ScannedPause]) -> Counter[str]:
-    """Counts over one walk."""
+def walked(robot: RobotModel, world: World, pauses: list[ScannedPause]) -> tuple[Counter[str], list[Beyond]]:
+    """Counts over one walk, and cells beyond the oracle."""
     counts: Counter[str] = Counter()
     beyond: list[Beyond] = []
-    for pause in judged_walk(robot, truth, pauses):
+    for pause in judged_walk(robot, TrueGround.of(world), pauses):
         cells(counts, robot, pause.fused, pause.oracle, pause.dark)
         beyond += beyond_oracle(pause.fused, pause.oracle, np.asarray(np.linalg.inv(pause.from_world), np.float64))
         swings(counts, robot, pause)
         bounds(counts, pause)
-    counts["beyond oracle, hazard at the rim of the sole's window"] += sum(each.at_rim for each in beyond)
-    print("\n".join(explained(beyond)), end="\n" if beyond else "")
-    return counts
+    return counts, beyond
 
 
-def rendered(robot: RobotModel, scans: list[Path]) -> None:
-    """Single scans of rendered pictures, with the true calibration."""
-    total: Counter[str] = Counter()
+def rendered(robot: RobotModel, scans: list[Path]) -> Iterator[tuple[str, tuple[Counter[str], list[Beyond]]]]:
+    """Name of each single scan of rendered pictures, with the true calibration, and what `walked` gives for a walk."""
     for path in scans:
         scan = gp.process_scan(gp.open_scan(path), truth_calibration(path.parents[1]), robot, pictures=False)
         oracle, dark = TrueGround.under(path).grid(np.eye(4), scan.geometry, robot)
         counts: Counter[str] = Counter()
         cells(counts, robot, scan, oracle, dark)
-        beyond = list(beyond_oracle(scan, oracle, np.eye(4)))
-        counts["beyond oracle, hazard at the rim of the sole's window"] += sum(each.at_rim for each in beyond)
-        total.update(counts)
-        print(f"{path.parents[1].name}/{path.name}: {ground_line(counts)}")
-        print("\n".join(explained(beyond)), end="\n" if beyond else "", flush=True)
-    print(f"all scans: {ground_line(total)}")
-    report(total)
-    print(json.dumps(dict(sorted(total.items()))))
+        yield f"{path.parents[1].name}/{path.name}", (counts, list(beyond_oracle(scan, oracle, np.eye(4))))
 
 
 def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle: gp.TerrainGrid, dark: Mask) -> None:

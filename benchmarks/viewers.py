@@ -110,7 +110,7 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
         endpoint = endpoint.replace("tcp/127.0.0.1", "tls/localhost")
     with ExitStack() as stack:
         start = stack.enter_context(peers())
-        start("scanner", endpoint, "listen", *MAP_SHAPE, "", folders.get("node", ""))
+        start("scanner", endpoint, "listen", *MAP_SHAPE, folders.get("node", ""))
         planner = start("planner", endpoint, folders.get("planner", ""), module="viewers")
         viewers = {rate: start("viewer", endpoint, folders.get("viewer", ""), module="viewers") for rate in seen}
         links = {rate: stack.enter_context(SlowLink(endpoint, rate * 1e6 / 8)) for rate in seen}

@@ -1,4 +1,4 @@
-"""What a stock URDF leads to: a folder, its check, its stance pose beside that of another reader, a walk."""
+"""What a stock URDF leads to: a folder, its check, its stance pose beside that of another reader."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from guara_perception.app.robot_folder.check import check_robot
 from guara_perception.app.robot_folder.finding import Weight
 from guara_perception.app.robot_folder.new_robot import new_robot
-from guara_perception.app.robot_folder.trial_walk import TrialWalk, trial_walk
 from guara_perception.exceptions import PerceptionError
 from kinematics import KinematicsError, load_robot
 from kinematics.read_urdf import read_urdf
@@ -29,7 +28,6 @@ class StockResult:
         findings: findings of `robot check` that are more than notes.
         difference: largest difference of the stance pose from that of an independent reader, over the entries of the 4
             x 4 matrices [m or -].
-        walk: ten pauses in simulation, None where it was not asked for or nothing loads.
         error: why it ended early, empty when it did not.
     """
 
@@ -38,17 +36,16 @@ class StockResult:
     seconds: float
     findings: tuple[str, ...]
     difference: float
-    walk: TrialWalk | None
     error: str
 
     @property
     def is_passed(self) -> bool:
-        """Whether it loads, is sound, and walks where it was to walk."""
-        return not self.error and not self.findings and (self.walk is None or self.walk.is_passed)
+        """Whether it loads and is sound."""
+        return not self.error and not self.findings
 
 
-def stock_result(name: str, folder: Path, *, with_walk: bool) -> StockResult:
-    """Make a folder of a stock URDF, check it, and let it walk.
+def stock_result(name: str, folder: Path) -> StockResult:
+    """Make a folder of a stock URDF and check it.
 
     Raises:
         StockRobotsMissing: the packages of the extra are not installed.
@@ -66,10 +63,9 @@ def stock_result(name: str, folder: Path, *, with_walk: bool) -> StockResult:
             warnings.simplefilter("error")
             robot = load_robot(folder)
         difference = worst_difference(robot, source)
-        walk = trial_walk(robot) if with_walk else None
     except (PerceptionError, KinematicsError, UserWarning) as error:
-        return StockResult(name, notes, seconds, (), float("nan"), None, f"{type(error).__name__}: {error}")
-    return StockResult(name, notes, seconds, findings, difference, walk, "")
+        return StockResult(name, notes, seconds, (), float("nan"), f"{type(error).__name__}: {error}")
+    return StockResult(name, notes, seconds, findings, difference, "")
 
 
 def line(result: StockResult) -> str:
@@ -80,11 +76,4 @@ def line(result: StockResult) -> str:
         f"{result.name:<13} {result.notes} notes  new {result.seconds:4.1f} s  "
         f"{'sound' if not result.findings else f'{len(result.findings)} findings'}  stance {result.difference:.0e} m"
     )
-    if result.walk is not None:
-        walk = result.walk
-        text += (
-            f"  walk {walk.pauses} pauses, {walk.feet} feet, {walk.feet_on_hazard} on a hazard, "
-            f"{walk.unknown_called_safe} unknown called safe, known {walk.known:.0%}"
-        )
-        text += f"  ended: {walk.ended}" if walk.ended else ""
     return "\n".join([text, *(f"    {finding}" for finding in result.findings)])

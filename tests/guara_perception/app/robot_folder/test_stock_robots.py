@@ -17,10 +17,10 @@ pytest.importorskip("yourdfpy", reason="the extra `robots-test` is not installed
 
 @pytest.fixture(scope="module", params=FILES)
 def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[StockResult, Path]:
-    """One stock robot and its folder, not yet walked."""
+    """One stock robot and its folder."""
     folder = tmp_path_factory.mktemp("stock") / request.param
     try:
-        return stock_result(request.param, folder, with_walk=False), folder
+        return stock_result(request.param, folder), folder
     except StockRobotsMissing as error:
         pytest.skip(str(error))
 
