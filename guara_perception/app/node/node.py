@@ -53,6 +53,8 @@ SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works and goes on for so long neither to the next stripe nor to waiting hangs. A camera that is
 # gone takes up to 15 s to be given up.
 HANG_TIME_S = 30.0
+# Walk of a pause that cannot be scanned, where a gait without epochs counts anew.
+UNKNOWN_WALK = "unknown"
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -162,7 +164,14 @@ class PerceptionNode:
             self.status.solved("stance")
             self._gait_clock.wake()
             self._server.begin_step(begun.step, begun.epoch)
-        elif self._pause is not None and self._pause.ended.is_set():
+            return
+        last = self._pause
+        is_unusable = announcement.phase is PausePhase.BEGIN and stance is None
+        if is_unusable or last is None or self._is_later(announcement, last):
+            # A pause that cannot be scanned, or whose BEGIN was missed, ends the use of earlier grids all the same.
+            is_recount = not announcement.epoch and last is not None and announcement.step < last.step
+            self._server.begin_step(announcement.step, UNKNOWN_WALK if is_recount else announcement.epoch)
+        if last is None or last.ended.is_set():
             self._server.end_step()
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:

@@ -1,7 +1,9 @@
-"""A node in its own process that publishes one stored grid when asked to; arguments: endpoint, robot, grid file.
+"""A node in its own process that publishes one stored grid when asked to; arguments: endpoint, robot, grid file, and
+"connect" where a router is there already.
 
-Commands on standard input, each answered by "done": `publish STEP [AGE_S]`, `map STEP`, `break STEP` (a grid with one
-flipped bit), `views` (points and picture of the scan that was published last), `pause STEP`, `serve`, `quit`.
+Commands on standard input, each answered by "done": `publish STEP [AGE_S [EPOCH [provisional]]]`, `map STEP [EPOCH
+[provisional]]`, `break STEP` (a grid with one flipped bit), `views` (points and picture of the scan that was published
+last), `pause STEP [EPOCH]`, `end`, `serve`, `quit`.
 """
 
 import dataclasses
@@ -23,21 +25,21 @@ from transport.server import PerceptionServer
 
 
 class Node:
-    def __init__(self, endpoint: str, robot: str, path: str) -> None:
+    def __init__(self, endpoint: str, robot: str, path: str, how: str = "listen") -> None:
         self.terrain = gp.load_terrain(path)
-        self.session = open_node(listen=endpoint)
+        self.session = open_node(listen=endpoint) if how == "listen" else open_node(connect=endpoint, timeout=180.0)
         self.server = PerceptionServer(self.session, robot=robot)
         self.broken: Publisher | None = None
         self.step, self.stamp = "", 0
 
-    def publish(self, step: str, age: str = "0") -> None:
+    def publish(self, step: str, age: str = "0", epoch: str = "", state: str = "") -> None:
         if self.broken is not None:
             # This separate publisher would go on to hand the broken grid to clients that join later.
             self.broken.close()
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
         self.step, self.stamp = step, stamp
-        publish_terrain(self.server, restamped(self.terrain, stamp, int(step)))
+        publish_terrain(self.server, restamped(self.terrain, stamp, int(step)), stated=walk(epoch, state))
         self.server.flush(30)
 
     def views(self) -> None:
@@ -47,11 +49,11 @@ class Node:
         self.server.views.send(lambda: (point_cloud_message(xyz, "base_footprint", self.stamp), picture))
         self.server.views.flush(30)
 
-    def map(self, step: str) -> None:
+    def map(self, step: str, epoch: str = "", state: str = "") -> None:
         # The map of a scan has its stamp.
         stamp = self.stamp if step == self.step else time.time_ns()
         terrain = dataclasses.replace(restamped(self.terrain, stamp, int(step)), extent="map", pictures={})
-        publish_terrain(self.server, terrain)
+        publish_terrain(self.server, terrain, stated=walk(epoch, state))
         self.server.flush(30)
 
     def break_(self, step: str) -> None:
@@ -65,8 +67,11 @@ class Node:
         self.broken = Publisher(self.session, terrain_key(self.server.robot))
         self.broken.put(bytes(payload))
 
-    def pause(self, step: str) -> None:
-        self.server.begin_step(int(step))
+    def pause(self, step: str, epoch: str = "") -> None:
+        self.server.begin_step(int(step), epoch)
+
+    def end(self) -> None:
+        self.server.end_step()
 
     def serve(self) -> None:
         def handle(job):
@@ -79,8 +84,12 @@ class Node:
         self.server.serve_scans(handle)
 
 
+def walk(epoch: str, state: str) -> dict[str, object]:
+    return {"epoch": epoch, "provisional": state == "provisional"} if epoch else {}
+
+
 def main() -> None:
-    node = Node(*sys.argv[1:4])
+    node = Node(*sys.argv[1:])
     print("ready", flush=True)
     for line in sys.stdin:
         command, *arguments = line.split()

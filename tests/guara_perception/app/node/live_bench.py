@@ -19,7 +19,7 @@ from transport import PausePhase, Session, StancePause, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 
-TIMEOUT = 180.0
+TIMEOUT = 60.0
 
 
 class Gait:

@@ -236,6 +236,32 @@ def test_the_frame_of_a_footprint_ends_with_its_pause(bench: Bench) -> None:
     assert bench.client.latest(extent="map").step == 0
 
 
+@pytest.mark.parametrize("what", ["BEGIN with a foot that the robot has not", "END whose BEGIN was missed"])
+def test_a_pause_that_cannot_be_scanned_ends_the_use_of_the_one_before(bench: Bench, what: str) -> None:
+    """The robot is elsewhere, whether or not the node can scan there; a grid that was confirmed is not for there."""
+    for extent in ("footprint", "map"):
+        bench.client.counts(extent)
+    bench.gait.say(0, PausePhase.BEGIN)
+    both(bench, 0)
+    bench.gait.say(0, PausePhase.END)
+    both(bench, 0, confirmed=True)
+    assert bench.client.latest().step == 0
+    if what.startswith("BEGIN"):
+        wrong = Stance(bench.gait.stance.joint_positions, ("lf", "xx", "rh"), None)
+        bench.gait.say(3, PausePhase.BEGIN, wrong)
+    else:
+        bench.gait.say(3, PausePhase.END)
+
+    def is_refused() -> bool:
+        try:
+            bench.client.latest()
+        except gp.StaleTerrain as error:
+            return "3 pauses old; allowed: 0" in str(error)
+        return False
+
+    assert wait_until(is_refused)
+
+
 GROUND = [(0.5, -0.1), (0.6, -0.1), (0.6, 0.1)]
 
 
