@@ -268,6 +268,8 @@ class Evidence:
             return ""
         with self._lock:
             refusal = self._refused_run(word.run)
+            if not word.run and self._run in self.live:
+                refusal = f"it names no run, and run {self._run!r} lives"
             if not refusal and (self.word is None or self.word.run != word.run or self.word.clock <= word.clock):
                 self.word = word
             return refusal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +22,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.view.moment import Moment
 from kinematics import KinematicsError
-from transport import TerrainMessage, open_client
+from transport import TerrainMessage, TransportError, open_client
 from transport.client import PerceptionClient
 from transport.exceptions import SessionClosed
 from transport.fleet import living_robots
@@ -108,6 +109,19 @@ class LiveMoments:
             f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot that may be seen lives here"
         )
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
+
+    def state(self) -> tuple[str, bool]:
+        """One line about the newest grid, its age and what speaks against its use; whether anything does."""
+        extent = "map" if "map" in self._grids else "footprint"
+        try:
+            received = self._client.receiver(extent).latest()
+            grid = None if received is None else self._client.latest(extent=extent, max_age=math.inf, allow_stale=True)
+        except TransportError as error:
+            return str(error), True
+        if received is None or grid is None:
+            return "", False
+        text = f"{extent} of step {grid.step}, {self._client.age(received):.0f} s old"
+        return "; ".join((text, *grid.stale_because)), bool(grid.stale_because)
 
     def _take_grid(self, message: TerrainMessage) -> None:
         try:

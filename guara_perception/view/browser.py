@@ -98,6 +98,12 @@ class BrowserView:
             else:
                 self._tell_timeline()
 
+    def tell(self, text: str, is_stale: bool) -> None:
+        """Show a line about what is live, in red when it is stale."""
+        with self._lock, self._server.atomic():
+            self._controls.live(text, is_stale)
+        self._server.flush()
+
     def close(self) -> None:
         """Stop serving."""
         self._halt.set()

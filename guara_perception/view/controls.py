@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,6 +19,7 @@ NO_CELL = "Click on the ground: what is known of that cell, and why a foot may o
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
 # Many lines on the ground, for those who ask for them.
+LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weight:bold"
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
@@ -45,6 +47,7 @@ class Controls:
         """
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("Guará")
+        self._live = gui.add_html("")
         self._status = gui.add_markdown("waiting for a scan")
         with gui.add_folder("walk"):
             self._slider = gui.add_slider("pause", min=0, max=1, step=1, initial_value=0, disabled=True)
@@ -86,6 +89,12 @@ class Controls:
         if int(self._slider.value) != number:
             self._slider.value = number
         self._play.label = "stop" if playing else "play"
+
+    def live(self, text: str, is_stale: bool) -> None:
+        """Show a line about the newest grid of a node, in red when it is stale."""
+        content = f'<p style="{STALE_STYLE if is_stale else LIVE_STYLE}">{html.escape(text)}</p>' if text else ""
+        if self._live.content != content:
+            self._live.content = content
 
     def tell(self, status: str, legend: str) -> None:
         """Show the status of the grid, and what its colours mean."""

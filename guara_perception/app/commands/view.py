@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # [s] A live view that has nothing to show after this time says what it waits for.
 SILENCE = 5.0
+# [s] Between two lines about what is live.
+TELLING = 1.0
 
 
 @click.command(name="view")
@@ -80,7 +82,7 @@ def command(
             click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
             stop.wait()
         else:
-            show_live(view.add, model, endpoint, name, security, stop, view.address)
+            show_live(view.add, model, endpoint, name, security, stop, view.address, view.tell)
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
@@ -105,12 +107,17 @@ def show_live(
     security: Path | None,
     stop: threading.Event,
     address: str,
+    tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; when none comes within some seconds, print what is waited for."""
+    """Show every new pause until stopped; when none comes within some seconds, print what is waited for.
+
+    Once a second `tell` gets a line about the newest grid, and whether it is stale.
+    """
     from guara_perception.app.live_moments import LiveMoments
 
     with LiveMoments(show, model, endpoint, robot=instance, security=security) as moments:
         click.echo(f"live view of {instance}: open {address} (Ctrl-C ends)")
         if not stop.wait(SILENCE) and (missing := moments.missing()):
             click.echo(missing, err=True)
-        stop.wait()
+        while not stop.wait(TELLING):
+            tell(*moments.state())

@@ -208,6 +208,26 @@ def test_live_grids_are_shown_as_they_come(
     assert len(shown) == count
 
 
+def test_a_live_view_says_how_old_its_ground_is_and_that_its_node_is_gone(
+    start: Callable, free_endpoint: str, terrain_file: Path, robot: RobotModel, eventually: Callable
+) -> None:
+    """What a dead node left stays on the page, in red and with the reason; nothing new is shown."""
+    node = start(NODE, free_endpoint, "guara", terrain_file)
+    assert node.line() == "ready"
+    shown: list[Moment] = []
+    with LiveMoments(shown.append, robot, free_endpoint, robot="guara") as moments:
+        assert moments.state() == ("", False)
+        node.tell("pause 1 walk-a")
+        node.tell("publish 1 0 walk-a")
+        assert eventually(lambda: bool(shown))
+        text, is_stale = moments.state()
+        assert text.startswith("footprint of step 1, ") and text.endswith(" s old") and not is_stale
+        node.popen.kill()
+        assert eventually(lambda: moments.state()[1])
+        assert "is no longer vouched for: its node is gone" in moments.state()[0]
+        assert all(moment.step == 1 for moment in shown)
+
+
 def test_a_live_view_of_another_robot_says_so(
     start: Callable,
     free_endpoint: str,
