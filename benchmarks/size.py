@@ -79,19 +79,19 @@ def shown_options(command: click.Command) -> int:
     return sum(option.name not in EVERYWHERE for option in options)
 
 
-def frame_to_bytes() -> dict[str, int]:
-    """Number of files and functions of the product from `ScanProcessor.add` to the bytes of the grid's message."""
+def passed_functions() -> list[tuple[Path, str, int]]:
+    """File, name and first line of the product's functions that a scan calls from frames to bytes, by first call."""
     data = ROOT / "tests" / "data"
     scan = gp.open_scan(data / "scans" / "paper")
     robot = gp.load_robot(scan.robot)
     processor = gp.ScanProcessor(truth_calibration(data), robot, scan.stance, scan.mode, stamp=scan.end)
     reader = FrameReader(scan)
     frames = [reader.read(stripe) for stripe in scan.stripes]
-    called: set[CodeType] = set()
+    called: dict[CodeType, None] = {}
 
     def note(frame: FrameType, event: str, argument: Any) -> None:
         if event == "call":
-            called.add(frame.f_code)
+            called[frame.f_code] = None
 
     threading.setprofile(note)
     sys.setprofile(note)
@@ -103,13 +103,20 @@ def frame_to_bytes() -> dict[str, int]:
         sys.setprofile(None)
         threading.setprofile(None)
     # Bodies of modules and classes run at a first import, and comprehensions are functions in some versions of Python.
-    functions = {
-        (Path(code.co_filename).relative_to(ROOT), code.co_qualname, code.co_firstlineno)
-        for code in called
-        if code.co_flags & inspect.CO_OPTIMIZED
-        and not code.co_name.endswith(("comp>", "genexpr>"))
-        and any(Path(code.co_filename).is_relative_to(ROOT / package) for package in PRODUCT)
-    }
+    return list(
+        dict.fromkeys(
+            (Path(code.co_filename).relative_to(ROOT), code.co_qualname, code.co_firstlineno)
+            for code in called
+            if code.co_flags & inspect.CO_OPTIMIZED
+            and not code.co_name.endswith(("comp>", "genexpr>"))
+            and any(Path(code.co_filename).is_relative_to(ROOT / package) for package in PRODUCT)
+        )
+    )
+
+
+def frame_to_bytes() -> dict[str, int]:
+    """Number of files and functions of the product from `ScanProcessor.add` to the bytes of the grid's message."""
+    functions = passed_functions()
     return {"files": len({file for file, _, _ in functions}), "functions": len(functions)}
 
 
