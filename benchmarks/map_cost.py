@@ -59,7 +59,7 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
         processor.add(stripe.index, on, off)
     result = {}
     terrain, result["grid of the footprint"] = timed(processor.finish)
-    wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", report=terrain.metadata))
+    wide, result["wide grid beside it"] = timed(lambda: processor.finish("wide", record=terrain.scan_record))
     result["range images, 512 x 640, both"] = timed(lambda: with_pictures(terrain, processor))[1]
     for name, grid in (("footprint", terrain), ("wide grid", wide)):
         result[f"map from a {name}, laid onto it"] = update_again(robot, grid)

@@ -17,6 +17,7 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel
 
 CELL_M = 0.001
@@ -96,6 +97,6 @@ class TrueGround:
             layers=cut,
             geometry=geometry,
             extent="map",
-            metadata={"robot": robot.name, "limits": limits_to_dict(settings.limits), **metadata},
+            record=ScanRecord.from_json({"robot": robot.name, "limits": limits_to_dict(settings.limits), **metadata}),
         )
         return grid, np.asarray(cells(dark)[inner].any(axis=-1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scan_diagnosis import Glances
-from guara_perception.scan_report import scan_report
+from guara_perception.scan_report import scan_record
 from guara_perception.scan_surface import OwnBody, ScanSurface
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripe_finder import METHODS, StripeFinder, check_method
@@ -26,6 +27,7 @@ from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.profile import StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import Stance, StanceError, StancePose, Stillness
 
 
@@ -284,13 +286,13 @@ class ScanProcessor:
         """
         self._surface.layers("footprint")
 
-    def finish(self, area: str = "footprint", *, report: Mapping[str, Any] | None = None) -> TerrainGrid:
+    def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
         """The terrain of what was added so far; at any time, and again after more stripes.
 
         Args:
             area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
                 away it is. `TerrainMap.update` knows more ground with it.
-            report: metadata that another grid of this scan has, taken but for its lost cells; None makes a report.
+            record: record of another grid of this scan, taken but for its lost cells; None makes one.
 
         Raises:
             InvalidInput: another area.
@@ -298,7 +300,7 @@ class ScanProcessor:
         """
         start = time.perf_counter()
         layers = self._surface.layers(area)
-        report = self._report(layers, time.perf_counter() - start) if report is None else report
+        record = self._record(layers, time.perf_counter() - start) if record is None else record
         is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
         return TerrainGrid(
             layers=layers,
@@ -306,12 +308,12 @@ class ScanProcessor:
             stamp=self._stamp,
             step=self._step,
             extent="footprint",
-            metadata={**report, "lost_cells": self._surface.lost_cells(layers, is_lost, area)},
+            record=dataclasses.replace(record, lost_cells=self._surface.lost_cells(layers, is_lost, area)),
         )
 
-    def _report(self, layers: Mapping[str, Array], finishing: float) -> dict[str, Any]:
-        """The scan's report; `finishing` is how long its layers took at the end [s]."""
-        return scan_report(
+    def _record(self, layers: Mapping[str, Array], finishing: float) -> ScanRecord:
+        """What the scan says of itself; `finishing` is how long its layers took at the end [s]."""
+        return scan_record(
             calibration=self._calibration,
             robot=self._robot,
             settings=self._settings,

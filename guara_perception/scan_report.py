@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.light_diagnosis import STEADY, LightSamples
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scan_diagnosis import WHERE_NONE_CAN_BE
-from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.settings import Settings
 from guara_perception.stripes.profile import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+from guara_perception.terrain.layers.record import Health, ScanRecord
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance, StancePose
@@ -84,7 +85,7 @@ def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
     return result
 
 
-def scan_report(
+def scan_record(
     *,
     calibration: Calibration,
     robot: RobotModel,
@@ -101,8 +102,8 @@ def scan_report(
     seconds: Mapping[str, float],
     wrong_frames: Callable[[], str] = lambda: "",
     light: LightSamples,
-) -> dict[str, Any]:
-    """Metadata of a grid; see docs/files.md for the fields."""
+) -> ScanRecord:
+    """What a scan says of itself; see docs/files.md for the fields."""
     from kinematics import describe_robot
 
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
@@ -136,34 +137,36 @@ def scan_report(
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")
-    return {
-        "robot": robot.name,
-        "robot_description": describe_robot(robot),
-        "mode": mode,
-        "method": method,
-        "calibration_hash": calibration.hash,
-        "calibration_verdict": verdict,
-        "stance": stance.to_dict(),
-        "attitude_source": pose.attitude_source,
-        "support_feet_used": list(pose.support_feet_used),
-        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
-        "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
-        "laser_origin": laser_origin.tolist(),
-        "pose_covariance": np.asarray(pose.covariance).tolist(),
-        "limits": limits_to_dict(settings.limits),
-        "validity_pauses": settings.validity_pauses,
-        "validity_seconds": settings.validity_seconds,
-        "stripes_planned": len(planned),
-        "stripes_used": len(points),
-        "stripes_missing": missing,
-        "frames_bad": {str(index): reason for index, reason in bad.items()},
-        "off_pictures_unused": {str(index): reason for index, reason in unused.items()},
-        "points": {status.name: int(counts[status]) for status in StripeStatus},
-        "points_used": used,
-        "coverage": coverage,
-        "coverage_regions": regional_coverage(~unknown, expected),
-        "known": float((~unknown).mean()),
-        "hazard_cells": cells_by_flag(hazard),
-        "health": {"level": "ok" if not reasons else "degraded", "reasons": reasons},
-        "seconds": {name: round(value, 6) for name, value in seconds.items()},
-    }
+    return ScanRecord(
+        robot=robot.name,
+        robot_description=describe_robot(robot),
+        mode=mode,
+        method=method,
+        calibration_hash=calibration.hash,
+        calibration_verdict=verdict,
+        stance=stance,
+        attitude_source=pose.attitude_source,
+        support_feet_used=tuple(pose.support_feet_used),
+        transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),
+        transform_camera_to_base=calibration.transform_camera_to_base,
+        laser_origin=laser_origin,
+        pose_covariance=np.asarray(pose.covariance),
+        limits=settings.limits,
+        validity_pauses=settings.validity_pauses,
+        validity_seconds=settings.validity_seconds,
+        stripes_planned=len(planned),
+        stripes_used=len(points),
+        stripes_missing=tuple(missing),
+        frames_bad={str(index): reason for index, reason in bad.items()},
+        off_pictures_unused={str(index): reason for index, reason in unused.items()},
+        points={status.name: int(counts[status]) for status in StripeStatus},
+        points_used=used,
+        coverage=coverage,
+        coverage_regions=regional_coverage(~unknown, expected),
+        known=float((~unknown).mean()),
+        hazard_cells=cells_by_flag(hazard),
+        health=Health.of(tuple(reasons)),
+        seconds={name: round(value, 6) for name, value in seconds.items()},
+        # An unjudged calibration is said too.
+        extra={"calibration_verdict": None},
+    )

@@ -19,6 +19,7 @@ from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
 from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.record import Run
 from kinematics import RobotState
 from kinematics.self_filter import SelfFilter
 
@@ -108,7 +109,7 @@ class ScanSurface:
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         return self._area(area).layers(raster, marks, pair_usable)
 
-    def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> list[list[int]]:
+    def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
         """Cells over which stripes were fired whose frames were lost; see `terrain.assessment.lost_cells`.
 
         Args:
@@ -150,10 +151,10 @@ class ScanArea:
         seen = np.isfinite(own.elevation)
         return {**layers, "age": np.where(seen, 0, 255).astype(np.uint8), "looks": seen.astype(np.uint8)}
 
-    def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> list[list[int]]:
+    def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> tuple[Run, ...]:
         """Cells over which stripes without a usable frame (s,) passed, as `lost_cells` gives them."""
         if not is_lost.any():
-            return []
+            return ()
         in_view = self.plan.in_view(np.arange(self.grid.size)).reshape(self.grid.shape)
         planes = self.plan.planes_in_footprint
         elevation = np.asarray(layers["elevation"], np.float64)
@@ -199,7 +200,7 @@ def lost_cells(
     planes_in_footprint: Float,
     is_lost: Mask,
     geometry: GridGeometry,
-) -> list[list[int]]:
+) -> tuple[Run, ...]:
     """Unknown cells that lie between the neighbours of a lost stripe, at any height that this scan saw.
 
     Args:
@@ -213,7 +214,7 @@ def lost_cells(
         Runs [ix, first iy, end iy] of cells, in order: short, as stripes run along y.
     """
     if not is_lost.any():
-        return []
+        return ()
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)
     x, y = geometry.centres()
@@ -236,14 +237,14 @@ def lost_cells(
     return _runs(lost.reshape(geometry.shape) & not_looked_at & in_view)
 
 
-def _runs(mask: Mask) -> list[list[int]]:
+def _runs(mask: Mask) -> tuple[Run, ...]:
     """Runs of marked cells down each column."""
     padded = np.zeros((mask.shape[1], mask.shape[0] + 2), dtype=np.int8)
     padded[:, 1:-1] = mask.T
     change = np.diff(padded, axis=1)
     column, first = np.nonzero(change == 1)
     _, end = np.nonzero(change == -1)
-    return np.column_stack((column, first, end)).tolist()
+    return tuple(zip(column.tolist(), first.tolist(), end.tolist(), strict=True))
 
 
 class OwnBody:

@@ -37,7 +37,7 @@ class TraversabilityLimits:
     """What the robot's feet can bear; every value is a hard limit, above it a cell is a hazard.
 
     A limit that is added later has a default by which nothing is judged, since grids of older versions lack it; and it
-    sets the nearest existing flag of `Hazard`, which the metadata of its grids name under `limit_flags`.
+    sets the nearest existing flag of `Hazard`, which the records of its grids name under `limit_flags`.
 
     Attributes:
         slope: largest angle to the horizontal [rad].
@@ -70,7 +70,7 @@ class TraversabilityLimits:
 
 
 def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
-    """Limits as plain JSON values, for the metadata of a grid."""
+    """Limits as plain JSON values, for the JSON form of a grid's record."""
     return {name: float(getattr(limits, name)) for name in TraversabilityLimits.__slots__}
 
 

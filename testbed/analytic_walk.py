@@ -15,6 +15,7 @@ from guara_perception.settings import Settings, limits_to_dict
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
@@ -187,7 +188,11 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
         "limits": limits_to_dict(settings.limits),
     }
     return gp.TerrainGrid(
-        layers=layers, geometry=grid, stamp=(pause.step + 1) * PAUSE_NS, step=pause.step, metadata=metadata
+        layers=layers,
+        geometry=grid,
+        stamp=(pause.step + 1) * PAUSE_NS,
+        step=pause.step,
+        record=ScanRecord.from_json(metadata),
     )
 
 

@@ -20,6 +20,7 @@ from guara_perception.app.messages import terrain_to_message
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Step
 from guara_perception.simulation.walk import simulate_walk
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import LegOdometry, load_robot
 from testbed.truth import truth_calibration
 from transport import TerrainMessage
@@ -91,7 +92,7 @@ def _walk() -> gp.TerrainGrid:
 
 def _with_fixed_seconds(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
     assert set(terrain.metadata["seconds"]) == set(SECONDS)
-    return dataclasses.replace(terrain, metadata={**terrain.metadata, "seconds": SECONDS})
+    return dataclasses.replace(terrain, record=ScanRecord.from_json({**terrain.metadata, "seconds": SECONDS}))
 
 
 def message_of(name: str, terrain: gp.TerrainGrid) -> TerrainMessage:

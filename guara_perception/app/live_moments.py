@@ -133,7 +133,7 @@ class LiveMoments:
             is_first_map = "map" not in self._grids
             self._grids[terrain.extent] = terrain
             # The map of this scan is on its way and says where in odom it was; a scan that is taken back may have none.
-            if terrain.extent == "map" or is_first_map or terrain.metadata.get("withdrawn"):
+            if terrain.extent == "map" or is_first_map or terrain.record.withdrawn:
                 self._show_scan(terrain)
 
     def _take_points(self, received: Received[Any]) -> None:
@@ -170,7 +170,7 @@ class LiveMoments:
             image = self._picture[1]
             parts["picture"] = lambda: image
         try:
-            planned = {} if terrain.metadata.get("withdrawn") else planned_footholds(self._model, terrain)
+            planned = {} if terrain.record.withdrawn else planned_footholds(self._model, terrain)
             self._show(Moment(grids, footholds=planned, **parts))
             self._has_shown = True
         except (KinematicsError, PerceptionError) as error:

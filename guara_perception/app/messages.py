@@ -17,10 +17,12 @@ from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import check_invariant
+from guara_perception.terrain.layers.record import RECORDS, GridRecord, Health, MapRecord, ScanRecord
 from kinematics import Stance
-from transport import Health, ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
+from transport import Health as Level
+from transport import ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
 
-HEALTH = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}
+LEVELS = {"ok": Level.OK, "degraded": Level.WARN, "failed": Level.ERROR}
 
 
 def terrain_to_message(
@@ -41,15 +43,17 @@ def terrain_to_message(
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: entries to add to the grid's own metadata; they replace entries of the same name.
+        stated: fields of the record that are otherwise in the message.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.
+        InvalidInput: a field of its record holds a value that cannot be read.
     """
     check_invariant(terrain.layers)
-    data = {**terrain.metadata, **(stated or {})}
-    stance = data.get("stance", {"joint_positions": {}, "support_feet": [], "gravity_in_base": None})
-    health = data.get("health", {})
+    record = dataclasses.replace(terrain.record, **(stated or {}))
+    record.check()
+    health, seconds, pauses = record.health or Health(), record.validity_seconds, record.validity_pauses
+    scan = record if isinstance(record, ScanRecord) else ScanRecord()
     start = terrain.stamp if scan_start is None else scan_start
     return TerrainMessage(
         robot=robot,
@@ -59,29 +63,25 @@ def terrain_to_message(
         stamp=terrain.stamp,
         scan_start=start,
         scan_end=max(start, terrain.stamp if scan_end is None else scan_end),
-        valid_for=min(float(data.get("validity_seconds", math.inf)), valid_for),
+        valid_for=valid_for if seconds is None else min(float(seconds), valid_for),
         # The frame of a scan's own grid ends with its pause.
-        valid_pauses=0 if terrain.extent == "footprint" else int(data.get("validity_pauses", 255)),
-        mode=str(data.get("mode", "standard")),
-        method=str(data.get("method", "")),
-        calibration_hash=str(data.get("calibration_hash", "")),
+        valid_pauses=0 if terrain.extent == "footprint" else 255 if pauses is None else pauses,
+        mode=record.mode or "standard",
+        method=record.method or "",
+        calibration_hash=record.calibration_hash or "",
         resolution=terrain.resolution,
         origin=terrain.origin,
         layers=terrain.layers,
-        stance=StanceMessage(
-            joint_positions=stance["joint_positions"],
-            support_feet=tuple(stance["support_feet"]),
-            gravity_in_base=None if stance["gravity_in_base"] is None else tuple(stance["gravity_in_base"]),
-        ),
-        attitude_source=str(data.get("attitude_source", "level")),
-        transforms=_transforms(data),
+        stance=stance_to_message(record.stance or Stance({}, ())),
+        attitude_source=record.attitude_source or "level",
+        transforms=_transforms(record),
         obstacles=_obstacles(terrain),
-        point_counts=data.get("points", {}),
-        stage_ms={name: 1e3 * seconds for name, seconds in data.get("seconds", {}).items()},
-        coverage=float(data.get("coverage", 0.0)),
-        health=HEALTH.get(str(health.get("level", "ok")), Health.WARN),
-        health_reasons=tuple(health.get("reasons", ())),
-        metadata=json.dumps(data),
+        point_counts=scan.points or {},
+        stage_ms={name: 1e3 * seconds for name, seconds in (scan.seconds or {}).items()},
+        coverage=float(record.coverage or 0.0),
+        health=LEVELS.get(health.level, Level.WARN),
+        health_reasons=health.reasons,
+        metadata=json.dumps(dict(record.to_json())),
         frame_id=terrain.frame,
     )
 
@@ -92,10 +92,12 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
     Raises:
         UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage on the way.
     """
-    metadata = json.loads(message.metadata)
-    metadata.update(
-        sequence=message.sequence, scan_start=message.scan_start, scan_end=message.scan_end, instance=message.robot
-    )
+    stated = {
+        "sequence": message.sequence,
+        "scan_start": message.scan_start,
+        "scan_end": message.scan_end,
+        "instance": message.robot,
+    }
     layers = {name: np.asarray(array) for name, array in message.layers.items()}
     try:
         ny, nx = message.shape
@@ -106,7 +108,7 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
             stamp=message.stamp,
             step=message.step,
             extent=message.extent,
-            metadata=metadata,
+            record=RECORDS[message.extent].from_json({**json.loads(message.metadata), **stated}),
             stale_because=message.stale_because,
         )
     except UnsafeGrid as error:
@@ -136,21 +138,17 @@ def restamped(terrain: TerrainGrid, stamp: int, step: int | None = None) -> Terr
     return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
 
 
-def _transforms(data: Mapping[str, Any]) -> tuple[TransformMessage, ...]:
-    pairs = (
-        ("base_link", "base_footprint", "transform_base_to_footprint", "pose_covariance"),
-        ("camera_optical_frame", "base_link", "transform_camera_to_base", ""),
-        ("base_footprint", "odom", "transform_footprint_to_odom", "odometry_covariance"),
-    )
+def _transforms(record: GridRecord) -> tuple[TransformMessage, ...]:
+    found = [
+        ("base_link", "base_footprint", record.transform_base_to_footprint, record.pose_covariance),
+        ("camera_optical_frame", "base_link", record.transform_camera_to_base, None),
+    ]
+    if isinstance(record, MapRecord):
+        found.append(("base_footprint", "odom", record.transform_footprint_to_odom, record.odometry_covariance))
     return tuple(
-        TransformMessage(
-            source_frame=source,
-            destination_frame=destination,
-            matrix=np.array(data[name]),
-            covariance=np.array(data[covariance_key]) if data.get(covariance_key) is not None else None,
-        )
-        for source, destination, name, covariance_key in pairs
-        if data.get(name) is not None
+        TransformMessage(source_frame=source, destination_frame=destination, matrix=matrix, covariance=covariance)
+        for source, destination, matrix, covariance in found
+        if matrix is not None
     )
 
 

@@ -34,7 +34,7 @@ def publish_terrain(
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = computed from `scan_end` and the wall clock.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: entries to add to the grid's own metadata; they replace entries of the same name.
+        stated: fields of the record that are otherwise in the message.
 
     Returns:
         The message that is sent.

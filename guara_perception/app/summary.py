@@ -12,22 +12,22 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 
 def facts(terrain: TerrainGrid) -> dict[str, Any]:
     """Plain values that summarise a grid, as `--json` prints them."""
-    hazard = terrain.hazard
+    hazard, record = terrain.hazard, terrain.record
     return {
-        "robot": terrain.metadata.get("robot"),
+        "robot": record.robot,
         "extent": terrain.extent,
         "step": terrain.step,
         "stamp": terrain.stamp,
-        "mode": terrain.metadata.get("mode"),
-        "method": terrain.metadata.get("method"),
+        "mode": record.mode,
+        "method": record.method,
         "cells": [terrain.shape[1], terrain.shape[0]],
         "resolution": terrain.resolution,
         "origin": list(terrain.origin),
         "known": float(np.mean((hazard & UNKNOWN_MASK) == 0)),
         "traversable": float(np.mean(terrain.traversability > 0)),
         "hazards": {name: count for name, count in cells_by_flag(hazard).items() if count},
-        "health": terrain.metadata.get("health", {}),
-        "calibration_hash": terrain.metadata.get("calibration_hash"),
+        "health": record.health.to_json() if record.health else {},
+        "calibration_hash": record.calibration_hash,
     }
 
 
@@ -40,17 +40,16 @@ def summary(terrain: TerrainGrid) -> str:
     most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:4]
     parts = [
         f"step {terrain.step}",
-        str(terrain.metadata.get("mode", "?")),
+        terrain.record.mode or "?",
         f"{terrain.shape[1]}x{terrain.shape[0]} cells of {terrain.resolution * 1e3:g} mm",
         f"known {known:.0%}",
         f"traversable {safe:.0%}",
-        f"attitude from {terrain.metadata.get('attitude_source', '?')}",
+        f"attitude from {terrain.record.attitude_source or '?'}",
     ]
     if terrain.is_provisional:
         parts.append("provisional")
     if most:
         parts.append("hazards " + " ".join(f"{name} {counts[name]}" for name in most))
-    reasons = terrain.metadata.get("health", {}).get("reasons", [])
-    if reasons:
-        parts.append("; ".join(reasons))
+    if terrain.record.health and terrain.record.health.reasons:
+        parts.append("; ".join(terrain.record.health.reasons))
     return ", ".join(parts)

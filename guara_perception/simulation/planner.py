@@ -81,7 +81,7 @@ def plan_swing(
     """Choose where to set a foot, and how it gets there: the best place to which a swing is accepted.
 
     Args:
-        terrain: the newest grid, with the stance of its pause in its metadata: the swing begins where the sole stands.
+        terrain: the newest grid, with the stance of its pause in its record: the swing begins where the sole stands.
         leg, wish, previous, robot: as in `plan_foothold`.
         ceiling: how high unknown ground can be at most (`LinesOfSight`); None lets no swing pass over any.
 

@@ -17,6 +17,7 @@ from guara_perception.fields import refuse_not_finite
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layers import LAYERS
+from guara_perception.terrain.layers.record import RECORDS, ScanRecord
 
 # What NumPy and zipfile raise on damaged files; RuntimeError: a flipped bit says "encrypted" or "unknown method".
 UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -49,8 +50,8 @@ def load_terrain(path: str | Path) -> TerrainGrid:
             frame=str(_checked(data, path, "frame", "U", ())),
             stamp=int(_checked(data, path, "stamp", "iu", ())),
             step=int(_checked(data, path, "step", "iu", ())),
-            extent=metadata.pop("extent", "footprint"),
-            metadata=metadata,
+            extent=(extent := metadata.pop("extent", "footprint")),
+            record=RECORDS.get(str(extent), ScanRecord).from_json(metadata),
             pictures={name: _checked(data, path, name, "f", (None, None)) for name in PICTURES if name in data},
         )
     except FileFormatError:

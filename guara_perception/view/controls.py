@@ -172,18 +172,17 @@ def _css(colour: str) -> str:
 
 def status_text(terrain: TerrainGrid) -> str:
     """The status of a grid, in a few lines of Markdown."""
-    data = terrain.metadata
-    lines = [f"**step {terrain.step}**, {data.get('mode', 'unknown')} scan, {terrain.extent}"]
+    record = terrain.record
+    lines = [f"**step {terrain.step}**, {record.mode or 'unknown'} scan, {terrain.extent}"]
     known, free = float(np.isfinite(terrain.elevation).mean()), float((terrain.traversability > 0).mean())
     lines.append(f"known {known:.0%}, traversable {free:.0%}")
-    if "attitude_source" in data:
-        lines.append(f"attitude from {data['attitude_source']}")
-    if data.get("withdrawn"):
+    if record.attitude_source:
+        lines.append(f"attitude from {record.attitude_source}")
+    if record.withdrawn:
         lines.append("**withdrawn**")
-    elif data.get("provisional"):
+    elif record.provisional:
         lines.append("provisional: sent before its pause had confirmed it")
-    health = data.get("health") or {}
-    lines += [str(reason) for reason in health.get("reasons", ())]
+    lines += record.health.reasons if record.health else ()
     return "  \n".join(lines)
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from guara_perception.arrays import Float, Image
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import MapRecord, ScanRecord
 
 # Pauses of a live walk that are kept: a map is 2 MB.
 KEPT = 60
@@ -27,7 +27,8 @@ def no_picture() -> Image | None:
 
 def pose_of(terrain: TerrainGrid) -> Float:
     """transform_footprint_to_odom (4, 4) of a grid, the identity where it does not say."""
-    return np.array(terrain.metadata.get("transform_footprint_to_odom", np.eye(4)), dtype=np.float64)
+    placed = getattr(terrain.record, "transform_footprint_to_odom", None)
+    return np.eye(4) if placed is None else placed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,23 +60,23 @@ class Moment:
     @property
     def walk(self) -> str:
         """Identity of the walk: only within one walk can positions in odom be compared."""
-        return str(self.metadata.get("epoch", ""))
+        return self.record.epoch or ""
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
-        """Metadata of the grid."""
-        return self.any_grid.metadata
+    def record(self) -> ScanRecord | MapRecord:
+        """The record of that grid."""
+        return self.any_grid.record
 
     @property
     def joint_positions(self) -> Mapping[str, float] | None:
         """Joints at the pause, None where the grid does not say."""
-        stance = self.metadata.get("stance") or {}
-        return stance.get("joint_positions") or None
+        return None if self.record.stance is None else self.record.stance.joint_positions
 
     @property
     def transform_base_to_footprint(self) -> Float:
         """(4, 4), the identity where the grid does not say."""
-        return np.array(self.metadata.get("transform_base_to_footprint", np.eye(4)), dtype=np.float64)
+        placed = self.record.transform_base_to_footprint
+        return np.eye(4) if placed is None else placed
 
     @property
     def transform_footprint_to_odom(self) -> Float:

@@ -9,6 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.simulation import EFFECTS, real_light
+from guara_perception.terrain.layers.record import ScanRecord
 from testbed.grid_truth import figures, made_up
 from testbed.scenes import ScanInMemory, simulated
 
@@ -55,5 +56,7 @@ def test_a_height_that_is_not_there_would_be_counted() -> None:
     layers = {name: np.array(terrain.layer(name)) for name in terrain.layers}
     iy, ix = np.argwhere(np.asarray(terrain.traversability) > 0)[0]
     layers["elevation"][iy, ix] += 0.01
-    spoiled = gp.TerrainGrid(layers=layers, geometry=terrain.geometry, metadata=dict(terrain.metadata))
+    spoiled = gp.TerrainGrid(
+        layers=layers, geometry=terrain.geometry, record=ScanRecord.from_json(dict(terrain.metadata))
+    )
     assert made_up(spoiled, scan.truth) == 1

@@ -10,6 +10,7 @@ import click
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.record import ScanRecord
 
 if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
@@ -76,8 +77,10 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
 
 def line(item: DemoPause) -> str:
     """One pause in one line."""
-    data = item.terrain.metadata
-    counts = data["hazard_cells"]
+    record = item.terrain.record
+    assert isinstance(record, ScanRecord)
+    counts = record.hazard_cells or {}
+    duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9
     unknown = int(((item.terrain.hazard & UNKNOWN_MASK) != 0).sum())
     most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:3]
     where = "the walk ends here"
@@ -86,7 +89,7 @@ def line(item: DemoPause) -> str:
         ground = "scanned" if item.foothold.is_scanned else "declared"
         where = f"{item.pause.next_leg} to x {x:+.3f} y {y:+.3f} z {z:+.3f} on {ground} ground"
     return (
-        f"step {item.pause.step:>2}  {data['mode']} {data['stripes_used']} stripes "
-        f"{(data['scan_end'] - data['scan_start']) * 1e-9:.1f} s  coverage {data['coverage']:4.0%}  "
+        f"step {item.pause.step:>2}  {record.mode} {record.stripes_used} stripes "
+        f"{duration:.1f} s  coverage {record.coverage or 0.0:4.0%}  "
         f"unknown {unknown:>4}  {' '.join(most):<28}  error {1e3 * item.error:.2f} mm  {where}"
     )

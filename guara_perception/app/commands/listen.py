@@ -84,7 +84,7 @@ def command(
         try:
             for terrain in client.stream(timeout, extent):
                 seen += 1
-                sequence = terrain.metadata["sequence"]
+                sequence = terrain.record.sequence
                 if as_json:
                     click.echo(json.dumps({"name": robot, "sequence": sequence, **facts(terrain)}))
                 else:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift, DriftWatch
+from guara_perception.terrain.layers.record import Health as GridHealth
 from transport import Health, StatusItem, TransportError
 from transport.security.certificates import judge_security
 
@@ -59,18 +60,19 @@ class NodeStatus:
             scan: what the devices did in it.
             latency: time from the last frame until the grid was handed over for sending [s].
         """
-        health = terrain.metadata["health"]
+        record = terrain.record
+        health = record.health or GridHealth()
         with self._lock:
             self._scans += 1
             self._problems.pop("scan", None)
             self._items["scanner"] = StatusItem(
                 name="scanner",
-                level=LEVELS.get(health["level"], Health.WARN),
-                message="; ".join(health["reasons"]) or "last scan is good",
+                level=LEVELS.get(health.level, Health.WARN),
+                message="; ".join(health.reasons) or "last scan is good",
                 values={
                     "step": str(terrain.step),
-                    "mode": str(terrain.metadata["mode"]),
-                    "coverage": f"{terrain.metadata['coverage']:.3f}",
+                    "mode": str(record.mode),
+                    "coverage": f"{record.coverage or 0.0:.3f}",
                     "duration_s": f"{(scan.end - scan.start) * 1e-9:.3f}",
                     "latency_ms": f"{latency * 1e3:.1f}",
                     "provisional": "true",

@@ -29,6 +29,7 @@ from guara_perception.scan_drift import scan_drift
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import Health
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import CameraMoved, RobotModel, Stance
 from transport import TerrainMessage, clock
@@ -348,9 +349,7 @@ class PauseScanner:
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
         """The grid that takes another one back: nothing known, and why."""
         empty = self._processor(pause, "standard").finish()
-        health = {"level": "failed", "reasons": [reason]}
-        metadata = {**empty.metadata, "health": health, "withdrawn": True, **walk_of(pause)}
-        return dataclasses.replace(empty, metadata=metadata)
+        return empty.restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
 
     def _check_steps(self) -> None:
         """Count the motor steps that the mirror lost: only then is it known that every stripe lay where commanded.
@@ -388,14 +387,12 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
     """The grid, with the problems of the devices in its health."""
     if not scan.problems and not scan.stopped_early:
         return terrain
-    health = terrain.metadata["health"]
-    reasons = [*health["reasons"], *scan.problems]
-    if scan.stopped_early:
-        reasons.append("the pause ended before the scan")
+    health = terrain.record.health or Health()
+    early = ("the pause ended before the scan",) if scan.stopped_early else ()
     level = "failed" if scan.failed else "degraded"
-    return dataclasses.replace(terrain, metadata={**terrain.metadata, "health": {"level": level, "reasons": reasons}})
+    return terrain.restated(health=Health(level, (*health.reasons, *scan.problems, *early)))
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """Entries of a grid's metadata: its walk, and whether its pause has yet to confirm it."""
+    """Fields of a grid's record: its walk, and whether its pause has yet to confirm it."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

@@ -16,6 +16,7 @@ from guara_perception.progress import Progress
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.scan.policy import ScanPolicy
 from guara_perception.terrain.scan.refined import refined
 from transport import clock
@@ -84,7 +85,7 @@ class Swept:
         terrain = processor.finish()
         if coarse is not None:
             terrain = refined(coarse.finish(), terrain)
-        if not terrain.metadata["known"]:
+        if not terrain.record.known:
             return None
         problem = (
             f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken later than the "
@@ -102,13 +103,15 @@ class Swept:
         """The same scan with what it saw beside the footprint, for the map.
 
         Args:
-            terrain: grid of the footprint as it was published; the wide grid gets its metadata.
+            terrain: grid of the footprint as it was published; the wide grid gets its record.
         """
-        wide = self.processor.finish("wide", report=terrain.metadata)
+        record = terrain.record
+        assert isinstance(record, ScanRecord)
+        wide = self.processor.finish("wide", record=record)
         if self.coarse is not None:
-            wide = refined(self.coarse.finish("wide", report=terrain.metadata), wide)
-        metadata = {**terrain.metadata, "lost_cells": wide.metadata["lost_cells"]}
-        return dataclasses.replace(wide, stamp=terrain.stamp, metadata=metadata)
+            wide = refined(self.coarse.finish("wide", record=record), wide)
+        record = dataclasses.replace(terrain.record, lost_cells=wide.record.lost_cells)
+        return dataclasses.replace(wide, stamp=terrain.stamp, record=record)
 
 
 class Sweeper:

@@ -104,9 +104,8 @@ class WalkMap:
             terrain,
             pose,
             known_ground=known_ground,
-            metadata=self._reported(pose),
             time=time,
-        )
+        ).restated(**self._reported(pose))
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
 
@@ -141,16 +140,15 @@ class WalkMap:
         self._latest = known.view(
             terrain,
             pose,
-            metadata={**self._reported(pose), "health": dict(terrain.metadata["health"])},
             time=time,
-        )
+        ).restated(**self._reported(pose), health=terrain.record.health)
         return self._latest
 
     def _reported(self, pose: OdometryPose) -> dict[str, object]:
         return {
-            "slipped_feet": list(pose.slipped_feet),
+            "slipped_feet": tuple(pose.slipped_feet),
             "odometry_residual": pose.residual,
-            "restarts": list(self._state.restarts),
+            "restarts": self.restarts,
         }
 
     def _locate(self, stance: Stance) -> OdometryPose:

@@ -35,14 +35,8 @@ def robot_moment(robot: RobotModel) -> Moment:
     resolution = float(seen.x[1] - seen.x[0])
     origin = (settings.footprint_x[0], settings.footprint_y[0])
     floor = assess_terrain(heights, resolution, origin=origin, limits=settings.limits)
-    metadata = {
-        **floor.metadata,
-        "robot": robot.name,
-        "mode": "nominal",
-        "stance": stance.to_dict(),
-        "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
-    }
-    grid = type(floor)(layers=floor.layers, geometry=floor.geometry, metadata=metadata)
+    to_footprint = np.asarray(pose.transform_base_to_footprint)
+    grid = floor.restated(robot=robot.name, mode="nominal", stance=stance, transform_base_to_footprint=to_footprint)
     camera = (pose.transform_base_to_footprint @ robot.transform_camera_to_base)[:3, 3]
     laser = (pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0))[:3]
     (near, far), (right, left) = settings.footprint_x, settings.footprint_y

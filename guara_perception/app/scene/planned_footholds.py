@@ -17,7 +17,8 @@ def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tupl
     from guara_perception.simulation.gait import WaveGait
     from guara_perception.simulation.planner import plan_foothold
 
-    if any(name not in terrain.metadata for name in ("robot", "stance", "transform_base_to_footprint", "limits")):
+    record = terrain.record
+    if None in (record.robot, record.stance, record.limits) or record.transform_base_to_footprint is None:
         return {}
     gait = WaveGait.of(robot)
     planned = {}

@@ -16,8 +16,10 @@ from guara_perception.staleness import refuse_stale
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard, check_invariant, occupancy_values
 from guara_perception.terrain.layers.layers import LAYER_NAMES
+from guara_perception.terrain.layers.record import RECORDS, MapRecord, ScanRecord
 from kinematics.arrays import read_only
 
+G = TypeVar("G", bound="LayeredGrid")
 EXTENTS = ("footprint", "map")
 
 
@@ -100,22 +102,22 @@ class LayeredGrid(Gridded):
     Attributes:
         layers: every layer of `LAYERS` by name.
         geometry: origin, resolution and shape.
+        record: what the scan or the map says of itself; one for the other extent is turned into it.
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
         extent: "footprint" (this scan alone) or "map" (fused).
-        metadata: mode, method, calibration hash, stance, transforms, coverage, health ... ; plain JSON values.
         pictures: range images by name, (512, 640) float32 [mm], where the scan was processed with them.
         stale_because: why a client would not have handed it out without `allow_stale`; empty otherwise.
     """
 
     layers: Mapping[str, Array]
     geometry: GridGeometry
+    record: ScanRecord | MapRecord = field(default_factory=ScanRecord)
     frame: str = "base_footprint"
     stamp: int = 0
     step: int = 0
     extent: str = "footprint"
-    metadata: Mapping[str, Any] = field(default_factory=dict)
     pictures: Mapping[str, Float32] = field(default_factory=dict)
     stale_because: tuple[str, ...] = ()
 
@@ -130,7 +132,8 @@ class LayeredGrid(Gridded):
         pictures = {name: read_only(picture) for name, picture in self.pictures.items()}
         object.__setattr__(self, "layers", MappingProxyType(frozen))
         object.__setattr__(self, "pictures", MappingProxyType(pictures))
-        object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
+        if not isinstance(self.record, kind := RECORDS[self.extent]):
+            object.__setattr__(self, "record", kind.from_json(self.record.to_json()))
 
     if not TYPE_CHECKING:
         # Type checkers know the layers one by one, below, and refuse a misspelt one.
@@ -197,7 +200,7 @@ class LayeredGrid(Gridded):
     def __getstate__(self) -> dict[str, Any]:
         """Plain containers, for pickling and copying."""
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        for name in ("layers", "metadata", "pictures"):
+        for name in ("layers", "pictures"):
             state[name] = dict(state[name])
         return state
 
@@ -207,9 +210,18 @@ class LayeredGrid(Gridded):
         self.__post_init__()
 
     @property
+    def metadata(self) -> Mapping[str, Any]:
+        """The record as plain JSON values, read-only."""
+        return self.record.to_json()
+
+    @property
     def is_provisional(self) -> bool:
         """Whether the pause has yet to confirm that the robot stood still: usable while it stands, may be withdrawn."""
-        return bool(self.metadata.get("provisional", False))
+        return bool(self.record.provisional)
+
+    def restated(self: G, **changes: Any) -> G:
+        """The same grid with other values in fields of its record."""
+        return replace(self, record=replace(self.record, **changes))
 
     def layer(self, name: str) -> Array:
         """A layer by name.
@@ -233,9 +245,6 @@ class LayeredGrid(Gridded):
         if unknown not in (100, -1):
             raise InvalidInput(f"unknown is {unknown!r}, allowed: 100 (unknown is a hazard), -1 (unknown is marked)")
         return occupancy_values(self.layers["traversability"], self.layers["hazard"], unknown)
-
-
-G = TypeVar("G", bound=LayeredGrid)
 
 
 def asked(terrain: G, allow_stale: bool) -> G:

@@ -38,7 +38,8 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
     """
     if terrain.extent != "footprint":
         raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
-    if terrain.metadata.get("rounding") is not None:
+    terrain.record.check("rounding")
+    if terrain.record.rounding is not None:
         raise InvalidInput(
             "a grid in the compact encoding cannot be fused: the map would not say how its heights were rounded. "
             "Ask for it lossless, or for the node's map (extent 'map')"
@@ -67,7 +68,7 @@ def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause) -> int:
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill the cells of a declared patch; return its entry in the metadata of the map."""
+    """Fill the cells of a declared patch; return its entry in the record of the map."""
     heights, distance = declared_heights(cells, ground, now.transform_footprint_to_odom)
     fuse_heights(cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
     return {
@@ -100,7 +101,8 @@ def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
     """
     given, own = pose.transform_footprint_to_odom, pose.own_covariance
     since_last = pose.covariance_since_last
-    to_footprint = terrain.metadata.get("transform_base_to_footprint")
+    terrain.record.check("transform_base_to_footprint")
+    to_footprint = terrain.record.transform_base_to_footprint
     try:
         if isinstance(pose, OdometryPose) and to_footprint is not None:
             levelled = checked_transform(to_footprint, "transform_base_to_footprint")

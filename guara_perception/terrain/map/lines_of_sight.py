@@ -12,6 +12,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layered_grid import Ceiling
+from guara_perception.terrain.layers.record import MapRecord, ScanRecord
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics.transforms import transform_points
 
@@ -97,11 +98,11 @@ class LinesOfSight:
                 "give what TerrainMap.update gave for this scan"
             )
         geometry = terrain.geometry.widened(BESIDE_CELLS)
-        transform = np.array(fused.metadata["transform_footprint_to_odom"])
+        transform, validity, _ = _map_of(fused)
         bounds = _bounds(terrain, geometry, _sensor_origins(terrain, self._map))
         seen = _laid_out(np.asarray(terrain.elevation_max, np.float32), np.nan)
         pause, rise = self._map.pause, self._map.rise_variance
-        first = terrain.step - int(fused.metadata["validity_pauses"])
+        first = terrain.step - validity
         # A look of this pause or a later one is of a scan that was taken back.
         self._looks = [look for look in self._looks if first <= look.step and look.pause < pause]
         self._looks.append(_Look(bounds, seen, geometry, transform, terrain.step, pause, terrain.stamp, rise))
@@ -112,13 +113,13 @@ class LinesOfSight:
         Args:
             fused: what `TerrainMap.update` or `view` gave.
         """
-        geometry, limits = fused.geometry, fused.metadata["limits"]
-        transform = np.array(fused.metadata["transform_footprint_to_odom"])
+        geometry, confidence = fused.geometry, fused.record.required_limits.confidence
+        transform, _, seconds = _map_of(fused)
         x, y = (axis.ravel() for axis in np.meshgrid(*geometry.centres()))
         in_odom = transform_points(transform, np.column_stack((x, y, np.zeros(x.size))))
         least = np.full(x.size, NONE, np.float32)
-        oldest = fused.stamp - round(float(fused.metadata["validity_seconds"]) * 1e9)
-        confidence, stands = float(limits["confidence"]), set(self._map.sideways_drift.pauses.tolist())
+        oldest = fused.stamp - round(seconds * 1e9)
+        stands = set(self._map.sideways_drift.pauses.tolist())
         for look in self._looks:
             if look.pause not in stands or look.step > fused.step or not oldest <= look.stamp <= fused.stamp:
                 continue
@@ -153,16 +154,26 @@ class LinesOfSight:
         return Ceiling(height.reshape(geometry.shape), BOUND_SIGMA_M)
 
 
+def _map_of(fused: TerrainGrid) -> tuple[Float, int, float]:
+    """Pose of a map in odom, and its validity in pauses and seconds."""
+    record = fused.record
+    assert isinstance(record, MapRecord) and record.transform_footprint_to_odom is not None
+    assert record.validity_pauses is not None and record.validity_seconds is not None
+    return record.transform_footprint_to_odom, record.validity_pauses, record.validity_seconds
+
+
 def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
     """Positions of camera and laser in base_footprint."""
-    try:
-        camera = np.array(terrain.metadata["transform_camera_to_base"], dtype=np.float64)[:3, 3]
-        to_footprint = np.array(terrain.metadata["transform_base_to_footprint"], dtype=np.float64)
-    except KeyError as error:
-        raise InvalidInput(f"the scan's metadata lacks {error}: lines of sight begin at camera and laser") from None
+    record = terrain.record
+    for name in ("transform_camera_to_base", "transform_base_to_footprint"):
+        record.check(name)
+        if getattr(record, name) is None:
+            raise InvalidInput(f"the scan's metadata lacks {name!r}: lines of sight begin at camera and laser")
+    assert record.transform_camera_to_base is not None and record.transform_base_to_footprint is not None
+    camera, to_footprint = record.transform_camera_to_base[:3, 3], record.transform_base_to_footprint
     camera = transform_points(to_footprint, camera)
-    if "laser_origin" in terrain.metadata:
-        return [camera, np.array(terrain.metadata["laser_origin"], dtype=np.float64)]
+    if isinstance(record, ScanRecord) and record.laser_origin is not None:
+        return [camera, record.laser_origin]
     laser = terrain_map.robot.transform_laser_to_base[:3, 3]
     return [camera, transform_points(to_footprint, laser)]
 

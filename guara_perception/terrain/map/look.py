@@ -11,6 +11,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
@@ -133,10 +134,12 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
     """
     hazard = np.array(terrain.hazard)
     lost = np.zeros(terrain.shape, dtype=bool)
+    record = terrain.record
+    record.check("lost_cells")
     try:
-        for ix, first, end in terrain.metadata.get("lost_cells", ()):
+        for ix, first, end in (record.lost_cells or ()) if isinstance(record, ScanRecord) else ():
             lost[first:end, ix] = True
-    except (TypeError, ValueError, IndexError):
+    except IndexError:
         raise InvalidInput("lost_cells of the metadata is no list of [ix, first iy, end iy] on this grid") from None
     unknown = (hazard & UNKNOWN_MASK) != 0
     hazard[lost & unknown] |= np.uint16(Hazard.DROPOUT)
@@ -148,8 +151,9 @@ def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
 
     A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
     """
-    covariance = terrain.metadata.get("pose_covariance")
+    terrain.record.check("pose_covariance")
+    covariance = terrain.record.pose_covariance
     if covariance is None:
         return np.zeros(np.shape(x))
-    tilt = np.asarray(covariance, dtype=np.float64)[3:5, 3:5]
+    tilt = covariance[3:5, 3:5]
     return np.asarray(tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y)

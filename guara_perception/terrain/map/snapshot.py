@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float
-from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.disc import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+from guara_perception.terrain.layers.record import POSE, Health, MapRecord
 from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance
 from guara_perception.terrain.map.look import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
@@ -23,20 +24,8 @@ from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.support_feet import HeightAnchor
 
 NEVER_SEEN_AGE = 255
-# Fields of a scan's metadata that also hold for the map of the same pause.
-FROM_SCAN = (
-    "robot_description",
-    "mode",
-    "method",
-    "calibration_hash",
-    "calibration_verdict",
-    "stance",
-    "attitude_source",
-    "support_feet_used",
-    "transform_base_to_footprint",
-    "transform_camera_to_base",
-    "pose_covariance",
-)
+# Fields of a scan's record that also hold for the map of the same pause.
+FROM_SCAN = (*POSE[1:], "pose_covariance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +132,7 @@ def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings
     return flags
 
 
-def map_report(
+def map_record(
     *,
     terrain: TerrainGrid,
     robot: str,
@@ -157,8 +146,8 @@ def map_report(
     residuals: Mapping[str, float | None],
     known_ground: Sequence[Mapping[str, Any]],
     reasons: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Metadata of a grid of extent "map".
+) -> MapRecord:
+    """Record of a grid of extent "map".
 
     Args:
         terrain: the scan that was fused last.
@@ -176,28 +165,30 @@ def map_report(
     """
     hazard = np.asarray(layers["hazard"], np.uint16)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    all_reasons = [str(reason) for reason in terrain.metadata.get("health", {}).get("reasons", ())]
-    all_reasons += reasons
+    scan = terrain.record
+    all_reasons = [*(scan.health.reasons if scan.health else ()), *reasons]
     for leg in anchor.rejected:
         all_reasons.append(
             f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used"
         )
-    return {
-        **{name: terrain.metadata[name] for name in FROM_SCAN if name in terrain.metadata},
-        "robot": robot,
-        "limits": limits_to_dict(settings.limits),
-        "validity_pauses": settings.validity_pauses,
-        "validity_seconds": settings.validity_seconds,
-        "transform_footprint_to_odom": transform_footprint_to_odom.tolist(),
-        "odometry_covariance": covariance.tolist(),
-        "scans": scans,
-        "disagreeing_cells": rejected,
-        "support_residuals": dict(residuals),
-        "height_correction": anchor.offset,
-        "height_correction_sigma": float(np.sqrt(anchor.variance)),
-        "known_ground": [dict(patch) for patch in known_ground],
-        "coverage": float((~unknown).mean()),
-        "known": float((~unknown).mean()),
-        "hazard_cells": cells_by_flag(hazard),
-        "health": {"level": "ok" if not all_reasons else "degraded", "reasons": all_reasons},
-    }
+    return MapRecord(
+        **{name: getattr(scan, name) for name in FROM_SCAN},
+        robot=robot,
+        limits=settings.limits,
+        validity_pauses=settings.validity_pauses,
+        validity_seconds=settings.validity_seconds,
+        transform_footprint_to_odom=transform_footprint_to_odom,
+        odometry_covariance=covariance,
+        scans=scans,
+        disagreeing_cells=rejected,
+        support_residuals=residuals,
+        height_correction=anchor.offset,
+        height_correction_sigma=float(np.sqrt(anchor.variance)),
+        known_ground=tuple(known_ground),
+        coverage=float((~unknown).mean()),
+        known=float((~unknown).mean()),
+        hazard_cells=cells_by_flag(hazard),
+        health=Health.of(tuple(all_reasons)),
+        # What the scan's own record could not read, and a text that may be null.
+        extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
+    )

@@ -2,7 +2,7 @@
 
 Leg odometry's z is a random walk. A sole that stands on ground which the map knows measures its error against that
 ground; a scalar Kalman filter subtracts the error that the soles agree on. Nothing is shifted silently: the correction
-of each pause and the sum of all are in the map's metadata, and soles beyond the gate are not used but named.
+of each pause and the sum of all are in the map's record, and soles beyond the gate are not used but named.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.fuse_heights import GATE_SIGMAS, Heights, OdometryDrift, fuse_heights
 from guara_perception.terrain.map.look import LOOKED_AT
 from guara_perception.terrain.map.odom_cells import OdomCells
-from kinematics import RobotModel, Stance
+from kinematics import RobotModel
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
 
@@ -59,14 +59,14 @@ def support_feet(
     transform_footprint_to_odom: Float,
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
-    """The supporting soles of the stance at which a scan was taken; none where its metadata holds no stance."""
-    stance_fields, transform_fields = (terrain.metadata.get(n) for n in ("stance", "transform_base_to_footprint"))
-    if stance_fields is None or transform_fields is None:
+    """The supporting soles of the stance at which a scan was taken; none where its record holds no stance."""
+    record = terrain.record
+    record.check("stance", "transform_base_to_footprint", "support_feet_used")
+    stance, transform_base_to_footprint = record.stance, record.transform_base_to_footprint
+    if stance is None or transform_base_to_footprint is None:
         return []
-    stance = Stance.from_dict(stance_fields)
-    legs = list(terrain.metadata.get("support_feet_used", stance.support_feet))
+    legs = list(stance.support_feet if record.support_feet_used is None else record.support_feet_used)
     state = robot.state(stance.joint_positions)
-    transform_base_to_footprint = np.asarray(transform_fields, dtype=np.float64)
     soles = transform_points(transform_base_to_footprint, state.soles_in_base(legs))
     up = transform_base_to_footprint[2, :3]
     variances = [float(up @ c @ up) for c in sole_covariances(state, legs, robot.noise)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.sideways import SidewaysDrift
-from guara_perception.terrain.map.snapshot import MapPause, map_report, snapshot_layers
+from guara_perception.terrain.map.snapshot import MapPause, map_record, snapshot_layers
 from guara_perception.terrain.map.support_feet import HeightAnchor, fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import WalkCorrection
 from kinematics import PoseInOdom, RobotModel
@@ -117,7 +118,6 @@ class TerrainMap:
         pose: PoseInOdom,
         *,
         known_ground: Sequence[KnownGround] = (),
-        metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and give the map as it is known now.
@@ -129,7 +129,6 @@ class TerrainMap:
                 ground shows it, and its `own_covariance` is used; without, the walk is taken as odometry gives it; at
                 every pause or at none.
             known_ground: what the gait declares at this pause, in its base_footprint.
-            metadata: more fields for the metadata of the result.
             time: time of the scan by a clock that never jumps [s], by which cells grow old; None takes the grid's
                 stamp. Time that runs backwards makes all that was seen before STALE.
 
@@ -174,25 +173,24 @@ class TerrainMap:
         rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
-        # The metadata name earlier patches too, as long as cells that they filled may still be valid.
+        # The record names earlier patches too, as long as cells that they filled may still be valid.
         oldest = terrain.step - self._settings.validity_pauses
         self._ground = [patch for patch in self._ground if patch["cells"] and patch["step"] >= oldest]
         self._ground += [fuse_known_ground(self._cells, ground, now, terrain.step) for ground in known_ground]
         self._scans += 1
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
-        return self._snapshot(terrain, now, pose_covariance, rejected, residuals, metadata)
+        return self._snapshot(terrain, now, pose_covariance, rejected, residuals)
 
     def view(
         self,
         terrain: TerrainGrid,
         pose: PoseInOdom,
         *,
-        metadata: Mapping[str, Any] | None = None,
         time: float | None = None,
     ) -> TerrainGrid:
         """The map seen from another pause, of which nothing is fused; arguments and errors as in `update`.
 
-        Of `terrain` only stamp, step and metadata count.
+        Of `terrain` only stamp, step and record count.
         """
         check_scan(terrain, self._grid.resolution, self._step)
         checked = checked_pose(terrain, pose)
@@ -201,7 +199,7 @@ class TerrainMap:
         pause = self._pause + (1 if self._step is None else terrain.step - self._step)
         clock = terrain.stamp if time is None else round(time * 1e9)
         now = MapPause(pause, clock, self._drift, self._sideways, transform)
-        return self._snapshot(terrain, now, checked.covariance, 0, {}, metadata)
+        return self._snapshot(terrain, now, checked.covariance, 0, {})
 
     def save(self, path: str | Path) -> None:
         """Write the whole map to an .npz file, from which `load` goes on as if there had been no break.
@@ -279,10 +277,9 @@ class TerrainMap:
         pose_covariance: Float,
         rejected: int,
         residuals: Mapping[str, float | None],
-        metadata: Mapping[str, Any] | None,
     ) -> TerrainGrid:
         layers = snapshot_layers(self._cells, self._grid, terrain, now, self._settings)
-        report = map_report(
+        record = map_record(
             terrain=terrain,
             robot=self._robot.name,
             settings=self._settings,
@@ -302,5 +299,5 @@ class TerrainMap:
             stamp=terrain.stamp,
             step=terrain.step,
             extent="map",
-            metadata={**report, **self._walk.report(), **(metadata or {})},
+            record=dataclasses.replace(record, **self._walk.report()),
         )

@@ -7,7 +7,7 @@ noise, the overlap of scan and map, which sees both, reduces P + W to C and move
     K m,  K = P (P + W)^-1        is drift, of which P - K (P + W - C) K' is left.
 
 Without W all of m would be carried on: the noise of a pause, larger than the drift until the next, would move all that
-follow. Nothing is shifted silently: correction and sigmas are in the map's metadata.
+follow. Nothing is shifted silently: correction and sigmas are in the map's record.
 """
 
 from __future__ import annotations
@@ -94,10 +94,10 @@ class WalkCorrection:
         return OdometryDrift(rise, max(last.shift, shift), max(last.turn, turn))
 
     def report(self) -> dict[str, Any]:
-        """Its entries in the metadata of the map; plain JSON values."""
+        """Its fields of the map's record."""
         return {
-            "sideways_correction": [*self.here[:2, 3].tolist(), float(np.arctan2(*self.here[1::-1, 0]))],
-            "sideways_correction_sigma": np.sqrt(np.diag(self.left)).tolist(),
+            "sideways_correction": (*self.here[:2, 3].tolist(), float(np.arctan2(*self.here[1::-1, 0]))),
+            "sideways_correction_sigma": tuple(np.sqrt(np.diag(self.left)).tolist()),
             "registration_refused": self.refused,
         }
 
@@ -153,9 +153,10 @@ class WalkCorrection:
         drift = carried @ self.covariance @ carried.T + _without(added, carried @ self.own @ carried.T + noise)
         sideways = drift + noise
         prior = np.diag([0.0, 0.0, growth[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
-        tilt = terrain.metadata.get("pose_covariance")
+        terrain.record.check("pose_covariance")
+        tilt = terrain.record.pose_covariance
         if tilt is not None:
-            prior[3:5, 3:5] += np.asarray(tilt, dtype=np.float64)[3:5, 3:5]
+            prior[3:5, 3:5] += tilt[3:5, 3:5]
         prior[np.ix_(SIDEWAYS, SIDEWAYS)] = sideways
         here[2, 3] += rise
         found = register(cells, terrain, here, prior)

@@ -10,7 +10,6 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
-from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at
 from kinematics.arrays import read_only
@@ -136,7 +135,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 
 
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
-    enough = enough_clearance(terrain, limits_of(terrain))
+    enough = enough_clearance(terrain, terrain.record.required_limits)
     clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
     # The value rises with the clearance, up to twice the clearance that is always enough.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)

@@ -11,7 +11,6 @@ from guara_perception.arrays import Float, Float32
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from guara_perception.terrain.layers.limits_of import limits_of
 from kinematics.arrays import read_only
 
 # Ten million voxels take about a second and 200 MB.
@@ -80,7 +79,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
             f"{layers} x {terrain.hazard.size} voxels, allowed: {MOST_VOXELS}; ask for fewer heights or a coarser grid"
         )
     unreliable = (terrain.hazard & (UNKNOWN_MASK | np.uint16(Hazard.STALE))) != 0
-    margin = limits_of(terrain).confidence * np.sqrt(terrain.variance.astype(np.float64))
+    margin = terrain.record.required_limits.confidence * np.sqrt(terrain.variance.astype(np.float64))
     top = np.where(unreliable, np.inf, terrain.elevation_max.astype(np.float64) + margin)
     # A voxel that holds any ground is solid; beside the grid all is, and so is what lies below it.
     bottoms = low + spacing * np.arange(layers)

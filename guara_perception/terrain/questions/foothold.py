@@ -15,7 +15,6 @@ from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, Reason, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
-from guara_perception.terrain.layers.limits_of import limits_of, other_limits
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from kinematics.arrays import read_only
 
@@ -149,7 +148,7 @@ def check_foothold(
     """
     terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
-    limits = limits_of(terrain)
+    limits = terrain.record.required_limits
     flat_x, flat_y = np.atleast_1d(px).ravel(), np.atleast_1d(py).ravel()
     finite = np.isfinite(flat_x) & np.isfinite(flat_y)
     score = np.asarray(look_up(terrain, "traversability", flat_x, flat_y, np.float32(0)), np.float64)
@@ -179,7 +178,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     if not (np.isfinite(x) and np.isfinite(y)):
         yield Reason("unknown", 1.0, 0.0, "share", "the place is not finite")
         return
-    limits = limits_of(terrain)
+    limits = terrain.record.required_limits
     rows, columns, total, off = sole_window(terrain.geometry, x, y, limits)
     hazard = terrain.hazard[rows, columns]
     unknown = (hazard & UNKNOWN_MASK) != 0
@@ -188,10 +187,12 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         causes = names(int(np.bitwise_or.reduce(hazard[unknown] & UNKNOWN_MASK, axis=None)) if unknown.any() else 0)
         detail = ", ".join(causes + (["off the grid"] if off else []))
         yield Reason("unknown", count / total, 0.0, "share", f"of the sole: {detail}")
-    validity = float(terrain.metadata.get("validity_pauses", 255))
+    record = terrain.record
+    record.check("validity_pauses", "validity_seconds", "limit_flags")
+    validity = 255.0 if record.validity_pauses is None else float(record.validity_pauses)
     # Age is limited in pauses and in seconds; the layer holds pauses only.
-    seconds = terrain.metadata.get("validity_seconds")
-    too_old = "" if seconds is None else f"or last seen more than {float(seconds):g} s ago"
+    seconds = record.validity_seconds
+    too_old = "" if seconds is None else f"or last seen more than {seconds:g} s ago"
     sigma = f"plus {limits.confidence:g} sigma"
     tests: tuple[tuple[Hazard, str, str, float, str, str], ...] = (
         (Hazard.STEEP, "slope", "slope", limits.slope, "rad", sigma),
@@ -206,7 +207,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         if where.any():
             value = float(np.nanmax(_values(terrain, layer, rows, columns)[where]))
             yield Reason(test, value, limit, unit, detail)
-    for name, (flag, limit) in other_limits(terrain).items():
+    for name, (flag, limit) in terrain.record.other_limits().items():
         cells = int(((hazard & np.uint16(flag)) != 0).sum())
         if cells:
             detail = f"of the sole flagged {flag.name}, to which a limit of a newer version adds: {name} {limit:g}"

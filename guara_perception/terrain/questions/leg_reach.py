@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,8 +14,8 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.layers.limits_of import rounding_of
-from kinematics import RobotModel, RobotNotFound, Stance, StancePose, load_robot, robot_from_description
+from guara_perception.terrain.layers.record import GridRecord
+from kinematics import RobotModel, RobotNotFound, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
@@ -38,7 +37,7 @@ def beyond_reach_of_ground(
     terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
 ) -> Float:
     """As `beyond_reach` for places whose z was looked up in the grid: the worst height within the rounding counts."""
-    off = rounding_of(terrain).elevation
+    off = terrain.record.checked_rounding.elevation
     if off == 0:
         return beyond_reach(terrain, leg, soles_in_footprint, robot)
     tried = [soles_in_footprint + (0.0, 0.0, z) for z in (-off, 0.0, off)]
@@ -56,7 +55,7 @@ def beyond_reach(
     """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
 
     Args:
-        terrain: grid with the stance in its metadata.
+        terrain: grid with the stance in its record.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
         robot: model, name or folder of the robot; None = the description in the grid, or the robot of the grid's name.
@@ -94,7 +93,8 @@ def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tupl
         kinematics.KinematicsError: no such robot.
     """
     pose, noise = _pose_of(terrain, robot), _model_of(terrain, robot).noise
-    legs = [leg for leg in terrain.metadata.get("support_feet_used", ()) if leg in pose.support_feet_used]
+    terrain.record.check("support_feet_used")
+    legs = [leg for leg in terrain.record.support_feet_used or () if leg in pose.support_feet_used]
     rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
     covariances = sole_covariances(pose.state, legs, noise)
     return tuple(
@@ -110,25 +110,25 @@ def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
 
 
 def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
-    metadata = terrain.metadata
-    missing = [name for name in ("robot", "stance", "transform_base_to_footprint") if metadata.get(name) is None]
+    record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")
+    record.check(*needed)
+    missing = [name for name in needed if getattr(record, name) is None]
     if missing:
         raise InvalidInput(
             f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be computed, "
             "ask with leg=None"
         )
-    model = _model_of(terrain, robot)
-    key = json.dumps([metadata["stance"], metadata["transform_base_to_footprint"]], sort_keys=True)
-    return _pose(model, key)
+    return _pose(_model_of(terrain, robot), record)
 
 
 def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
-    metadata = terrain.metadata
+    record = terrain.record
+    record.check("robot_description")
     if robot is None:
-        return _robot(str(metadata["robot"]), metadata.get("robot_description"))
+        return _robot(str(record.robot), record.robot_description)
     model = _loaded(robot) if isinstance(robot, str | Path) else robot
-    if model.name != metadata["robot"]:
-        raise InvalidInput(f"the grid belongs to robot {metadata['robot']!r}, the model given is {model.name!r}")
+    if model.name != record.robot:
+        raise InvalidInput(f"the grid belongs to robot {record.robot!r}, the model given is {model.name!r}")
     return model
 
 
@@ -141,7 +141,7 @@ def _loaded(robot: str | Path) -> RobotModel:
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
     """The robot whose description a grid carries; without a description, the robot of that name."""
-    if isinstance(description, str):
+    if description is not None:
         return robot_from_description(description)
     try:
         return load_robot(name)
@@ -152,8 +152,7 @@ def _robot(name: str, description: str | None) -> RobotModel:
 
 
 @lru_cache(maxsize=4)
-def _pose(robot: RobotModel, key: str) -> StancePose:
-
-    stance, transform = json.loads(key)
-    pose = robot.stance_pose(Stance.from_dict(stance))
-    return dataclasses.replace(pose, transform_base_to_footprint=np.array(transform, dtype=np.float64))
+def _pose(robot: RobotModel, record: GridRecord) -> StancePose:
+    assert record.stance is not None and record.transform_base_to_footprint is not None
+    pose = robot.stance_pose(record.stance)
+    return dataclasses.replace(pose, transform_base_to_footprint=record.transform_base_to_footprint)

@@ -8,7 +8,6 @@ import numpy.typing as npt
 from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates
-from guara_perception.terrain.layers.limits_of import limits_of
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
@@ -24,7 +23,7 @@ def _normals(terrain: LayeredGrid, x: Float, y: Float) -> Float:
     The disc and the least share of it that must be known are those of the slope layer; NaN where that is NaN.
     """
     geometry = terrain.geometry
-    kernel = disc_kernel(limits_of(terrain).disc_radius / terrain.resolution)
+    kernel = disc_kernel(terrain.record.required_limits.disc_radius / terrain.resolution)
     half = kernel.shape[0] // 2
     dy, dx = (a - half for a in np.nonzero(kernel))
     iy, ix = geometry.indices(x, y)

@@ -110,10 +110,10 @@ def height_scan(
     placed = np.zeros((len(given), 3))
     placed[:, : given.shape[1]] = given
     if frame == "base_link":
-        transform = terrain.metadata.get("transform_base_to_footprint")
-        if transform is None:
+        terrain.record.check("transform_base_to_footprint")
+        matrix = terrain.record.transform_base_to_footprint
+        if matrix is None:
             raise InvalidInput("the grid's metadata holds no transform_base_to_footprint: ask in base_footprint")
-        matrix = np.asarray(transform, dtype=np.float64)
         placed = transform_points(matrix, placed)
     x, y = placed[:, 0], placed[:, 1]
     heights = np.asarray(terrain.height_at(x, y), dtype=np.float64)

@@ -12,7 +12,6 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from guara_perception.terrain.layers.limits_of import rounding_of
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from kinematics.arrays import read_only
@@ -194,7 +193,7 @@ class _Window:
             free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
         bounds = np.array([[1, 0, x + radius], [-1, 0, radius - x], [0, 1, y + radius], [0, -1, radius - y]])
         variance = np.asarray(terrain.variance, np.float64)[part]
-        tolerance = PLANE_TOLERANCE_M - rounding_of(terrain).elevation
+        tolerance = PLANE_TOLERANCE_M - terrain.record.checked_rounding.elevation
         return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution, tolerance)
 
     def around_points(self, points: Float) -> tuple[slice, slice]:

@@ -12,7 +12,6 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
-from guara_perception.terrain.layers.limits_of import limits_of, rounding_of
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
@@ -52,8 +51,8 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
     """
     hazard = np.asarray(terrain.hazard)
     top, variance = np.asarray(terrain.elevation_max), np.asarray(terrain.variance)
-    limits = limits_of(terrain)
-    rounding = rounding_of(terrain).variance
+    limits = terrain.record.required_limits
+    rounding = terrain.record.checked_rounding.variance
     unknown = (hazard & UNKNOWN_MASK) != 0
     if ceiling is not None:
         if ceiling.height.shape != terrain.shape:

@@ -9,12 +9,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import TraversabilityLimits, limits_to_dict
+from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import load_robot
 
 # Heights beyond this lose the roughness to rounding: 10 km leave 0.1 mm.
@@ -52,7 +53,7 @@ def assess_terrain(
     layers = assess_layers(Raster(heights, variances, heights, heights), hazard, geometry.resolution, limits)
     layers["age"] = np.where(known, 0, 255).astype(np.uint8)
     layers["looks"] = known.astype(np.uint8)
-    return TerrainGrid(layers=layers, geometry=geometry, metadata={"limits": limits_to_dict(limits)})
+    return TerrainGrid(layers=layers, geometry=geometry, record=ScanRecord(limits=limits))
 
 
 @cache

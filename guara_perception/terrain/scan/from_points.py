@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import RobotLike, Settings, limits_to_dict, robot_model
+from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster, merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+from guara_perception.terrain.layers.record import Health, ScanRecord
 
 # A line of sight passes over a cell that reaches no higher than this much above it.
 SIGHT_TOLERANCE_M = 0.002
@@ -83,21 +84,21 @@ def terrain_from_points(
     seen = np.isfinite(layers["elevation"])
     layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
     layers["looks"] = seen.astype(np.uint8)
-    report = {
-        "robot": robot.name,
-        "method": "points",
-        "limits": limits_to_dict(settings.limits),
-        "validity_pauses": settings.validity_pauses,
-        "validity_seconds": settings.validity_seconds,
-        "points_used": int(within.sum()),
-        "coverage": float(seen.mean()),
-        "known": float(seen.mean()),
-        "hazard_cells": cells_by_flag(np.asarray(layers["hazard"], np.uint16)),
-        "health": {"level": "ok" if seen.any() else "degraded", "reasons": [] if seen.any() else ["no point was used"]},
-    }
-    return TerrainGrid(
-        layers=layers, geometry=geometry, stamp=stamp, step=step, metadata={**report, **(metadata or {})}
+    record = ScanRecord(
+        robot=robot.name,
+        method="points",
+        limits=settings.limits,
+        validity_pauses=settings.validity_pauses,
+        validity_seconds=settings.validity_seconds,
+        points_used=int(within.sum()),
+        coverage=float(seen.mean()),
+        known=float(seen.mean()),
+        hazard_cells=cells_by_flag(np.asarray(layers["hazard"], np.uint16)),
+        health=Health.of(() if seen.any() else ("no point was used",)),
     )
+    if metadata:
+        record = ScanRecord.from_json({**record.to_json(), **metadata})
+    return TerrainGrid(layers=layers, geometry=geometry, record=record, stamp=stamp, step=step)
 
 
 def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, looked: Float) -> Flags:

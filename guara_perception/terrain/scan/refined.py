@@ -12,7 +12,6 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.limits_of import limits_of
 from guara_perception.terrain.map.look import scan_flags
 
 
@@ -41,9 +40,9 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
         return np.where(takes_coarse, coarse.layers[name], standard.layers[name]).astype(np.float64)
 
     raster = Raster(*(either(name) for name in ("elevation", "variance", "elevation_min", "elevation_max")))
-    layers = assess_layers(raster, flags, coarse.resolution, limits_of(standard))
+    layers = assess_layers(raster, flags, coarse.resolution, standard.record.required_limits)
     seen = np.isfinite(layers["elevation"])
     layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
     layers["looks"] = seen.astype(np.uint8)
     known = float(seen.mean())
-    return dataclasses.replace(standard, layers=layers, metadata={**standard.metadata, "known": known})
+    return dataclasses.replace(standard, layers=layers, record=dataclasses.replace(standard.record, known=known))

@@ -8,6 +8,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, restamped, terrain_to_message
+from guara_perception.terrain.layers.record import ScanRecord
 from transport import Health, TerrainMessage, decode_terrain, encode_terrain
 
 
@@ -75,7 +76,9 @@ def test_degraded_scan_is_reported(paper_terrain: gp.TerrainGrid):
     """Health and its reasons come along; a level that is not known counts as a warning, never as fine."""
     for level, health in (("degraded", Health.WARN), ("failed", Health.ERROR), ("odd", Health.WARN)):
         metadata = {**paper_terrain.metadata, "health": {"level": level, "reasons": ["stripe 4: blank"]}}
-        message = terrain_to_message(dataclasses.replace(paper_terrain, metadata=metadata), robot="guara", sequence=1)
+        message = terrain_to_message(
+            dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata)), robot="guara", sequence=1
+        )
         assert message.health is health and message.health_reasons == ("stripe 4: blank",)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.summary import summary
+from guara_perception.terrain.layers.record import ScanRecord
 
 
 def test_values_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
@@ -25,7 +26,9 @@ def test_values_are_those_of_the_grid(paper_terrain: gp.TerrainGrid):
 def test_what_is_wrong_stands_at_the_end(paper_terrain: gp.TerrainGrid):
     """Reasons of a degraded scan are said."""
     metadata = {**paper_terrain.metadata, "health": {"level": "degraded", "reasons": ["stripe 4: blank", "x"]}}
-    assert summary(dataclasses.replace(paper_terrain, metadata=metadata)).endswith(", stripe 4: blank; x")
+    assert summary(dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata))).endswith(
+        ", stripe 4: blank; x"
+    )
 
 
 def test_grid_without_a_report_has_a_line_too():

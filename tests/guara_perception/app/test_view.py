@@ -96,7 +96,12 @@ def test_two_walks_of_one_recording_stay_apart(
                 metadata = {**paper_terrain.metadata, "epoch": walk}
                 for extent in ("footprint", "map"):
                     scan = dataclasses.replace(
-                        paper_terrain, step=step, stamp=stamp, pictures={}, metadata=metadata, extent=extent
+                        paper_terrain,
+                        step=step,
+                        stamp=stamp,
+                        pictures={},
+                        record=ScanRecord.from_json(metadata),
+                        extent=extent,
                     )
                     writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=stamp, scan_start=stamp - 5))
     moments = load_moments(path, robot)

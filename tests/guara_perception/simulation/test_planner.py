@@ -10,6 +10,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.planner import plan_foothold, plan_swing, refusals
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance, load_robot
 
 WISH = (0.405, -0.18)
@@ -36,7 +37,7 @@ def ground(robot: RobotModel, *holes: tuple[float, float, float, float]) -> gp.T
         "stance": stance.to_dict(),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
     }
-    return dataclasses.replace(terrain, metadata=metadata)
+    return dataclasses.replace(terrain, record=ScanRecord.from_json(metadata))
 
 
 def test_on_good_ground_the_wish_is_granted(robot: RobotModel) -> None:
@@ -83,7 +84,9 @@ def test_a_swing_leads_over_what_lies_between(robot: RobotModel) -> None:
     heights = np.zeros(terrain.shape)
     heights[20:50, 186:190] = 0.04
     board = dataclasses.replace(
-        gp.assess_terrain(heights, 0.005, origin=(-0.6, -0.35)), metadata=terrain.metadata, extent="map"
+        gp.assess_terrain(heights, 0.005, origin=(-0.6, -0.35)),
+        record=ScanRecord.from_json(terrain.metadata),
+        extent="map",
     )
     planned = plan_swing(board, "rf", WISH, robot=robot)
     assert planned is not None

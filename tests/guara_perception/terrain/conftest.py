@@ -13,6 +13,7 @@ from guara_perception.settings import Settings, TraversabilityLimits, limits_to_
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel
 
 MakeScan = Callable[..., gp.TerrainGrid]
@@ -56,7 +57,7 @@ def make_scan(robot: RobotModel, scan_grid: GridGeometry, limits: Traversability
             geometry=scan_grid,
             step=step,
             stamp=step * 4_000_000_000 if stamp is None else stamp,
-            metadata={"robot": robot.name, "limits": limits_to_dict(limits), **(metadata or {})},
+            record=ScanRecord.from_json({"robot": robot.name, "limits": limits_to_dict(limits), **(metadata or {})}),
         )
 
     return make

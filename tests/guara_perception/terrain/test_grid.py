@@ -14,6 +14,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import MEANING, Hazard, cells_by_flag, names
+from guara_perception.terrain.layers.record import ScanRecord
 
 
 @pytest.fixture
@@ -165,7 +166,9 @@ def test_a_resolution_must_divide_the_area(resolution: float) -> None:
 
 def test_file_round_trip(terrain: gp.TerrainGrid, tmp_path: Path) -> None:
     """Saved and loaded, every layer has the same bytes and every field the same value."""
-    full = dataclasses.replace(terrain, stamp=12, step=3, extent="map", metadata={**terrain.metadata, "robot": "guara"})
+    full = dataclasses.replace(
+        terrain, stamp=12, step=3, extent="map", record=ScanRecord.from_json({**terrain.metadata, "robot": "guara"})
+    )
     full.save(tmp_path / "t.npz")
     back = gp.load_terrain(tmp_path / "t.npz")
     for name, layer in full.layers.items():

@@ -11,6 +11,7 @@ import guara_perception as gp
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Box
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance, load_robot
 
 
@@ -40,4 +41,4 @@ def grid(robot: RobotModel) -> gp.TerrainGrid:
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
         "health": {"level": "ok", "reasons": []},
     }
-    return dataclasses.replace(terrain, metadata=metadata, step=7)
+    return dataclasses.replace(terrain, record=ScanRecord.from_json(metadata), step=7)

@@ -20,6 +20,7 @@ import guara_perception as gp
 from guara_perception.app.scene.rerun_scene import save_rerun_scene
 from guara_perception.app.view_moments import load_moments
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
 from kinematics import RobotModel, Stance, load_robot
@@ -71,7 +72,9 @@ def standing(robot: RobotModel) -> Moment:
         "stance": stance.to_dict(),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
     }
-    return Moment({"footprint": type(floor)(layers=floor.layers, geometry=floor.geometry, metadata=metadata)})
+    return Moment(
+        {"footprint": type(floor)(layers=floor.layers, geometry=floor.geometry, record=ScanRecord.from_json(metadata))}
+    )
 
 
 def in_rerun(recording: Path) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.terrain.drawing.style import HAZARD_COLOURS, UNKNOWN_COLOUR
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.view.controls import cell_text, legend_html, status_text
 from guara_perception.view.terrain_mesh import terrain_mesh
 
@@ -22,9 +23,9 @@ def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
     assert "**step 7**, standard scan, footprint" in text and "attitude from imu" in text
     assert "provisional" not in text
     data = {**grid.metadata, "provisional": True, "health": {"level": "degraded", "reasons": ["a lamp"]}}
-    text = status_text(dataclasses.replace(grid, metadata=data))
+    text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json(data)))
     assert "provisional: sent before its pause had confirmed it" in text and "a lamp" in text
-    text = status_text(dataclasses.replace(grid, metadata={**data, "withdrawn": True}))
+    text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json({**data, "withdrawn": True})))
     assert "**withdrawn**" in text and "provisional" not in text
 
 

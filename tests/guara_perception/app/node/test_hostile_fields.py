@@ -15,6 +15,7 @@ import guara_perception as gp
 from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.record import ScanRecord
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from tests.transport.messages.extremes import extremes
 from transport import (
@@ -133,7 +134,7 @@ def test_no_grid_status_or_summary_stops_a_client(
         stamp=paper_terrain.stamp,
         step=paper_terrain.step,
         extent=paper_terrain.extent,
-        metadata=dict(paper_terrain.metadata),
+        record=ScanRecord.from_json(dict(paper_terrain.metadata)),
     )
     terrain = terrain_to_message(small, robot="guara", sequence=1)
     wide = dataclasses.replace(terrain, extent="map")

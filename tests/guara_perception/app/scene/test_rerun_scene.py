@@ -34,10 +34,7 @@ def walk(
     """A recording of one pause, as the node writes it."""
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     pose = LegOdometry(robot).update(paper_scan.stance)
-    placed = {"transform_footprint_to_odom": pose.transform_footprint_to_odom.tolist()}
-    fused = TerrainMap(robot).update(
-        paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance), metadata=placed
-    )
+    fused = TerrainMap(robot).update(paper_terrain, PoseInOdom(pose.transform_footprint_to_odom, pose.covariance))
     scene = Scene(robot, calibration)
     with ScanRecorder(path, robot="guara", calibration=calibration, jpeg_quality=90, scene=scene) as recorder:
         recording = recorder.begin(0, "coarse", paper_scan.stance)

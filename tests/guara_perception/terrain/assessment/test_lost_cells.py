@@ -37,13 +37,13 @@ def test_only_unknown_cells_in_view_are_reported(scan_grid: Any) -> None:
     flat, view = np.zeros(scan_grid.shape), np.ones(scan_grid.shape, dtype=bool)
     hazard = np.zeros(scan_grid.shape, np.uint16)
     lost = np.array([False, False, True, False, False])
-    assert lost_cells(flat, hazard, view, PLANES, lost, scan_grid) == []
+    assert lost_cells(flat, hazard, view, PLANES, lost, scan_grid) == ()
     hazard[:] = Hazard.DROPOUT
-    assert lost_cells(flat, hazard, view, PLANES, lost, scan_grid) == []
+    assert lost_cells(flat, hazard, view, PLANES, lost, scan_grid) == ()
     hazard[:] = Hazard.UNSCANNED
     view[20:] = False
     assert {(first, end) for _, first, end in lost_cells(flat, hazard, view, PLANES, lost, scan_grid)} == {(0, 20)}
-    assert lost_cells(flat, hazard, view, PLANES, np.zeros(5, dtype=bool), scan_grid) == []
+    assert lost_cells(flat, hazard, view, PLANES, np.zeros(5, dtype=bool), scan_grid) == ()
 
 
 def test_on_high_ground_the_strip_lies_further_back(scan_grid: Any) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import LegOdometry, PoseInOdom, RobotModel
 from testbed.analytic_walk import CAMERA_IN_BASE, Ground, scan, seen_height, walk
 
@@ -27,7 +28,7 @@ def test_on_a_walk_that_drifts_the_truth_is_below_the_bounds(robot: RobotModel, 
             geometry=plain.geometry,
             stamp=plain.stamp,
             step=plain.step,
-            metadata={**plain.metadata, "transform_camera_to_base": camera.tolist()},
+            record=ScanRecord.from_json({**plain.metadata, "transform_camera_to_base": camera.tolist()}),
         )
         pose = odometry.update(pause.stance)
         fused = terrain_map.update(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
-from guara_perception.terrain.layers.limits_of import rounding_of
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import PoseInOdom, RobotModel
 from testbed.truth import truth_calibration
 from tests.thorough import examples, further
@@ -77,8 +77,8 @@ def check_layers(computed: gp.TerrainGrid, received: gp.TerrainGrid) -> None:
     for name in (*layers, "clearance", "traversability"):
         np.testing.assert_array_equal(np.isnan(received.layers[name]), np.isnan(computed.layers[name]))
     change_of = {name: received.layers[name].astype(np.float64) - computed.layers[name] for name in computed.layers}
-    off = rounding_of(received).elevation
-    assert 0 < off < 1e-4 and rounding_of(received).variance <= 0.125
+    off = received.record.checked_rounding.elevation
+    assert 0 < off < 1e-4 and received.record.checked_rounding.variance <= 0.125
     assert np.abs(change_of["elevation"][known]).max(initial=0.0) <= off
     assert ((received.elevation_min <= received.elevation) & (received.elevation <= received.elevation_max))[
         known
@@ -169,7 +169,9 @@ def with_body_moved(terrain: gp.TerrainGrid, forward: float, up: float) -> gp.Te
     """The grid with the body moved forward and up [m], so that legs reach into the grid."""
     pose = np.array(terrain.metadata["transform_base_to_footprint"])
     pose[[0, 2], 3] += forward, up
-    return dataclasses.replace(terrain, metadata={**terrain.metadata, "transform_base_to_footprint": pose.tolist()})
+    return dataclasses.replace(
+        terrain, record=ScanRecord.from_json({**terrain.metadata, "transform_base_to_footprint": pose.tolist()})
+    )
 
 
 @pytest.mark.slow
@@ -244,8 +246,8 @@ def test_a_compact_grid_is_not_fused(paper_terrain: gp.TerrainGrid, robot: Robot
 def test_a_grid_with_impossible_rounding_is_refused(paper_terrain: gp.TerrainGrid, rounding: object) -> None:
     """By every question that needs it: without these numbers nothing is bounded."""
     metadata = {**paper_terrain.metadata, "rounding": rounding}
-    broken = dataclasses.replace(paper_terrain, metadata=metadata)
-    with pytest.raises(gp.InvalidInput, match=r"says rounding = .*must give elevation \[m\] and variance"):
+    broken = dataclasses.replace(paper_terrain, record=ScanRecord.from_json(metadata))
+    with pytest.raises(gp.InvalidInput, match=r"says rounding = .*allowed: an object of elevation \[m\] and variance"):
         broken.check_path([(0.6, 0.0, 0.1), (0.7, 0.0, 0.1)], 0.01)
     with pytest.raises(gp.InvalidInput, match="says rounding"):
         broken.steppable_regions()

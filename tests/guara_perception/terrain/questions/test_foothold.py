@@ -14,7 +14,7 @@ import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.layers.limits_of import known, limits_of
+from guara_perception.terrain.layers.record import ScanRecord, known_limits
 from kinematics import KinematicsError, RobotModel, RobotNotFound, Stance, describe_robot, load_robot
 from tests.guara_perception.terrain.questions.ground import ORIGIN, PROPERTY, grid, world
 
@@ -106,7 +106,7 @@ def test_uncertain_conflicting_and_stale_ground_is_reported(robot: RobotModel) -
     layers["looks"] = np.ones(flat.shape, np.uint8)
     base = grid(flat)
     metadata = {**base.metadata, "validity_pauses": 40, "validity_seconds": 420.0}
-    terrain = gp.TerrainGrid(layers=layers, geometry=base.geometry, metadata=metadata)
+    terrain = gp.TerrainGrid(layers=layers, geometry=base.geometry, record=ScanRecord.from_json(metadata))
     failed = reasons(terrain, 0.7, 0.0)
     assert failed["sigma"].value == pytest.approx(0.01)
     assert failed["sigma"].limit == 0.005
@@ -142,7 +142,7 @@ def standing(robot: RobotModel) -> gp.TerrainGrid:
         "stance": stance.to_dict(),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
     }
-    return gp.TerrainGrid(layers=base.layers, geometry=base.geometry, metadata=metadata)
+    return gp.TerrainGrid(layers=base.layers, geometry=base.geometry, record=ScanRecord.from_json(metadata))
 
 
 def test_reach_is_that_of_the_leg(standing: gp.TerrainGrid, robot: RobotModel) -> None:
@@ -180,7 +180,7 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
         "stance": stance.to_dict(),
         "transform_base_to_footprint": tapir.stance_pose(stance).transform_base_to_footprint.tolist(),
     }
-    carrying = dataclasses.replace(standing, metadata=metadata)
+    carrying = dataclasses.replace(standing, record=ScanRecord.from_json(metadata))
     x, y = (values.ravel() for values in np.meshgrid(np.linspace(0.3, 0.6, 20), np.linspace(-0.2, 0.2, 9)))
     without_robot, with_robot = (
         carrying.check_foothold(x, y, leg="fl"),
@@ -189,7 +189,7 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
     np.testing.assert_array_equal(without_robot.ok, with_robot.ok)
     np.testing.assert_allclose(without_robot.beyond, with_robot.beyond, atol=1e-9)
     assert np.isfinite(without_robot.beyond).any()
-    bare = dataclasses.replace(standing, metadata={**metadata, "robot_description": None})
+    bare = dataclasses.replace(standing, record=ScanRecord.from_json({**metadata, "robot_description": None}))
     with pytest.raises(RobotNotFound, match=r"give robot=load_robot\(FOLDER\)"):
         bare.check_foothold(0.45, 0.1, leg="fl")
 
@@ -214,8 +214,8 @@ def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() ->
         "limit_flags": {"softness": "STEP"},
     }
     layers = {**plain.layers, "hazard": hazard, "traversability": traversability}
-    newer = dataclasses.replace(plain, layers=layers, metadata=metadata)
-    assert limits_of(newer) == limits_of(plain)
+    newer = dataclasses.replace(plain, layers=layers, record=ScanRecord.from_json(metadata))
+    assert newer.record.required_limits == plain.record.required_limits
     flagged = (ORIGIN[0] + 50.5 * 0.005, ORIGIN[1] + 50.5 * 0.005)
     verdict = newer.check_foothold(*flagged)
     assert not verdict.ok
@@ -225,7 +225,7 @@ def test_a_limit_of_a_newer_version_is_left_out_and_its_flag_stays_a_hazard() ->
     assert newer.check_foothold(*away).ok and newer.check_foothold(*away) == plain.check_foothold(*away)
     # The same without the flag that the limit sets: the cells are refused all the same.
     silent = {**metadata, "limit_flags": {}}
-    assert not dataclasses.replace(newer, metadata=silent).check_foothold(*flagged).ok
+    assert not dataclasses.replace(newer, record=ScanRecord.from_json(silent)).check_foothold(*flagged).ok
 
 
 def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
@@ -234,14 +234,14 @@ def test_a_grid_of_an_older_version_lacks_the_limits_that_came_later() -> None:
         "Later", [(name, float) for name in TraversabilityLimits.__slots__] + [("softness", float, np.inf)], slots=True
     )
     plain = grid(np.zeros((120, 120)))
-    limits = later(**known(plain.metadata["limits"], later))
-    assert limits.softness == np.inf and limits.step == limits_of(plain).step
+    limits = later(**known_limits(plain.metadata["limits"], later))
+    assert limits.softness == np.inf and limits.step == plain.record.required_limits.step
 
 
 def test_a_grid_without_limits_is_refused() -> None:
     """Layers alone do not say by what they were judged."""
     import dataclasses
 
-    bare = dataclasses.replace(world(0), metadata={})
+    bare = dataclasses.replace(world(0), record=ScanRecord.from_json({}))
     with pytest.raises(gp.InvalidInput, match="limits = None; a grid made by process_scan"):
         bare.check_foothold(0.7, 0.0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.extras import MissingExtra
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
 
@@ -89,7 +90,7 @@ def test_points_of_the_body_are_moved_by_its_pose(robot: RobotModel) -> None:
     pose = robot.stance_pose(stance)
     terrain = gp.assess_terrain(np.zeros((140, 320)), 0.005, origin=(-0.6, -0.35))
     pose_metadata = {"transform_base_to_footprint": pose.transform_base_to_footprint.tolist()}
-    terrain = dataclasses.replace(terrain, metadata={**terrain.metadata, **pose_metadata})
+    terrain = dataclasses.replace(terrain, record=ScanRecord.from_json({**terrain.metadata, **pose_metadata}))
     scan = terrain.height_scan([[0.2, 0.1, -0.1], [5.0, 0.0, 0.0]], frame="base_link")
     assert scan.known.tolist() == [True, False]
     assert scan.below[0] == pytest.approx(pose.height - 0.1, abs=1e-6)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.questions.convex import grow_polygon
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
@@ -119,7 +120,9 @@ def test_reach_of_a_leg_bounds_it(robot: RobotModel) -> None:
     stance = Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
     to_footprint = robot.stance_pose(stance).transform_base_to_footprint.tolist()
     metadata = {**terrain.metadata, "robot": robot.name, "stance": stance.to_dict()}
-    terrain = dataclasses.replace(terrain, metadata={**metadata, "transform_base_to_footprint": to_footprint})
+    terrain = dataclasses.replace(
+        terrain, record=ScanRecord.from_json({**metadata, "transform_base_to_footprint": to_footprint})
+    )
     region = terrain.steppable_region(0.40, 0.18, 0.3, leg="lf", robot=robot)
     assert region is not None
     points = inner_points(region, 500)

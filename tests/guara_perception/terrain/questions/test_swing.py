@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
 
@@ -99,7 +100,7 @@ def test_reach_of_a_leg(robot: RobotModel) -> None:
         "stance": stance.to_dict(),
         "transform_base_to_footprint": to_footprint,
     }
-    terrain = dataclasses.replace(terrain, metadata=metadata)
+    terrain = dataclasses.replace(terrain, record=ScanRecord.from_json(metadata))
     assert terrain.swing([0.30, 0.18, 0], [0.37, 0.18, 0], 0.03, leg="lf", robot=robot).ok
     far = terrain.swing([0.30, 0.18, 0], [0.70, 0.18, 0], 0.03, leg="lf", robot=robot)
     assert {reason.test for reason in far.reasons} == {"reach"}

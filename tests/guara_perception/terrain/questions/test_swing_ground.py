@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.questions.leg_reach import standing_soles
 from guara_perception.terrain.questions.swing_ground import swing_ground
 from kinematics import RobotModel, Stance
@@ -35,7 +36,7 @@ def make_ground(robot: RobotModel) -> MakeGround:
         heights = np.where((x > x0) & (x < x1) & (y > y0) & (y < y1), np.nan, 0.0)
         variance = np.full(heights.shape, 1e-7)
         terrain = gp.assess_terrain(heights, 0.005, origin=(-0.3, -0.35), variance=variance)
-        return dataclasses.replace(terrain, metadata={**terrain.metadata, **metadata, **more})
+        return dataclasses.replace(terrain, record=ScanRecord.from_json({**terrain.metadata, **metadata, **more}))
 
     return make
 
