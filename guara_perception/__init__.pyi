@@ -59,6 +59,12 @@ from guara_perception.terrain.grid import TerrainGrid as TerrainGrid
 from guara_perception.terrain.layers.hazard import Hazard as Hazard
 from guara_perception.terrain.layers.hazard import Reason as Reason
 from guara_perception.terrain.layers.layered_grid import Ceiling as Ceiling
+from guara_perception.terrain.layers.record import (
+    MapRecord as MapRecord,
+)
+from guara_perception.terrain.layers.record import (
+    ScanRecord as ScanRecord,
+)
 from guara_perception.terrain.map.known_ground import KnownGround as KnownGround
 from guara_perception.terrain.map.lines_of_sight import LinesOfSight as LinesOfSight
 from guara_perception.terrain.map.terrain_map import TerrainMap as TerrainMap

@@ -10,7 +10,6 @@ import click
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.record import ScanRecord
 
 if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
@@ -77,8 +76,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
 
 def line(item: DemoPause) -> str:
     """One pause in one line."""
-    record = item.terrain.record
-    assert isinstance(record, ScanRecord)
+    record = item.terrain.scan_record
     counts = record.hazard_cells or {}
     duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9
     unknown = int(((item.terrain.hazard & UNKNOWN_MASK) != 0).sum())

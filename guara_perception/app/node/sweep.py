@@ -16,7 +16,6 @@ from guara_perception.progress import Progress
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.scan.policy import ScanPolicy
 from guara_perception.terrain.scan.refined import refined
 from transport import clock
@@ -105,12 +104,11 @@ class Swept:
         Args:
             terrain: grid of the footprint as it was published; the wide grid gets its record.
         """
-        record = terrain.record
-        assert isinstance(record, ScanRecord)
+        record = terrain.scan_record
         wide = self.processor.finish("wide", record=record)
         if self.coarse is not None:
             wide = refined(self.coarse.finish("wide", record=record), wide)
-        record = dataclasses.replace(terrain.record, lost_cells=wide.record.lost_cells)
+        record = dataclasses.replace(record, lost_cells=wide.scan_record.lost_cells)
         return dataclasses.replace(wide, stamp=terrain.stamp, record=record)
 
 

@@ -215,6 +215,17 @@ class LayeredGrid(Gridded):
         return self.record.to_json()
 
     @property
+    def scan_record(self) -> ScanRecord:
+        """The record of a scan.
+
+        Raises:
+            InvalidInput: this is a map.
+        """
+        if isinstance(self.record, ScanRecord):
+            return self.record
+        raise InvalidInput(f"a grid of extent {self.extent!r} was given; allowed: a scan's, 'footprint'")
+
+    @property
     def is_provisional(self) -> bool:
         """Whether the pause has yet to confirm that the robot stood still: usable while it stands, may be withdrawn."""
         return bool(self.record.provisional)

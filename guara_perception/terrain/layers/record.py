@@ -32,7 +32,7 @@ POSE = (
     *("attitude_source", "support_feet_used", "transform_base_to_footprint", "transform_camera_to_base"),
 )
 STATED = (
-    *("rounding", "refinement_follows", "withdrawn", "epoch", "provisional", "run", "scan_end_clock"),
+    *("rounding", "withdrawn", "epoch", "provisional", "refinement_follows", "run", "scan_end_clock"),
     *("sequence", "scan_start", "scan_end", "instance"),
 )
 

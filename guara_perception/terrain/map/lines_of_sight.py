@@ -12,7 +12,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layered_grid import Ceiling
-from guara_perception.terrain.layers.record import MapRecord, ScanRecord
+from guara_perception.terrain.layers.record import MapRecord
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics.transforms import transform_points
 
@@ -164,7 +164,7 @@ def _map_of(fused: TerrainGrid) -> tuple[Float, int, float]:
 
 def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
     """Positions of camera and laser in base_footprint."""
-    record = terrain.record
+    record = terrain.scan_record
     for name in ("transform_camera_to_base", "transform_base_to_footprint"):
         record.check(name)
         if getattr(record, name) is None:
@@ -172,7 +172,7 @@ def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float
     assert record.transform_camera_to_base is not None and record.transform_base_to_footprint is not None
     camera, to_footprint = record.transform_camera_to_base[:3, 3], record.transform_base_to_footprint
     camera = transform_points(to_footprint, camera)
-    if isinstance(record, ScanRecord) and record.laser_origin is not None:
+    if record.laser_origin is not None:
         return [camera, record.laser_origin]
     laser = terrain_map.robot.transform_laser_to_base[:3, 3]
     return [camera, transform_points(to_footprint, laser)]

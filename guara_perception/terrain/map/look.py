@@ -11,7 +11,6 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.map.fuse_heights import Heights
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
@@ -134,10 +133,9 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
     """
     hazard = np.array(terrain.hazard)
     lost = np.zeros(terrain.shape, dtype=bool)
-    record = terrain.record
-    record.check("lost_cells")
+    terrain.record.check("lost_cells")
     try:
-        for ix, first, end in (record.lost_cells or ()) if isinstance(record, ScanRecord) else ():
+        for ix, first, end in terrain.scan_record.lost_cells or ():
             lost[first:end, ix] = True
     except IndexError:
         raise InvalidInput("lost_cells of the metadata is no list of [ix, first iy, end iy] on this grid") from None

@@ -29,7 +29,6 @@ import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.map.odom_cells import OdomCells
 
 ROUNDS = 8
@@ -162,8 +161,7 @@ class _Seen:
         about = np.column_stack((x[known], y[known], height[known])) @ transform[:3, :3].T
         slopes = np.column_stack((by_x[known], by_y[known])) @ transform[:2, :2].T
         along = transform[:2, 1]
-        is_striped = isinstance(terrain.record, ScanRecord) and terrain.record.stripes_planned is not None
-        projection = np.outer(along, along) if is_striped else np.eye(2)
+        projection = np.eye(2) if terrain.scan_record.stripes_planned is None else np.outer(along, along)
         return _Seen(about, slopes, np.asarray(terrain.variance, np.float64)[known], projection)
 
 

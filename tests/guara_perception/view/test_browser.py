@@ -20,7 +20,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing.style import HAZARD_COLOURS, rgb
-from guara_perception.terrain.layers.record import ScanRecord
+from guara_perception.terrain.layers.record import MapRecord
 from guara_perception.view import browser
 from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
@@ -56,8 +56,9 @@ def moment(grid: gp.TerrainGrid, step: int = 7, x: float = 0.0) -> Moment:
     transform[0, 3] = x
     metadata = {**grid.metadata, "epoch": "walk", "transform_footprint_to_odom": transform.tolist()}
     picture = np.full((120, 160, 3), PICTURE[::-1], np.uint8)
+    known = dataclasses.replace(grid, step=step, extent="map", record=MapRecord.from_json(metadata))
     return Moment(
-        {"footprint": dataclasses.replace(grid, step=step, record=ScanRecord.from_json(metadata))},
+        {"footprint": dataclasses.replace(grid, step=step), "map": known},
         stripes=lambda: [stripe],
         footholds={"rf": (0.5, -0.18, 0.0)},
         picture=lambda: picture,

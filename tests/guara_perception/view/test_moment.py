@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.layers.record import ScanRecord
+from guara_perception.terrain.layers.record import MapRecord
 from guara_perception.view.moment import KEPT, Moment, Timeline
 
 
@@ -16,7 +16,7 @@ def moment(grid: gp.TerrainGrid, step: int, walk: str = "a", x: float = 0.0) -> 
     transform = np.eye(4)
     transform[0, 3] = x
     metadata = {**grid.metadata, "epoch": walk, "transform_footprint_to_odom": transform.tolist()}
-    return Moment({"map": dataclasses.replace(grid, step=step, record=ScanRecord.from_json(metadata))})
+    return Moment({"map": dataclasses.replace(grid, step=step, record=MapRecord.from_json(metadata), extent="map")})
 
 
 def test_the_newest_is_followed_while_it_is_shown(grid: gp.TerrainGrid) -> None:

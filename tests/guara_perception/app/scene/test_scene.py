@@ -10,7 +10,6 @@ from guara_perception.app.scene.robot_frames import RobotFrames
 from guara_perception.app.scene.scene import Scene
 from guara_perception.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from transport.recording import CAMERA_FRAME
@@ -77,7 +76,7 @@ def test_the_map_brings_odom(scene: Scene, fused: gp.TerrainGrid) -> None:
 def _with(terrain: gp.TerrainGrid, metadata: dict) -> gp.TerrainGrid:
     import dataclasses
 
-    return dataclasses.replace(terrain, record=ScanRecord.from_json(metadata))
+    return dataclasses.replace(terrain, record=type(terrain.record).from_json(metadata))
 
 
 def test_every_message_fits_its_topic(
