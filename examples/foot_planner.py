@@ -60,7 +60,7 @@ def main() -> int:
     except KeyboardInterrupt:
         return 0
     # Every error of waiting (nobody there, gone, nothing in time) means the same for a foot: it stays on the ground.
-    except (ConnectionError, TimeoutError, RuntimeError) as error:
+    except gp.Errors as error:
         print(f"no terrain, no step: {error}", file=sys.stderr)
         return 1
     return 0

@@ -69,22 +69,15 @@ class GridPublishers:
     def post(
         self,
         terrain: TerrainMessage,
-        occupancy: Percent | None,
         summary: Callable[[], Payload] | None,
         regions: Callable[[], RegionsMessage] | None,
-        mirror: Ros2Mirror | None,
     ) -> None:
-        """Hand over a grid and what is derived from it; arguments as those of `PerceptionServer.publish`.
-
-        `mirror` takes occupancy and grid map for ROS 2 too; None where that is not wanted.
-        """
+        """Hand over a grid, and summary and regions of a map; arguments as those of `PerceptionServer.publish`."""
         publisher, lane = self._terrain[terrain.extent], terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
         # Made when somebody reads it: it costs twenty times what the lossless one does.
         self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
-        if occupancy is not None and terrain.extent == "footprint":
-            self._post_derived(terrain, occupancy, mirror)
         if summary is not None:
             make = summary
             self._outbox.post(self._summary.key, lambda: self._summary.put(make), lane=self._summary.key)
@@ -100,7 +93,8 @@ class GridPublishers:
         self._summary.close()
         self._regions.close()
 
-    def _post_derived(self, terrain: TerrainMessage, occupancy: Percent, mirror: Ros2Mirror | None) -> None:
+    def post_derived(self, terrain: TerrainMessage, occupancy: Percent, mirror: Ros2Mirror | None) -> None:
+        """Hand over occupancy and grid map of a footprint; `mirror` takes them for ROS 2 too."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
 
         def make_occupancy() -> bytearray:

@@ -9,6 +9,8 @@ import uuid
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from transport import clock
 from transport.arrays import Percent
 from transport.exceptions import MessageError, ReceiveTimeout
@@ -82,6 +84,8 @@ class PerceptionServer(Resource):
         self._collect = collect_status
         self._lock = threading.Lock()
         self._newest: dict[str, TerrainMessage] = {}
+        # Footprint whose occupancy and grid map are out.
+        self._mirrored: TerrainMessage | None = None
         self._sequences = dict.fromkeys(EXTENTS, 0)
         self._step: int | None = None
         self._epoch = ""
@@ -149,15 +153,32 @@ class PerceptionServer(Resource):
             raise MessageError(f"occupancy has shape {occupancy.shape}; the grid has {terrain.shape}")
         with self._lock:
             self._newest[terrain.extent] = terrain
+            is_over = self._standing is not None and self._is_other_pause(terrain)
+            if terrain.extent == "footprint" and not is_over:
+                self._mirrored = terrain
             if self._standing is None and terrain.extent == "footprint":
                 # Nobody announces pauses here, as in a replay: the newest scan is of the newest pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
-        self._grids.post(terrain, occupancy, summary, regions, self._mirror if self._draw is None else None)
+        self._grids.post(terrain, summary, regions)
+        if terrain.extent == "map" or not is_over:
+            self._post_derived(terrain, occupancy)
+        self._status.changed()
+
+    def _is_other_pause(self, terrain: TerrainMessage) -> bool:
+        return terrain.step != self._step or (terrain.epoch or self._epoch) != self._epoch
+
+    def _post_derived(self, terrain: TerrainMessage, occupancy: Percent | None) -> None:
+        if occupancy is not None and terrain.extent == "footprint":
+            self._grids.post_derived(terrain, occupancy, self._mirror if self._draw is None else None)
         if self._draw is not None:
             draw = self._draw
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
-        self._status.changed()
+
+    def _empty(self, terrain: TerrainMessage) -> None:
+        """Take back occupancy and grid map: they do not say of which pause they are, and its frame has ended."""
+        nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
+        self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
         """Let the mirror carry what `draw` makes of each grid: pairs of topic, as in `mirror`, and message object.
@@ -213,7 +234,13 @@ class PerceptionServer(Resource):
         """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
+            mirrored = self._mirrored
+            is_over = mirrored is not None and self._is_other_pause(mirrored)
+            if is_over:
+                self._mirrored = None
         self._status.changed()
+        if is_over and mirrored is not None:
+            self._empty(mirrored)
 
     def end_step(self) -> None:
         """Say that the pause is over: the robot moves, or nobody knows."""

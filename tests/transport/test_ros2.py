@@ -1,5 +1,6 @@
 """Tests of the mirror for ROS 2: keys, tokens, attachment, and a subscriber as rmw_zenoh declares it."""
 
+import json
 import struct
 import threading
 
@@ -9,6 +10,7 @@ import zenoh.ext
 
 import transport
 from transport import ConfigurationError, zenoh_api
+from transport.keys import grid_map_key, occupancy_key
 from transport.messages.codec import decode
 from transport.ros2 import (
     data_key,
@@ -18,7 +20,7 @@ from transport.ros2 import (
     publisher_token_key,
 )
 
-OCCUPANCY = "nav_msgs/msg/OccupancyGrid"
+OCCUPANCY, GRID_MAP = "nav_msgs/msg/OccupancyGrid", "grid_map_msgs/msg/GridMap"
 HASH = "RIHS01_8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"
 
 
@@ -109,3 +111,41 @@ def test_names_that_ros_does_not_take_are_refused(endpoint: str, domain: int, ro
     with transport.open_node(listen=endpoint) as session:
         with pytest.raises(ConfigurationError, match=expected_text):
             transport.Ros2Mirror(session, robot=robot, domain=domain)
+
+
+@pytest.mark.slow
+def test_occupancy_and_grid_map_are_emptied_when_the_next_pause_begins(endpoint: str, peer) -> None:
+    """They do not say of which pause they are: late subscribers, and those of ROS, get nothing of the one before."""
+    epoch = {"epoch": "walk-a"}
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint) as client:
+        server = transport.PerceptionServer(session, ros2_domain=4)
+
+        def newest(key: str) -> bytes:
+            server.flush()
+            (reply,) = (reply for reply in client.raw.get(key, timeout=30.0))
+            return reply.ok.payload.to_bytes()
+
+        def known() -> tuple[int, int]:
+            occupancy = decode(newest(occupancy_key()), OCCUPANCY).data
+            layers = decode(newest(grid_map_key()), GRID_MAP)
+            elevation = layers.data[layers.layers.index("elevation")].data
+            return int((occupancy < 100).sum()), int(np.isfinite(elevation).sum())
+
+        def publish(step: int, **metadata: object) -> None:
+            message = peer.make_terrain(step, step=step, metadata=json.dumps({**epoch, **metadata}))
+            server.publish(message, occupancy=np.zeros(message.shape, np.int8))
+
+        server.begin_step(1, "walk-a")
+        publish(1, provisional=True)
+        server.begin_step(1, "walk-a")
+        server.end_step()
+        assert known() == (9720, 9719)
+        server.begin_step(2, "walk-a")
+        assert known() == (0, 0)
+        # The grid of the pause before, confirmed late, does not bring its ground back.
+        publish(1)
+        assert known() == (0, 0)
+        publish(2)
+        assert known() == (9720, 9719)
+        server.begin_step(2, "walk-b")
+        assert known() == (0, 0)

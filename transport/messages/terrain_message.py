@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -53,6 +53,10 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
         "looks": LayerKind(np.dtype(np.uint8), "scans"),
     }
 )
+
+
+# Values of a cell that nobody looked at, where they are not NaN: `hazard` is gp.Hazard.UNSCANNED.
+EMPTY = {"clearance": 0.0, "traversability": 0.0, "hazard": 4, "age": 255, "looks": 0}
 
 
 class Health(IntEnum):
@@ -243,6 +247,26 @@ class TerrainMessage:
         """(ny, nx) of every layer."""
         ny, nx = self.layers["elevation"].shape
         return ny, nx
+
+    def emptied(self, stamp: int, reason: str) -> TerrainMessage:
+        """The same cells with nothing known in them, for readers who cannot tell that their frame has ended.
+
+        Args:
+            stamp: [ns] since the epoch; time from which on nothing is known.
+            reason: why.
+        """
+        layers = {name: np.full(self.shape, EMPTY.get(name, np.nan), kind.dtype) for name, kind in LAYERS.items()}
+        withdrawn = {**json.loads(self.metadata), "provisional": False, "withdrawn": True}
+        return replace(
+            self,
+            stamp=stamp,
+            layers=layers,
+            obstacles=(),
+            coverage=0.0,
+            health=Health.STALE,
+            health_reasons=(reason,),
+            metadata=json.dumps(withdrawn),
+        )
 
     def transform(self, source_frame: str, destination_frame: str) -> TransformMessage:
         """The transform between two frames at the time of the scan.
