@@ -49,9 +49,9 @@ from guara_perception.scan import ScanStripe as ScanStripe
 from guara_perception.scan_processor import ScanProcessor as ScanProcessor
 from guara_perception.settings import TraversabilityLimits as TraversabilityLimits
 from guara_perception.stripes.band import FramePair as FramePair
+from guara_perception.stripes.band import StripeProfile as StripeProfile
+from guara_perception.stripes.band import StripeStatus as StripeStatus
 from guara_perception.stripes.extract import extract_stripe as extract_stripe
-from guara_perception.stripes.profile import StripeProfile as StripeProfile
-from guara_perception.stripes.profile import StripeStatus as StripeStatus
 from guara_perception.terrain.compare import GridComparison as GridComparison
 from guara_perception.terrain.compare import compare as compare
 from guara_perception.terrain.file import load_terrain as load_terrain

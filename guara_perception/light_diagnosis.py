@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Image, Mask
-from guara_perception.stripes.band import FramePair
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
 from guara_perception.stripes.laser_light import is_clipped
-from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 # Frames of a scan that are sampled, all over its sweep, and distance of the sampled pixels and columns in them [px].
 SAMPLED_FRAMES = 12

@@ -18,13 +18,11 @@ from guara_perception.light_diagnosis import LightSamples
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scan_diagnosis import Glances
-from guara_perception.scan_report import scan_record
+from guara_perception.scan_report import Glances, scan_record
 from guara_perception.scan_surface import OwnBody, ScanSurface
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripe_finder import METHODS, StripeFinder, check_method
-from guara_perception.stripes.band import FramePair
-from guara_perception.stripes.profile import StripeProfile, bad_frame
+from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord

@@ -1,19 +1,21 @@
-"""What a scan says of itself: method, stance, coverage, bad frames, health; plain JSON values."""
+"""The report of a scan, which goes into the metadata of its grid, and the diagnosis of one with few returns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.light_diagnosis import STEADY, LightSamples
+from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scan_diagnosis import WHERE_NONE_CAN_BE
 from guara_perception.settings import Settings
-from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
+from guara_perception.stripes.extract import brightest_rows
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import Health, ScanRecord
 
@@ -27,6 +29,31 @@ NO_LIGHT = 0.01
 # With fewer stripes nothing is concluded from every second one that is missing.
 FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
+# [m] The lines of the stripes on z = 0 are drawn this far to both sides.
+HALF_LENGTH_M = 0.6
+# Number of columns that a glance reads of each frame, all over the picture.
+GLANCED = 12
+# A frame fits a stripe when half of its light lies within this of it: less than half a pitch of neighbouring stripes.
+FIT_PX_OF_HEIGHT = 0.008
+# Frames of a scan that are glanced at, all over its sweep: a glance costs half of what finding a stripe does.
+GLANCED_FRAMES = 12
+# Frames that must fit for a cause to be named, as a share and in number.
+FITTING_SHARE = 0.6
+FEWEST_FRAMES = 4
+# From this share on, frames that fit turned or flipped while the others fit upright are reported.
+MIXED_SHARE = 0.15
+# Frames show other stripes than they should when this share of the light near those stripes lies close to them. In such
+# frames 0.98 of it does, by chance less than 0.65.
+FINE_SHARE = 0.8
+# Stripes look nearly the same from left to right: fits that differ by less than this factor leave open whether frames
+# are turned or flipped. They differ by 1.08 for a camera that is mounted and centred to a quarter of a pixel, by 2 for
+# most.
+ALIKE = 1.03
+WHERE_NONE_CAN_BE = (
+    "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
+    "moved, or the stance is wrong"
+)
+TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
@@ -170,3 +197,134 @@ def scan_record(
         # An unjudged calibration is said too.
         extra={"calibration_verdict": None},
     )
+
+
+class Glances:
+    """Rows of the brightest light in some frames of a scan, wherever their stripes should be."""
+
+    def __init__(self, order: Sequence[int], width: int) -> None:
+        """Choose frames by an odd stride, so that frames of both kinds are among them when every second one is wrong.
+
+        Args:
+            order: indices of the scan's stripes.
+            width: number of columns of the frames [px].
+        """
+        self._chosen = frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
+        self._columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
+        self._rows: dict[int, Float] = {}
+
+    def add(self, pair: FramePair) -> None:
+        """Glance at a frame, where it is one of those chosen."""
+        if pair.index in self._chosen:
+            self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
+
+    def take_over(self, other: Glances, indices: Collection[int]) -> None:
+        """Add the glances at some stripes of another scan."""
+        self._rows.update({index: rows for index, rows in other._rows.items() if index in indices})
+
+    def wrong_frames(self, geometry: ScanGeometry, calibration: Calibration) -> str:
+        """Text that says how the frames are wrong: turned, flipped or out of order; empty when nothing is found.
+
+        Args:
+            geometry: geometry of the scan.
+            calibration: the calibration that is in use.
+        """
+        indices = [index for index in sorted(self._rows) if np.isfinite(self._rows[index]).sum() >= GLANCED // 3]
+        if len(indices) < FEWEST_FRAMES:
+            return ""
+        seen = np.array([self._rows[index] for index in indices])
+        width, height = calibration.camera.size
+        order = list(geometry.stripes)
+        expected = _expected(geometry, calibration, self._columns)
+        mirrored = _expected(geometry, calibration, width - 1 - self._columns)
+        within = FIT_PX_OF_HEIGHT * height
+        upright = _Fit.of(UPRIGHT, seen, expected, order, within)
+        turned = _Fit.of(TURNED, seen, height - 1 - mirrored, order, within)
+        flipped = _Fit.of(FLIPPED, seen, height - 1 - expected, order, within)
+        likelier = min(turned, flipped, key=lambda fit: fit.distance)
+        doubtful = max(turned.distance, flipped.distance) < ALIKE * likelier.distance
+        turn = f"{TURNED} or {FLIPPED}" if doubtful else likelier.name
+        own, other = (fit.fits & (np.array(fit.stripe) == indices) for fit in (upright, likelier))
+        if own.mean() + other.mean() >= FITTING_SHARE and other.mean() >= MIXED_SHARE:
+            which = (
+                "the frames are"
+                if own.mean() < MIXED_SHARE
+                else f"{int(other.sum())} of {len(indices)} frames looked at are"
+            )
+            return f"{which} {turn}: give them as the camera had them when it was calibrated"
+        if own.mean() >= FITTING_SHARE:
+            return ""
+        for fit in (upright, likelier):
+            if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
+                order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
+                return f"{order_text} and {turn}" if fit is likelier else order_text
+        return _elsewhere(geometry, indices, seen)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """How the light of some frames fits the lines of stripes, seen in one way.
+
+    Attributes:
+        name: name of the way in which the frames are seen.
+        stripe: index of the stripe that each frame fits best.
+        fits: (f,) whether the frame fits that stripe.
+        fine: share of the light near those stripes that lies within a third of the distance that counts as near; by
+            chance it would be a third.
+        distance: mean distance of the light from the best stripes [px], at most the distance that counts as near.
+    """
+
+    name: str
+    stripe: Sequence[int]
+    fits: Mask
+    fine: float
+    distance: float
+
+    @classmethod
+    def of(cls, name: str, seen: Float, rows: Float, order: Sequence[int], within: float) -> Self:
+        """Fit rows of light (f, n) to rows of stripes (s, n), NaN for none."""
+        apart = np.abs(seen[:, None, :] - rows[None])
+        capped = np.where(apart < within, apart, within)
+        best = np.argmin(capped.sum(axis=2), axis=1)
+        distance = capped[np.arange(len(seen)), best]
+        near = distance < within
+        return cls(
+            name,
+            [order[k] for k in best],
+            near.sum(axis=1) >= 0.5 * np.isfinite(seen).sum(axis=1),
+            float((distance < within / 3).sum() / max(int(near.sum()), 1)),
+            float(distance.mean()),
+        )
+
+
+def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
+    """Text for frames that mostly show light where no stripe can be; empty otherwise."""
+    bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
+    outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
+    if outside.mean() < FITTING_SHARE:
+        return ""
+    return f"{int(outside.sum())} of {len(indices)} frames looked at show {WHERE_NONE_CAN_BE}"
+
+
+def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) -> Float:
+    """(s, n) row in which each stripe crosses some columns on ground at z = 0, NaN outside the picture."""
+    y = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 41)
+    rows = []
+    for plane in geometry.planes_in_footprint:
+        x = -(plane[1] * y + plane[3]) / plane[0]
+        pixels = geometry.pixels(calibration, np.column_stack((x, y, np.zeros_like(y))))
+        ordered = pixels[np.argsort(pixels[:, 0])]
+        rows.append(np.interp(columns, ordered[:, 0], ordered[:, 1], left=np.nan, right=np.nan))
+    return np.array(rows)
+
+
+def _order_words(index: Index, stripe: Index) -> str:
+    """Text that says how the stripes in the frames differ from the indices that the frames were given with."""
+    off = stripe - index
+    usual = int(np.median(off))
+    if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
+        direction = "ahead" if usual > 0 else "behind"
+        return f"the frames are {abs(usual)} stripe indices {direction}: a frame was lost or the camera lags"
+    if np.corrcoef(index, stripe)[0, 1] < -0.8:
+        return "the frames are in reverse order"
+    return "the frames show other stripes than they are said to be: they are out of order, or of another pattern"

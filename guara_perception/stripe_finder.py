@@ -11,12 +11,11 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
-from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, channel_of
+from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, StripeProfile, bad_frame, channel_of
 from guara_perception.stripes.extract import Extract, is_raw_bayer, unusable_frame
 from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
-from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
 SHARED_FROM = 4

@@ -14,8 +14,8 @@ from guara_perception.calibration.height_sigma import row_bands
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.session import Plate
 from guara_perception.exceptions import CalibrationMismatch
+from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
-from guara_perception.stripes.profile import StripeProfile
 from kinematics.arrays import read_only
 
 # A laser mount this much off its nominal position (3 degrees, 20 mm) moves a stripe by this share of the picture.

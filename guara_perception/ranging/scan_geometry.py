@@ -14,7 +14,7 @@ from guara_perception.calibration.height_sigma import HeightUncertainty, plane_i
 from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.settings import Settings
-from guara_perception.stripes.profile import StripeProfile
+from guara_perception.stripes.band import StripeProfile
 
 # Bands reach this far beyond the height limits, so that a stripe just outside of these is seen as such.
 LIMIT_MARGIN_M = 0.025

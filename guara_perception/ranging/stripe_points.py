@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.ranging.locate import Locator
-from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from guara_perception.stripes.band import StripeProfile, StripeStatus
 from kinematics.arrays import read_only
 
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)

@@ -5,7 +5,7 @@ Imports no other subpackage; `calibration`, `ranging` and the scan processor use
 
 from __future__ import annotations
 
+from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.stripes.extract import METHODS, extract_stripe
-from guara_perception.stripes.profile import StripeProfile, StripeStatus
 
 __all__ = ["METHODS", "StripeProfile", "StripeStatus", "extract_stripe"]

@@ -9,11 +9,10 @@ import numpy as np
 
 from guara_perception.arrays import Float, Image, Index
 from guara_perception.exceptions import InvalidInput
-from guara_perception.stripes.band import Band
+from guara_perception.stripes.band import Band, StripeProfile, bad_frame
 from guara_perception.stripes.laser_light import is_clipped
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
-from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # Whether a band is white is checked in every eighth row, and in 40 to 79 columns of a wide picture.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Array, Float32, Image, Index, Mask
+from guara_perception.stripes.band import StripeProfile, StripeStatus, nothing
 from guara_perception.stripes.peaks import ROW_SMOOTHING_SIGMA_PX, SCALE, centres
-from guara_perception.stripes.profile import StripeProfile, StripeStatus, nothing
 
 OK, SATURATED, DROPOUT = (
     np.uint8(status) for status in (StripeStatus.OK, StripeStatus.SATURATED, StripeStatus.DROPOUT)

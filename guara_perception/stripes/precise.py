@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Float32, Index, Mask, upper_median
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
-from guara_perception.stripes.band import Band, at_rows
+from guara_perception.stripes.band import Band, StripeProfile, at_rows, bad_frame
 from guara_perception.stripes.laser_light import clipped_columns, laser_light
 from guara_perception.stripes.measure import DetectedStripe, distance_beside, measure, sigma_of_filter
 from guara_perception.stripes.peaks import (
@@ -23,7 +23,6 @@ from guara_perception.stripes.peaks import (
     noise_gain,
     responses,
 )
-from guara_perception.stripes.profile import StripeProfile, bad_frame
 
 # The highest peaks show the stripe where most of them stand this far above the noise, few jump by more than JUMP_PX
 # rows from one column to the next, and few have a rival.

@@ -264,8 +264,10 @@ def asked(terrain: G, allow_stale: bool) -> G:
     Raises:
         transport.StaleTerrain: it is stale, and that is not allowed.
     """
+    if not terrain.stale_because:
+        return terrain
     refuse_stale(terrain.stale_because, allow_stale)
-    return replace(terrain, stale_because=()) if terrain.stale_because else terrain
+    return replace(terrain, stale_because=())
 
 
 def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:

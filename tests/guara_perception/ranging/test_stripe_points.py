@@ -17,7 +17,7 @@ from guara_perception.ranging.stripe_points import (
     run_ends,
     stripe_points,
 )
-from guara_perception.stripes.profile import StripeProfile, StripeStatus
+from guara_perception.stripes.band import StripeProfile, StripeStatus
 from tests.thorough import examples
 
 

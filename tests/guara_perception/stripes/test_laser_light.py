@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.stripes.band import OffRows
+from guara_perception.stripes.band import OffRows, StripeStatus
 from guara_perception.stripes.extract import extract_stripe
 from guara_perception.stripes.laser_light import clipped_columns, difference, fused_light, judge, laser_light
-from guara_perception.stripes.profile import StripeStatus
 
 
 def test_difference_keeps_negative_values() -> None:
