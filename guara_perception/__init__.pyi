@@ -6,7 +6,7 @@ from guara_perception.app.client import TerrainClient as TerrainClient
 from guara_perception.app.files.open_scan import open_scan as open_scan
 from guara_perception.app.files.recording import Recording as Recording
 from guara_perception.app.files.recording import open_recording as open_recording
-from guara_perception.app.map_regions import MapRegions as MapRegions
+from guara_perception.app.map_summary import MapRegions as MapRegions
 from guara_perception.app.map_summary import TerrainSummary as TerrainSummary
 from guara_perception.calibration.calibration import (
     Calibration as Calibration,

@@ -1,6 +1,9 @@
-"""Errors of guara_perception: one root, each subclass also the builtin that fits."""
+"""Errors of guara_perception: one root, each subclass also the builtin that fits; libraries that are optional."""
 
 from __future__ import annotations
+
+import importlib
+from typing import Any
 
 
 class PerceptionError(Exception):
@@ -49,3 +52,24 @@ class PlannerFailed(PerceptionError, RuntimeError):
 
 class MirrorSlipped(PerceptionError, RuntimeError):
     """The mirror was not where it was commanded to be; the scan is not used."""
+
+
+class MissingExtra(PerceptionError, ImportError):
+    """A library of an extra is not installed; the message says what to install."""
+
+
+def optional_library(name: str, extra: str, purpose: str) -> Any:
+    """Import a library that belongs to an extra.
+
+    Args:
+        name: name of the module.
+        extra: extra of this package that brings it.
+        purpose: what it is needed for.
+
+    Raises:
+        MissingExtra: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise MissingExtra(f"{purpose} needs {name}: pip install 'guara-perception[{extra}]'") from None

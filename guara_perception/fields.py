@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.bounded_files import LARGEST_TEXT, read_bounded
 from guara_perception.exceptions import FileFormatError, MissingFile
+from guara_perception.files import LARGEST_TEXT, read_bounded
 
 # Objects in one list: a scan has 70 stripes, a session some hundred pictures.
 MOST_ITEMS = 10_000

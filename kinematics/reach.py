@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask, read_only
 from kinematics.exceptions import ArgumentError
-from kinematics.joint_positions import LIMIT_TOLERANCE
 from kinematics.leg import LegGeometry, NumericLeg, find_leg_geometry
 from kinematics.stance_pose import StancePose
+from kinematics.state import LIMIT_TOLERANCE
 from kinematics.transforms import transform_points
 from kinematics.tree import KinematicTree
 

@@ -19,8 +19,8 @@ from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
 from kinematics.mesh import find_mesh, mesh_shape
+from kinematics.untrusted import Element, parse_xml, read_xml
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
-from kinematics.xml_file import Element, parse_xml, read_xml
 
 Numbers = tuple[float, ...]
 # Share of the largest moment of inertia, for figures that are rounded to seven digits.

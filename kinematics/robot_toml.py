@@ -11,7 +11,7 @@ from typing import cast
 from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
 from kinematics.toml_table import Table, frozen
-from kinematics.toml_text import key_lines, read_toml
+from kinematics.untrusted import key_lines, read_toml
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinematics.findings import Findings
+from kinematics.untrusted import Element, read_xml
 from kinematics.urdf import Urdf
-from kinematics.xml_file import Element, read_xml
 
 # The name under which an SRDF gives the pose of the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"

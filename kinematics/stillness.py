@@ -25,9 +25,9 @@ import numpy.typing as npt
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, CameraMoved, StanceError
 from kinematics.footprint import skew
-from kinematics.joint_positions import checked_positions
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
+from kinematics.state import checked_positions
 from kinematics.transforms import checked_transform
 
 # False alarms by design, per pause and over all tests made in it.

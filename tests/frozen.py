@@ -14,8 +14,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 import guara_perception as gp
-from guara_perception.app.map_regions import regions_message
-from guara_perception.app.map_summary import summary_payload
+from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box, Step

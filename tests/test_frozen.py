@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guara_perception.app.map_regions import message_to_regions
-from guara_perception.app.map_summary import message_to_summary
+from guara_perception.app.map_summary import message_to_regions, message_to_summary
 from guara_perception.app.messages import message_to_terrain
 from tests import frozen
 from transport.messages.compact import rounded

@@ -8,8 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from guara_perception.app.map_regions import MapRegions, message_to_regions
-from guara_perception.app.map_summary import TerrainSummary, message_to_summary
+from guara_perception.app.map_summary import MapRegions, TerrainSummary, message_to_regions, message_to_summary
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid

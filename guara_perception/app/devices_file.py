@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields
-from guara_perception.whole_file import whole_file
+from guara_perception.files import whole_file
 
 if TYPE_CHECKING:
     from drivers import BoardConfig, Camera, CameraSettings, SweepOptions

@@ -1,4 +1,4 @@
-"""`TerrainSummary`: the fused map made small for the far end of a thin link, and its message."""
+"""`TerrainSummary` and `MapRegions`: the fused map made small for a thin link and for planners; their messages."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float32, Mask
 from guara_perception.exceptions import UnsafeGrid
+from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe
 from guara_perception.terrain.layers.layered_grid import Gridded
+from guara_perception.terrain.questions.steppable import SteppableRegion
 from kinematics.arrays import read_only
 from transport import TerrainMessage
 from transport.messages.map_origin import origin_of
+from transport.messages.regions_message import RegionMessage, RegionsMessage
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
 
 # [mm] Largest height above or below zero that the summary can hold.
@@ -175,3 +178,69 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
         )
     except UnsafeGrid as error:
         raise UnsafeGrid(f"summary received from {message.robot!r}, step {message.step}: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class MapRegions:
+    """What `TerrainClient.regions` gives: for a planner that optimises, without the map itself.
+
+    Attributes:
+        robot: instance name.
+        regions: `steppable_regions` of the map, largest first, without a leg's reach; in base_footprint of the pause.
+        stamp: time of the scan [ns since the epoch].
+        step: number of the stance pause.
+        sequence: number of the map that the regions were made from.
+        epoch: identity of the walk.
+        is_provisional: whether the pause has yet to confirm that the robot stood still.
+        stale_because: as in `TerrainGrid`.
+    """
+
+    robot: str
+    regions: tuple[SteppableRegion, ...]
+    stamp: int = 0
+    step: int = 0
+    sequence: int = 0
+    epoch: str = ""
+    is_provisional: bool = False
+    stale_because: tuple[str, ...] = ()
+
+
+def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMessage:
+    """The message of the regions of a map.
+
+    Args:
+        terrain: the map.
+        message: message of the same map.
+    """
+    regions = () if message.withdrawn else terrain.steppable_regions()
+    return RegionsMessage(
+        **origin_of(message),
+        regions=tuple(
+            RegionMessage(
+                halfspaces=region.halfspaces,
+                vertices=region.vertices,
+                plane=region.plane,
+                sigma=region.sigma,
+                area=region.area,
+            )
+            for region in regions
+        ),
+    )
+
+
+def message_to_regions(message: RegionsMessage) -> MapRegions:
+    """What a message of regions says."""
+    return MapRegions(
+        robot=message.robot,
+        # Nodes of earlier versions send them in the order in which they were found.
+        regions=tuple(
+            SteppableRegion(r.halfspaces, r.vertices, r.plane, r.sigma, r.area, None)
+            for r in sorted(message.regions, key=lambda region: -region.area)
+        ),
+        stamp=message.stamp,
+        step=message.step,
+        sequence=message.sequence,
+        epoch=message.epoch,
+        is_provisional=message.provisional,
+        stale_because=message.stale_because,
+    )

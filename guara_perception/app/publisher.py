@@ -7,8 +7,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from guara_perception.app.map_regions import regions_message
-from guara_perception.app.map_summary import summary_payload
+from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock

@@ -1,18 +1,27 @@
-"""Waits for Ctrl-C or SIGTERM, so that the program can end in an orderly way."""
+"""The end of a program: waiting for Ctrl-C or SIGTERM, and devices closed within a time, whatever they do."""
 
 from __future__ import annotations
 
+import faulthandler
+import os
 import queue
 import signal
+import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import FrameType
+from typing import Any
 
+import click
+
+from guara_perception.app.exit_codes import EXIT_FAILED
 from transport.supervision import supervised
 
 # A signal that the system gave to another thread is seen within this time [s].
 WAKE_PERIOD = 0.5
+# [s] A camera that is gone takes some seconds to be given up; the recording is closed before.
+CLOSE_TIMEOUT_S = 30.0
 
 
 class StopEvent(threading.Event):
@@ -56,3 +65,41 @@ def stop_event() -> Iterator[threading.Event]:
             signal.signal(number, handler)
         heard.put(False)
         listener.join()
+
+
+@contextmanager
+def closed_within(devices: AbstractContextManager[Any], seconds: float | None = None) -> Iterator[None]:
+    """Open `devices`, and close them at the end of the block; when that takes longer, end the process with code 1.
+
+    Enter this before whatever must be closed in an orderly way, such as a recording: that is then closed first.
+
+    Args:
+        devices: board and camera.
+        seconds: longest time for closing them [s]; None = CLOSE_TIMEOUT_S.
+    """
+    seconds = CLOSE_TIMEOUT_S if seconds is None else seconds
+    with ExitStack() as stack:
+        alarm = threading.Timer(seconds, _end, [seconds])
+        alarm.daemon = True
+        stack.callback(faulthandler.cancel_dump_traceback_later)
+        stack.callback(alarm.cancel)
+        stack.enter_context(devices)
+        stack.callback(_arm, alarm, seconds)
+        yield
+
+
+def _arm(alarm: threading.Timer, seconds: float) -> None:
+    alarm.start()
+    # A driver may hang while it holds Python's lock: then no Python thread runs any more, but faulthandler's own does.
+    faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
+
+
+def _end(seconds: float) -> None:
+    try:
+        click.echo(
+            f"guara: camera or laser board did not close within {seconds:g} s, ended without them; the board's "
+            "watchdog puts the laser out: see that it is dark, then plug both in again",
+            err=True,
+        )
+    finally:
+        os._exit(EXIT_FAILED)

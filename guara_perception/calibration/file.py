@@ -13,7 +13,7 @@ from typing import Any
 from guara_perception.calibration.calibration import VERDICTS, Calibration, CameraModel, StripePlane
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields, parse_json, read_json, refuse_not_finite
-from guara_perception.whole_file import whole_file
+from guara_perception.files import whole_file
 
 FORMAT = "guara-calibration/1"
 logger = logging.getLogger(__name__)

@@ -1,12 +1,12 @@
-"""Finds the board in one picture, or says why it cannot be used."""
+"""Finds the board in one picture, or says why it cannot be used; the cells that are printed in black."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from guara_perception.arrays import Image
+from guara_perception.arrays import Image, Mask
 from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView, to_grey
-from guara_perception.calibration.charuco import find_charuco
+from guara_perception.calibration.charuco import find_charuco, ink_of_charuco
 from guara_perception.calibration.checkerboard import find_checkerboard
 
 # Grey levels between darkest and brightest thing below which a picture shows nothing.
@@ -34,3 +34,18 @@ def find_board(picture: Image, board: BoardSpec, name: str = "") -> BoardView:
         reason = f"blurred: black-white edges are {width:.1f} px wide, {MAX_EDGE_WIDTH_PX:.0f} px are allowed"
         return BoardView.unusable(name, reason, width)
     return view
+
+
+def board_ink(board: BoardSpec) -> Mask:
+    """Cells (rows, columns) of the whole board, True where there is ink.
+
+    Row 0 and column 0 are at the corner of the board from which its corners are counted. A square of a checkerboard is
+    one cell; a square of a ChArUco board has several each way, since it holds the bits of a marker.
+
+    Raises:
+        InvalidInput: a ChArUco board with more squares than there are markers for.
+    """
+    if board.pattern == CHARUCO:
+        return ink_of_charuco(board)
+    row, column = np.mgrid[0 : board.rows + 1, 0 : board.columns + 1]
+    return np.asarray((row + column) % 2 == 0)

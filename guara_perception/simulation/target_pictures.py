@@ -8,9 +8,9 @@ import numpy as np
 
 from guara_perception.arrays import Float, Image, Mask
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.calibration.board_ink import board_ink
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.calibration.find_board import board_ink
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.sensor import Sensor
 

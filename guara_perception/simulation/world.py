@@ -17,7 +17,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.simulation.features import KINDS, AnyFeature, Step, material_index
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.real_light import real_light
-from kinematics.toml_text import LARGEST_FILE, parse_toml
+from kinematics.untrusted import LARGEST_FILE, parse_toml
 
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25

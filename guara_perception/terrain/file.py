@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Array
-from guara_perception.bounded_files import read_arrays
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
 from guara_perception.fields import refuse_not_finite
+from guara_perception.files import read_arrays
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layers import LAYERS

@@ -8,7 +8,6 @@ from guara_perception.terrain.drawing.plot import describe, describe_as_html
 from guara_perception.terrain.drawing.plot import plot as _plot
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import best_foothold as _best_foothold
-from guara_perception.terrain.questions.coarser import coarser as _coarser
 from guara_perception.terrain.questions.distance_field import distance_field as _distance_field
 from guara_perception.terrain.questions.foothold import check_foothold as _check_foothold
 from guara_perception.terrain.questions.foothold import explain as _explain
@@ -16,6 +15,7 @@ from guara_perception.terrain.questions.normal import normal_at as _normal_at
 from guara_perception.terrain.questions.obstacles import obstacles as _obstacles
 from guara_perception.terrain.questions.path import check_path as _check_path
 from guara_perception.terrain.questions.path import check_polygon as _check_polygon
+from guara_perception.terrain.questions.points import coarser as _coarser
 from guara_perception.terrain.questions.points import height_scan as _height_scan
 from guara_perception.terrain.questions.points import points as _points
 from guara_perception.terrain.questions.points import to_xarray as _to_xarray

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
-from guara_perception.extras import optional_library
+from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.view.controls import SHOWN, Controls, cell_text, legend_html, status_text
 from guara_perception.view.moment import Moment, Timeline, no_stripes, pose_of

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from guara_perception.exceptions import InvalidInput
-from guara_perception.extras import optional_library
+from guara_perception.exceptions import InvalidInput, optional_library
 from kinematics import Stance
 from kinematics.srdf import allowed_pairs
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
-from guara_perception.extras import optional_library
+from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.simulation.features import Box, Patch
 from guara_perception.simulation.world import World
 from testbed.physics.mujoco_robot import FRICTION, STEP_S, mujoco_robot

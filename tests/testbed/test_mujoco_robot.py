@@ -10,8 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from guara_perception.exceptions import InvalidInput
-from guara_perception.extras import optional_library
+from guara_perception.exceptions import InvalidInput, optional_library
 from kinematics import RobotModel, load_robot
 from testbed.physics.__main__ import main
 from testbed.physics.mujoco_robot import mjcf, mujoco_robot

@@ -8,8 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from guara_perception.exceptions import InvalidInput
-from guara_perception.extras import MissingExtra, optional_library
+from guara_perception.exceptions import InvalidInput, MissingExtra, optional_library
 from guara_perception.simulation.features import Box, Patch, Rock
 from guara_perception.simulation.walk import WalkNoise
 from guara_perception.simulation.world import World

@@ -21,7 +21,7 @@ MAY_MAKE_THREADS = (
     "transport/supervision.py",
     "drivers/sweep/stripe_worker.py",
     "drivers/cameras/opencv_camera.py",
-    "guara_perception/app/bounded_close.py",
+    "guara_perception/app/until_stopped.py",
     "drivers/emulator/",
 )
 

@@ -1,4 +1,4 @@
-"""What all pictures of the report share: size, colours, and how one becomes part of the page."""
+"""Pictures of the report about camera, mount and laser: size, colours, and how one becomes part of the page."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Image
+from guara_perception.calibration.floor_lines import floor_pixels
+from guara_perception.calibration.laser import heights_through
+from guara_perception.calibration.plates import level_pixels
+from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
+from guara_perception.calibration.result import CalibrationResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +23,8 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GREEN, RED, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#999999"
 SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
+# The paper's rectified picture: 540 x 450 mm of floor.
+AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
 
 
 def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **keywords: Any) -> tuple[Figure, list[Any]]:
@@ -50,3 +57,274 @@ def for_show(picture: Image) -> Image:
     rgb = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
     high = max(float(np.percentile(rgb, 99.8)), 1.0)
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
+
+
+def board_before_after(result: CalibrationResult) -> bytes:
+    """The board on the floor as the camera sees it and as seen straight from above: the paper's Figs. 8 and 9."""
+    picture = for_show(result.session.read_picture(result.session.ground_board_image))
+    figure, (before, after) = new_figure(10.5, 4.4, columns=2)
+    before.imshow(picture)
+    ground = next(view for view in result.intrinsics.views if view.name == result.session.ground_board_image)
+    before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
+    before.set_title("before: as the camera sees it (bent and in perspective)")
+    before.set_xlabel("column [px]")
+    before.set_ylabel("row [px]")
+    after.imshow(floor_picture(result, picture), extent=(AREA_Y[1], AREA_Y[0], AREA_X[0], AREA_X[1]))
+    for x in np.arange(AREA_X[0], AREA_X[1] + 1e-9, 0.05):
+        after.axhline(x, color=GREEN, linewidth=0.4)
+    for y in np.arange(-0.25, 0.26, 0.05):
+        after.axvline(y, color=GREEN, linewidth=0.4)
+    after.set_title("after: straight from above, lines every 50 mm")
+    after.set_xlabel("y, left of the robot [m]")
+    after.set_ylabel("x, ahead of the robot [m]")
+    return to_png(figure)
+
+
+def floor_picture(result: CalibrationResult, picture: Image) -> Image:
+    """A picture rectified to the floor area, far side up, left side left."""
+    x = np.linspace(AREA_X[1], AREA_X[0], 512)
+    y = np.linspace(AREA_Y[1], AREA_Y[0], 640)
+    grid = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
+    pixels = floor_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, grid)
+    maps = np.nan_to_num(pixels, nan=-1.0).astype(np.float32).reshape(x.size, y.size, 2)
+    return np.asarray(cv2.remap(picture, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def corner_residuals(result: CalibrationResult) -> bytes:
+    """Arrows from where corners should be to where they are, and the error of each view."""
+    figure, (field, bars) = new_figure(10.5, 4.2, columns=2, width_ratios=(1.35, 1))
+    corners = np.concatenate([view.corners_px for view in result.intrinsics.views])
+    errors = -np.concatenate(result.fit.residuals_px)
+    length = float(np.sqrt((errors**2).sum(axis=1).mean()))
+    arrows = field.quiver(
+        *corners.T,
+        *errors.T,
+        angles="xy",
+        scale_units="xy",
+        scale=length / (0.02 * result.fit.camera.size[0]),
+        color=BLUE,
+        width=0.0018,
+    )
+    field.quiverkey(arrows, 0.82, 1.04, 0.1, "0.1 px", labelpos="E")
+    _picture_axes(field, result)
+    field.set_title("corner errors", loc="left")
+    names = [view.name for view in result.intrinsics.views]
+    rms = [float(np.sqrt((r**2).sum(axis=1).mean())) for r in result.fit.residuals_px]
+    bars.barh(range(len(names)), rms, color=BLUE)
+    bars.set_yticks(range(len(names)), names, fontsize=7)
+    bars.invert_yaxis()
+    bars.set_xlabel("rms corner error [px]")
+    bars.set_title("error of each picture")
+    return to_png(figure)
+
+
+def coverage_and_sigma(result: CalibrationResult) -> bytes:
+    """Where corners were seen, and how far a floor point may be off."""
+    figure, (cells, sigma) = new_figure(10.5, 4.2, columns=2)
+    width, height = result.fit.camera.size
+    cells.imshow(result.coverage, cmap="Greens", vmin=0, extent=(0, width, height, 0), aspect="equal")
+    for row, column in np.ndindex(*result.coverage.shape):
+        position = ((column + 0.5) * width / COVERAGE_CELLS[0], (row + 0.5) * height / COVERAGE_CELLS[1])
+        count = int(result.coverage[row, column])
+        dark = count > 0.6 * result.coverage.max()
+        cells.text(*position, str(count), ha="center", va="center", color="white" if dark else "black", fontsize=8)
+    cells.set_title("board corners seen in each part of the picture")
+    _picture_axes(cells, result)
+    pixels, floor_sigma = result.floor_sigma
+    image = 1e3 * floor_sigma.reshape(GRID[1], GRID[0])
+    shown = sigma.contourf(pixels[: GRID[0], 0], pixels[:: GRID[0], 1], image, levels=12, cmap="viridis")
+    figure.colorbar(shown, ax=sigma, label="sigma of the floor point [mm]", shrink=0.85)
+    sigma.set_title("how far a point of the floor may be off")
+    _picture_axes(sigma, result)
+    return to_png(figure)
+
+
+def halves(result: CalibrationResult) -> bytes | None:
+    """Difference between two lens models, each from every other picture; None where there were too few pictures."""
+    if result.cross_validation is None:
+        return None
+    pixels, difference = result.cross_validation
+    figure, (axes,) = new_figure(6.5, 4.0)
+    size = np.sqrt((difference**2).sum(axis=1))
+    shown = axes.contourf(
+        pixels[: GRID[0], 0], pixels[:: GRID[0], 1], size.reshape(GRID[1], GRID[0]), levels=12, cmap="viridis"
+    )
+    figure.colorbar(shown, ax=axes, label="difference [px]", shrink=0.85)
+    axes.quiver(*pixels.T, *difference.T, angles="xy", color="white", width=0.003)
+    axes.set_title("two lenses, each from every other picture")
+    _picture_axes(axes, result)
+    return to_png(figure)
+
+
+def fiducials(result: CalibrationResult) -> bytes:
+    """Each cross enlarged, with the position found and the position expected."""
+    picture = for_show(result.session.read_picture(result.session.fiducials.image))
+    marks = result.floor.marks[:6]
+    figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
+    predicted = floor_pixels(
+        result.fit.camera, result.fit.transform_camera_to_footprint, result.session.fiducials.points_in_footprint
+    )
+    half = 0.028 * result.fit.camera.size[0]
+    for axis, mark, expected, point in zip(
+        axes, marks, predicted, result.session.fiducials.points_in_footprint, strict=False
+    ):
+        axis.imshow(picture)
+        axis.plot(*expected, "o", color=GREEN, markersize=13, fillstyle="none", label="expected")
+        axis.plot(*mark.centre_px, "+", color=RED, markersize=9, label="found")
+        axis.set_xlim(mark.centre_px[0] - half, mark.centre_px[0] + half)
+        axis.set_ylim(mark.centre_px[1] + half, mark.centre_px[1] - half)
+        off = float(np.linalg.norm(mark.centre_px - expected))
+        axis.set_title(f"x {point[0]:.3f} y {point[1]:+.3f} m\noff by {off:.2f} px", fontsize=8)
+        axis.set_xticks([])
+        axis.set_yticks([])
+    axes[0].legend(loc="lower left", fontsize=6)
+    return to_png(figure)
+
+
+def _picture_axes(axes: object, result: CalibrationResult) -> None:
+    width, height = result.fit.camera.size
+    axes.set_xlim(0, width)  # type: ignore[attr-defined]
+    axes.set_ylim(height, 0)  # type: ignore[attr-defined]
+    axes.set_aspect("equal")  # type: ignore[attr-defined]
+    axes.set_xlabel("column [px]")  # type: ignore[attr-defined]
+    axes.set_ylabel("row [px]")  # type: ignore[attr-defined]
+    axes.tick_params(colors=GREY)  # type: ignore[attr-defined]
+
+
+def side_view(result: CalibrationResult) -> bytes:
+    """Camera, mirror, laser planes and plates from the side."""
+    figure, (axes,) = new_figure(9.5, 4.8)
+    stripes, mirror = result.laser.stripes, result.laser.sweep.mirror
+    camera_position = result.fit.transform_camera_to_footprint[:3, 3]
+    for plane in stripes.planes[:: max(len(stripes.planes) // 24, 1)]:
+        heights = np.array([mirror.point[2], 0.0])
+        axes.plot(-(plane[2] * heights + plane[3]) / plane[0], heights, color=RED, linewidth=0.5, alpha=0.7)
+    for number, plate in enumerate(result.session.plates):
+        axes.axhline(
+            plate.height, color=SERIES[number % len(SERIES)], linewidth=2, label=f"plate at {1e3 * plate.height:.0f} mm"
+        )
+    axes.plot(*camera_position[[0, 2]], "s", color=BLUE, markersize=9)
+    axes.annotate("camera", camera_position[[0, 2]], xytext=(9, -4), textcoords="offset points")
+    axes.plot(*mirror.point[[0, 2]], "^", color=RED, markersize=9)
+    axes.annotate("mirror", mirror.point[[0, 2]], xytext=(8, 8), textcoords="offset points")
+    axes.axvspan(*AREA_X, ymax=0.02, color=GREY)
+    axes.set_xlabel("x, ahead of the robot [m]")
+    axes.set_ylabel("height [m]")
+    axes.set_title("from the side: each red line is one laser plane; the grey bar is the scanned area")
+    axes.set_aspect("equal")
+    axes.legend(loc="upper right", fontsize=8)
+    return to_png(figure)
+
+
+def stripes_over_plate(result: CalibrationResult) -> bytes:
+    """The lines found on the lowest and on the highest plate, over one of its frames."""
+    plates = result.session.plates
+    chosen = [int(np.argmin([p.height for p in plates])), int(np.argmax([p.height for p in plates]))]
+    figure, axes = new_figure(10.5, 4.4, columns=2)
+    for axis, number in zip(axes, chosen, strict=True):
+        scan = plates[number].scan
+        axis.imshow(for_show(scan.read_frame(scan.stripes[len(scan.stripes) // 2].on)))
+        own = [line for line in result.lines if line.plate == number]
+        for k, line in enumerate(own):
+            axis.plot(*line.pixels.T, color=SERIES[k % len(SERIES)], linewidth=0.7)
+        axis.set_title(f"{plates[number].name}, {1e3 * plates[number].height:.0f} mm: {len(own)} stripes found")
+        axis.set_xlim(0, result.fit.camera.size[0])
+        axis.set_ylim(result.fit.camera.size[1], 0)
+    return to_png(figure)
+
+
+def plate_errors(result: CalibrationResult) -> bytes:
+    """Height error of every stripe on every plate, and of each plate through the planes of the others."""
+    columns = 2 if result.laser.leave_one_out else 1
+    figure, axes = new_figure(10.5, 3.8, columns=columns)
+    for number, plate in enumerate(result.session.plates):
+        own = [
+            (line.index, 1e3 * error)
+            for line, error in zip(result.lines, result.laser.line_errors, strict=True)
+            if line.plate == number
+        ]
+        axes[0].plot(
+            *zip(*sorted(own), strict=True),
+            ".-",
+            linewidth=0.6,
+            markersize=4,
+            color=SERIES[number % len(SERIES)],
+            label=f"{1e3 * plate.height:.0f} mm",
+        )
+    axes[0].axhline(0, color=GREY, linewidth=0.8)
+    axes[0].set_xlabel("stripe index (near to far)")
+    axes[0].set_ylabel("height error [mm]")
+    axes[0].set_title("plates measured with their own planes")
+    axes[0].legend(fontsize=8, title="plate")
+    if columns == 2:
+        entries = result.laser.leave_one_out
+        names = [f"{1e3 * result.session.plates[one.plate].height:.0f} mm" for one in entries]
+        position = np.arange(len(entries))
+        for offset, (label, values) in enumerate(
+            (
+                ("near third", [one.near for one in entries]),
+                ("all", [one.mean for one in entries]),
+                ("far third", [one.far for one in entries]),
+            )
+        ):
+            axes[1].bar(position + 0.25 * (offset - 1), 1e3 * np.array(values), 0.24, label=label, color=SERIES[offset])
+        axes[1].axhline(0, color=GREY, linewidth=0.8)
+        axes[1].set_xticks(position, names)
+        axes[1].set_xlabel("plate left out")
+        axes[1].set_ylabel("mean height error [mm]")
+        axes[1].set_title("plates measured with the planes of the others")
+        axes[1].legend(fontsize=8)
+    return to_png(figure)
+
+
+def mirror_steps(result: CalibrationResult) -> bytes:
+    """How the laser plane of each stripe strays from the ideal mirror."""
+    figure, (axes,) = new_figure(9.5, 3.4)
+    sweep = result.laser.sweep
+    axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)
+    axes.axhline(0, color=GREY, linewidth=0.8)
+    axes.set_xlabel("stripe index (near to far)")
+    axes.set_ylabel("laser plane off by [degrees]")
+    jitter = np.rad2deg(result.laser.stripes.jitter)
+    axes.set_title(
+        f"laser planes against an ideal turning mirror; from scan to scan they repeat within {jitter:.4f} degrees"
+    )
+    return to_png(figure)
+
+
+def height_sigma(result: CalibrationResult) -> bytes:
+    """Predicted sigma of one height all over the floor, noise and calibration together, and calibration alone."""
+    x, y = np.linspace(*AREA_X, 46), np.linspace(*AREA_Y, 55)
+    point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
+    stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint
+    pixels = level_pixels(result.fit.camera, transform, point, 0.0)
+    below = pixels + np.array([0.0, 1.0])
+    in_camera = (np.column_stack((point, np.zeros(len(point)))) - transform[:3, 3]) @ transform[:3, :3]
+    to_base = np.asarray(result.calibration.transform_camera_to_base)
+    on_floor = -(stripes.planes[:, 3] + np.outer(y, stripes.planes[:, 1]).mean(axis=0)) / stripes.planes[:, 0]
+    nearest = np.abs(point[:, :1] - on_floor).argmin(axis=1)
+    noise = float(np.median([line.sigma_px for line in result.lines]))
+    by_row, systematic = np.full(len(point), np.nan), np.full(len(point), np.nan)
+    for k in np.unique(nearest):
+        is_near = nearest == k
+        plane = stripes.planes[k]
+        moved = heights_through(below[is_near], result.fit.camera, transform, plane)
+        by_row[is_near] = moved - heights_through(pixels[is_near], result.fit.camera, transform, plane)
+        systematic[is_near] = result.laser.uncertainty.variance(
+            stripes.indices[k], result.laser.planes_in_camera[k], in_camera[is_near], to_base, transform[2, :3]
+        )
+    both = 1e3 * np.sqrt((by_row * noise) ** 2 + systematic).reshape(x.size, y.size)
+    alone = 1e3 * np.sqrt(systematic).reshape(x.size, y.size)
+    figure, axes = new_figure(10.5, 4.2, columns=2)
+    for axis, image, title in (
+        (axes[0], both, "one return: noise and calibration together"),
+        (axes[1], alone, "calibration alone"),
+    ):
+        shown = axis.imshow(
+            image[::-1, ::-1], extent=(AREA_Y[1], AREA_Y[0], AREA_X[0], AREA_X[1]), cmap="viridis", vmin=0
+        )
+        figure.colorbar(shown, ax=axis, label="sigma of height [mm]", shrink=0.85)
+        axis.set_title(title)
+        axis.set_xlabel("y, left of the robot [m]")
+        axis.set_ylabel("x, ahead of the robot [m]")
+    return to_png(figure)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from guara_perception.app.calibration_report import camera_pictures, laser_pictures
+from guara_perception.app.calibration_report import drawing
 from guara_perception.app.calibration_report.drawing import data_url
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import InvalidInput
-from guara_perception.whole_file import whole_file
+from guara_perception.files import whole_file
 
 REPORT_FILE = "report.html"
 VERDICT_TEXTS = {
@@ -70,18 +70,18 @@ def report_page(result: CalibrationResult) -> str:
         "<h2>The board, before and after</h2>",
         "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
         "board turns into even squares when it is drawn as seen straight from above.</p>",
-        _image(camera_pictures.board_before_after(result), "board before and after correction"),
+        _image(drawing.board_before_after(result), "board before and after correction"),
         "<h2>Does the lens model fit?</h2>",
         "<p>Each arrow shows how far a corner of the board lies from where the lens model puts it, enlarged. Arrows in "
         "all directions are noise; arrows like their neighbours (all outward in one corner, say) mean a bent board or "
         "a wrong model. A picture with a long bar was blurred or moved.</p>",
-        _image(camera_pictures.corner_residuals(result), "corner errors"),
+        _image(drawing.corner_residuals(result), "corner errors"),
         "<h2>Was the whole picture used?</h2>",
         "<p>The lens is only known where the board was seen. On the right is what that means on the floor: how far a "
         "point of it may be misplaced.</p>",
-        _image(camera_pictures.coverage_and_sigma(result), "coverage and uncertainty"),
+        _image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
     ]
-    halves = camera_pictures.halves(result)
+    halves = drawing.halves(result)
     if halves is not None:
         parts += [
             "<p>A small error proves little: a wrong model can fit its own pictures well. So the lens is calibrated "
@@ -91,22 +91,22 @@ def report_page(result: CalibrationResult) -> str:
     parts += [
         "<h2>Where the camera sits: the crosses on the floor</h2>",
         "<p>The crosses lie at positions measured with a tape. Found and expected position should coincide.</p>",
-        _image(camera_pictures.fiducials(result), "fiducials"),
+        _image(drawing.fiducials(result), "fiducials"),
         "<h2>The laser planes</h2>",
         "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "
         "known heights show where each laser plane lies in space.</p>",
-        _image(laser_pictures.side_view(result), "laser planes from the side"),
-        _image(laser_pictures.stripes_over_plate(result), "stripes over plates"),
+        _image(drawing.side_view(result), "laser planes from the side"),
+        _image(drawing.stripes_over_plate(result), "stripes over plates"),
         "<h2>How well heights are measured</h2>",
         "<p>Left: the plates measured again; anything near zero is good, a slope or a step is not. Right, the honest "
         "test: each plate measured with laser planes found from the other plates only.</p>",
-        _image(laser_pictures.plate_errors(result), "height errors on the plates"),
+        _image(drawing.plate_errors(result), "height errors on the plates"),
         "<p>What to expect of a scan (one standard deviation):</p>",
-        _image(laser_pictures.height_sigma(result), "predicted sigma of heights"),
+        _image(drawing.height_sigma(result), "predicted sigma of heights"),
         _paper(result),
         "<h2>The mirror</h2>",
         "<p>A regular wave is the motor's own; a jump would be a missed step.</p>",
-        _image(laser_pictures.mirror_steps(result), "mirror steps"),
+        _image(drawing.mirror_steps(result), "mirror steps"),
         "</html>",
     ]
     return "\n".join(parts)
@@ -166,7 +166,7 @@ def _found(result: CalibrationResult) -> str:
 def _paper(result: CalibrationResult) -> str:
     """The paper's way to state an error: per cent of the surface's size, near and far."""
     by_name = {check.name: check.value for check in result.checks}
-    depth = 1e3 * (camera_pictures.AREA_X[1] - camera_pictures.AREA_X[0])
+    depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
     near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
     return (
         f'<p class="note">In the words of the paper, as per cent of the {depth:.0f} mm deep surface (two '

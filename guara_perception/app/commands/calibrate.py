@@ -50,8 +50,8 @@ def command(
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
+    from guara_perception.files import check_target
     from guara_perception.settings import Settings
-    from guara_perception.whole_file import check_target
     from kinematics import load_robot
 
     if out.suffix != ".json":

@@ -61,7 +61,7 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
 def export_grid(source: Path, target: Path, step: int | None, extent: str | None) -> None:
     """Write a grid for other tools."""
     from guara_perception.app.files.export import export_terrain
-    from guara_perception.app.files.open_grid import open_grid
+    from guara_perception.app.files.recording import open_grid
 
     count = export_terrain(open_grid(source, step, extent), target)
     click.echo(f"{target}: {count} {'cells' if target.suffix == '.csv' else 'points'}")

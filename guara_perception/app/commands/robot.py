@@ -94,7 +94,7 @@ def check(
             found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
             findings += walk_findings(walked)
         if picture is not None:
-            from guara_perception.app.robot_folder.picture import draw_robot
+            from guara_perception.app.robot_folder.show import draw_robot
 
             draw_robot(checked.robot, picture)
             say(f"picture: {picture}")

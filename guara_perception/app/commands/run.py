@@ -103,7 +103,6 @@ def command(
       guara run --simulated
       guara run --node node.toml
     """
-    from guara_perception.app.bounded_close import closed_within
     from guara_perception.app.files.recording_files import read_limit
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
@@ -111,7 +110,7 @@ def command(
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.scene.mirror import SceneMirror
     from guara_perception.app.scene.scene import Scene
-    from guara_perception.app.until_stopped import stop_event
+    from guara_perception.app.until_stopped import closed_within, stop_event
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver

@@ -56,7 +56,7 @@ def command(
     """
     from guara_perception.app.figures.figures import draw_figures
     from guara_perception.app.files.open_scan import open_scan
-    from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
+    from guara_perception.app.files.scan_folder import ScanFolderWriter
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
     from guara_perception.app.node.pause_scanner import with_problems

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from guara_perception.arrays import Float, Image
+from guara_perception.files import whole_file
 from guara_perception.terrain.drawing.style import (
     LINE_COLOURS,
     draw_hazards,
@@ -18,7 +19,6 @@ from guara_perception.terrain.drawing.style import (
     styled,
 )
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.whole_file import whole_file
 from kinematics.transforms import inverse, transform_points
 
 if TYPE_CHECKING:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.bounded_files import read_bounded
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields
-from guara_perception.whole_file import whole_file
+from guara_perception.files import read_bounded, whole_file
 
 MODEL = "plumb_bob"
 

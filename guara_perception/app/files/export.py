@@ -10,11 +10,11 @@ import numpy as np
 
 from guara_perception.arrays import Array
 from guara_perception.exceptions import InvalidInput
+from guara_perception.files import whole_file
 from guara_perception.terrain.drawing.style import hazard_picture
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells
-from guara_perception.whole_file import whole_file
 
 COLUMNS = ("x", "y", "elevation", "sigma", "slope", "step_height", "roughness", "traversability", "hazard")
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float32, Grey, Image
+from guara_perception.files import whole_file
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.whole_file import whole_file
 
 # Value 0 means unknown; value v means v * SCALE_MM + OFFSET_MM.
 SCALE_MM = 0.01

@@ -1,4 +1,4 @@
-"""`open_recording`: a recording of a walk as scans, grids and stance pauses."""
+"""`open_recording`: a recording of a walk as scans, grids and stance pauses; `open_grid`: one grid of any file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.scan import Scan
+from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from transport import StancePause, TransportError
@@ -101,3 +102,34 @@ def open_recording(path: str | Path) -> Recording:
         FileFormatError: it is no recording, or was cut; then `guara recover` restores what is in it.
     """
     return Recording(path)
+
+
+def open_grid(path: str | Path, step: int | None = None, extent: str | None = None) -> TerrainGrid:
+    """A grid from an .npz file, or from an .mcap recording.
+
+    Args:
+        path: path of the file.
+        step: pause of a recording; None = its last.
+        extent: extent of the grid in a recording, "footprint" or "map"; None = footprint.
+
+    Raises:
+        MissingFile, FileFormatError: the file is not there or cannot be read.
+        InvalidInput: a step or extent that the file does not hold.
+    """
+    path = Path(path)
+    if path.suffix != ".mcap":
+        terrain = load_terrain(path)
+        if step not in (None, terrain.step) or extent not in (None, terrain.extent):
+            raise InvalidInput(f"{path} holds the {terrain.extent} grid of step {terrain.step} and no other")
+        return terrain
+    found: dict[int, TerrainGrid] = {}
+    with open_recording(path) as recording:
+        for terrain in recording.grids(extent or "footprint"):
+            if step is None:
+                found.clear()
+            found[terrain.step] = terrain
+    if not found:
+        raise InvalidInput(f"{path} holds no {extent or 'footprint'} grid; `guara replay` makes them from its scans")
+    if step is not None and step not in found:
+        raise InvalidInput(f"{path} holds no grid of step {step}; its steps: {', '.join(map(str, sorted(found)))}")
+    return found[step] if step is not None else next(iter(found.values()))

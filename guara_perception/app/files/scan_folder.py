@@ -1,24 +1,40 @@
-"""Opens a recorded scan folder: `scan.json` and its frames."""
+"""Scan folders, `scan.json` and frames: opened, and written frame by frame, whole or not at all."""
 
 from __future__ import annotations
 
+import json
+import shutil
+import tempfile
 from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.bounded_files import LARGEST_PICTURE, decode_picture, read_bounded
+from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
+from guara_perception.app.files.write_picture import write_picture
+from guara_perception.arrays import Image
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.file import save_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
+from guara_perception.files import LARGEST_PICTURE, decode_picture, read_bounded
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
 from kinematics import KinematicsError, Stance
+
+if TYPE_CHECKING:
+    from kinematics import Stance
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
 # What the grid file and the messages can hold.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
+# Fast and lossless: compression 1 takes a third of the default's time and 5 % more bytes on camera frames.
+PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def open_scan_folder(folder: str | Path) -> Scan:
@@ -91,3 +107,106 @@ def _stripe(item: Fields) -> ScanStripe:
         off=item.text("off") if item.has("off") else None,
         stamp=item.integer("stamp", minimum=0, maximum=MAXIMUM_STAMP) if item.has("stamp") else None,
     )
+
+
+class ScanFolderWriter:
+    """A scan folder in the making; use it in a `with` block and call `finish` when the scan is complete."""
+
+    def __init__(self, folder: str | Path) -> None:
+        """Begin in a temporary folder beside the target.
+
+        Raises:
+            InvalidInput: the target exists, or its parent folder does not.
+        """
+        self.folder = Path(folder)
+        if self.folder.exists():
+            raise InvalidInput(f"{self.folder} exists; give another name, or remove it first")
+        if not self.folder.parent.is_dir():
+            raise InvalidInput(f"{self.folder}: the folder {self.folder.parent} does not exist, create it first")
+        self._staging = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
+        self._stripes: list[dict[str, object]] = []
+        self._offs: dict[object, str] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Throw away what was not finished."""
+        shutil.rmtree(self._staging, ignore_errors=True)
+
+    def add(
+        self,
+        index: int,
+        mirror_angle: float,
+        on: Image,
+        off: Image | None = None,
+        *,
+        off_key: object = None,
+        stamp: int | None = None,
+    ) -> None:
+        """Write one stripe.
+
+        Args:
+            index: index of the stripe.
+            mirror_angle: commanded mirror angle [rad].
+            on: laser-on frame.
+            off: laser-off frame, or None.
+            off_key: stripes with the same key share one laser-off file; None = a file for this stripe alone.
+            stamp: stamp of the laser-on frame [ns since the epoch].
+
+        Raises:
+            OSError: a picture cannot be written.
+        """
+        entry: dict[str, object] = {"index": index, "mirror_angle": mirror_angle, "on": f"on_{index:03d}.png"}
+        self._write(str(entry["on"]), on)
+        entry["off"] = None
+        if off is not None:
+            key = ("alone", index) if off_key is None else off_key
+            if key not in self._offs:
+                self._offs[key] = f"off_{len(self._offs):03d}.png"
+                self._write(self._offs[key], off)
+            entry["off"] = self._offs[key]
+        if stamp is not None:
+            entry["stamp"] = stamp
+        self._stripes.append(entry)
+
+    def finish(
+        self,
+        *,
+        robot: str,
+        mode: str,
+        stamp: int,
+        step: int,
+        stance: Stance,
+        stance_end: Stance | None = None,
+        calibration_hash: str | None = None,
+        calibration: Calibration | None = None,
+    ) -> Path:
+        """Write `scan.json`, and `calibration.json` where one is given, and give the folder its name."""
+        document: dict[str, object] = {
+            "format": FORMAT,
+            "robot": robot,
+            "mode": mode,
+            "stamp": stamp,
+            "step": step,
+            "stripes": sorted(self._stripes, key=lambda entry: int(str(entry["index"]))),
+            "stance": stance.to_dict(),
+        }
+        if stance_end is not None:
+            document["stance_end"] = stance_end.to_dict()
+        if calibration_hash:
+            document["calibration_hash"] = calibration_hash
+        if calibration is not None:
+            save_calibration(calibration, self._staging / CALIBRATION_FILE)
+        (self._staging / SCAN_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        self._staging.chmod(0o755)
+        self._staging.rename(self.folder)
+        return self.folder
+
+    def _write(self, name: str, picture: Image) -> None:
+        try:
+            write_picture(self._staging / name, picture, PNG_OPTIONS)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.folder / name)) from error

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_stance
-from guara_perception.bounded_files import decode_picture
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.files import decode_picture
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
 from transport import TerrainMessage, TransportError

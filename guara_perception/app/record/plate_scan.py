@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers import LightCheck
-from guara_perception.app.files.scan_folder_writer import ScanFolderWriter
+from guara_perception.app.files.scan_folder import ScanFolderWriter
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.exceptions import MirrorSlipped, PerceptionError
 from guara_perception.settings import Settings

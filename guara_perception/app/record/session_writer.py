@@ -16,7 +16,7 @@ from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
 from guara_perception.fields import read_json
-from guara_perception.whole_file import whole_file
+from guara_perception.files import whole_file
 
 if TYPE_CHECKING:
     from kinematics import Stance

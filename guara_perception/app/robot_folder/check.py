@@ -1,4 +1,4 @@
-"""Checks a robot folder: lists everything that is wrong or doubtful in it."""
+"""Checks of a robot folder: all that is wrong or doubtful in it, and of the robot as it stands."""
 
 from __future__ import annotations
 
@@ -7,13 +7,37 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from guara_perception.app.robot_folder.body_checks import body_findings
+import numpy as np
+
+from guara_perception.app.robot_folder.collisions import touching
 from guara_perception.app.robot_folder.finding import Finding, Weight, note, wrong
+from guara_perception.app.robot_folder.postures import FOOT_OFFSETS
 from guara_perception.app.robot_folder.scan_checks import scan_findings
 from guara_perception.app.robot_folder.trial_walk import TrialWalk
 from guara_perception.exceptions import FileFormatError, PerceptionError
 from guara_perception.settings import Settings
-from kinematics import KinematicsError, RobotFileError, RobotFileWarning, RobotModel, load_robot
+from kinematics import (
+    KinematicsError,
+    RobotFileError,
+    RobotFileWarning,
+    RobotModel,
+    Stance,
+    load_robot,
+    stability_margin,
+)
+from kinematics.model_checks import sole_above_foot
+from kinematics.srdf import allowed_pairs
+from kinematics.state import RobotState
+from kinematics.urdf import Link
+
+# If a sole frame is farther from the foot than this, footholds are too high or low by more than a cell's noise [m].
+SOLE_OFF_M = 0.002
+# A joint nearer to its limit cannot follow the tilt of the body on uneven ground [rad].
+LIMIT_MARGIN = 0.05
+# The body's weight this far inside the polygon of the soles stands safely [m].
+BALANCE_M = 0.020
+# Largest tilt of the body in its scan posture [rad].
+LARGEST_TILT = 0.0175
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,3 +106,108 @@ def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
         yield wrong("simulated walk", f"{walk.unknown_called_safe} unknown cells were called traversable")
     if walk.feet_on_hazard:
         yield wrong("simulated walk", f"{walk.feet_on_hazard} of {walk.feet} feet were set on a hazard")
+
+
+def body_findings(robot: RobotModel) -> Iterator[Finding]:
+    """All findings of how the robot stands."""
+    for name in robot.posture_names:
+        state = robot.state(robot.posture(name))
+        yield from _collisions(robot, name, state)
+        yield from _limits(robot, name, state)
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    yield from _soles(robot, state)
+    yield from _reach(robot, state)
+    yield from _balance(robot)
+    yield from _shapes(robot)
+
+
+def _collisions(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Finding]:
+    srdf = robot.folder / "srdf" / f"{robot.name}.srdf"
+    for first, second in touching(state, allowed_pairs(srdf)):
+        yield wrong(
+            f"posture {posture!r}",
+            f"links {first!r} and {second!r} touch: choose another posture, or name the pair in "
+            "<disable_collisions> of the SRDF if they touch by construction",
+        )
+
+
+def _limits(robot: RobotModel, posture: str, state: RobotState) -> Iterator[Finding]:
+    tree = robot.tree
+    room = np.minimum(state.positions - tree.lower_limits, tree.upper_limits - state.positions)
+    leg_joints = {joint for leg in tree.legs.values() for joint in leg.joints}
+    for joint, margin in zip(robot.joint_names, room.tolist(), strict=True):
+        if margin < LIMIT_MARGIN and joint in leg_joints:
+            yield wrong(
+                f"posture {posture!r}",
+                f"joint {joint!r} is {margin:.3f} rad from its limit; {LIMIT_MARGIN} are needed to follow a tilting "
+                "body: choose another height",
+            )
+
+
+def _soles(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
+    for name, leg in robot.tree.legs.items():
+        above = sole_above_foot(robot.tree, leg, state)
+        if above is None:
+            yield note(
+                f"legs.{name}", "its foot has no collision shape: whether the sole frame is right was not checked"
+            )
+        elif abs(above) > SOLE_OFF_M:
+            where = "above" if above > 0 else "below"
+            yield wrong(
+                f"legs.{name}.sole",
+                f"{leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point of the foot in the scan posture: "
+                "every foothold is off by that; move the frame to where the foot touches the ground",
+            )
+
+
+def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
+    for name in robot.legs:
+        sole = state.soles_in_base([name])[0]
+        missed = FOOT_OFFSETS[~robot.reachable(name, sole + FOOT_OFFSETS)]
+        if len(missed):
+            x, y, z = (1e3 * value for value in missed[0])
+            yield wrong(
+                f"legs.{name}",
+                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions that the gait asks for around where "
+                f"it stands, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
+                "another scan height",
+            )
+
+
+def _balance(robot: RobotModel) -> Iterator[Finding]:
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    tilt = float(np.arccos(np.clip(pose.up_in_base[2], -1.0, 1.0)))
+    if tilt > LARGEST_TILT:
+        yield wrong(
+            f"posture {robot.config.scan_posture!r}",
+            f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be tilted too",
+        )
+    margin = stability_margin(pose)
+    if margin < BALANCE_M:
+        yield wrong(
+            f"posture {robot.config.scan_posture!r}",
+            f"the centre of mass is {1e3 * margin:.0f} mm inside the polygon of the soles, {1e3 * BALANCE_M:.0f} are "
+            "needed: are the masses of the URDF right, and do the feet stand below the body?",
+        )
+    if robot.config.imu_frame is None:
+        yield note(
+            "frames.imu", "none: gravity comes from the gait's message or from odometry; without both from the soles"
+        )
+
+
+def _shapes(robot: RobotModel) -> Iterator[Finding]:
+    tree = robot.tree
+    for name, leg in tree.legs.items():
+        links = [joint.child for joint in tree.urdf.path_to(leg.sole)]
+        if not any(tree.links[link].shapes for link in links):
+            yield wrong(
+                f"legs.{name}", "no link of it has a collision shape: the self-filter cannot tell it from terrain"
+            )
+    # Links fixed to one another are one body: a shape of one of them is enough.
+    bodies: dict[tuple[str, ...], list[Link]] = {}
+    for link in tree.urdf.links:
+        carriers = tuple(joint.name for joint in tree.urdf.path_to(link.name) if joint.kind != "fixed")
+        bodies.setdefault(carriers, []).append(link)
+    bare = [links[0].name for links in bodies.values() if not any(link.shapes for link in links)]
+    if bare:
+        yield note("urdf", f"the self-filter does not know {', '.join(bare)}: no collision shape")

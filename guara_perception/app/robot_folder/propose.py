@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guara_perception.app.robot_folder.feet import Foot, find_foot
 from guara_perception.app.robot_folder.find_legs import FoundLeg, find_legs
-from guara_perception.app.robot_folder.leg_solver import LegSolver
+from guara_perception.app.robot_folder.leg_solver import Foot, LegSolver, find_foot
 from guara_perception.app.robot_folder.mounts import FoundMounts, find_mounts
 from guara_perception.app.robot_folder.postures import FoundPosture, choose_height, raised, stand
 from guara_perception.arrays import Float

@@ -1,6 +1,9 @@
-"""Shows a robot in the browser as it stands to scan: its area, the camera's cone and the laser planes."""
+"""A robot in its scan posture, in the browser and as a picture: scanned area, camera's view, laser planes."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -9,13 +12,22 @@ from guara_perception.app.robot_folder.scan_checks import coverage
 from guara_perception.app.until_stopped import stop_event
 from guara_perception.arrays import Float
 from guara_perception.settings import Settings
+from guara_perception.terrain.drawing.style import new_figure, save_figure, styled
 from guara_perception.terrain.scan.assess_terrain import assess_terrain
 from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
+from guara_perception.view.robot_looks import visual_shapes
 from kinematics import RobotModel, Stance
+from kinematics.stance_pose import StancePose
+from kinematics.transforms import transform_points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Points along each drawn line.
 POINTS = 300
+SOLE = "#0072b2"
+CAMERA, LASER, AREA, BAD = "#009e73", "#d55e00", "#56b4e9", "#cc3311"
 
 
 def show_robot(robot: RobotModel, port: int) -> None:
@@ -50,3 +62,65 @@ def robot_moment(robot: RobotModel) -> Moment:
 
 def _line(start: Float, end: Float) -> Float:
     return start + np.linspace(0.0, 1.0, POINTS)[:, None] * (end - start)
+
+
+def draw_robot(robot: RobotModel, path: Path) -> None:
+    """Save a picture of two panels: from the side, and from above with hidden or unseen ground in red."""
+    from matplotlib.patches import Rectangle
+
+    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
+    settings, seen = Settings.of(robot), coverage(robot)
+    with styled():
+        figure, ((side, top),) = new_figure(1, 2, size=(13.0, 4.0))
+        for axes, across in ((side, 2), (top, 1)):
+            _draw_links(axes, robot, pose, across)
+        (near, far), (right, left) = settings.footprint_x, settings.footprint_y
+        camera = pose.transform_base_to_footprint @ robot.transform_camera_to_base
+        laser = (pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0))[:3]
+        side.plot([-1.0, 2.0], [0.0, 0.0], color="0.6", linewidth=0.8, zorder=0)
+        side.plot([near, far], [0.0, 0.0], color=AREA, linewidth=4.0, label="scanned area")
+        for x in (near, far):
+            side.plot([camera[0, 3], x], [camera[2, 3], 0.0], color=CAMERA, linewidth=1.2)
+        for angle in settings.mirror_angles:
+            x = laser[0] + laser[2] * np.tan(2.0 * angle)
+            side.plot([laser[0], x], [laser[2], 0.0], color=LASER, linewidth=1.2)
+        side.plot(camera[0, 3], camera[2, 3], "o", color=CAMERA, label="camera")
+        side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and the first and last laser plane")
+        side.set(xlabel="x [m]", ylabel="z [m]", title=f"{robot.name} in its scan posture, from the side")
+        top.add_patch(Rectangle((near, right), far - near, left - right, color=AREA, alpha=0.35, label="scanned area"))
+        bad = seen.hidden | ~seen.in_view | ~seen.lit
+        rows, columns = np.nonzero(bad)
+        top.plot(seen.x[columns], seen.y[rows], ".", color=BAD, markersize=3, label=f"not seen: {bad.mean():.0%}")
+        for x, y in ((near, right), (near, left), (far, right), (far, left)):
+            top.plot([camera[0, 3], x], [camera[1, 3], y], color=CAMERA, linewidth=0.8)
+        top.plot(camera[0, 3], camera[1, 3], "o", color=CAMERA, label="camera and its cone")
+        top.plot(laser[0], laser[1], "s", color=LASER, label="mirror")
+        length, width = robot.sole
+        for x, y, _ in pose.soles_in_footprint:
+            top.add_patch(Rectangle((x - length / 2, y - width / 2), length, width, color=SOLE))
+        top.set(xlabel="x [m]", ylabel="y [m]", title="from above")
+        for axes in (side, top):
+            axes.set_aspect("equal")
+            axes.autoscale_view()
+            axes.set_xlim(min(float(pose.soles_in_footprint[:, 0].min()) - 0.25, -0.4), far + 0.1)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, fontsize=8)
+        save_figure(figure, path)
+
+
+def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) -> None:
+    """Draw the convex outline of each shape; `across` is the axis drawn upwards, 2 seen from the side, 1 from above."""
+    from matplotlib.patches import Polygon
+    from scipy.spatial import ConvexHull
+
+    state = robot.state(robot.posture(robot.config.scan_posture))
+    shapes = []
+    for link, visuals in visual_shapes(robot).items():
+        transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
+        shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
+    # Shapes further from the viewer first: those on the left when seen from the right, the low ones when seen from
+    # above.
+    shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())
+    for placed, colour in shapes:
+        flat: Float = placed[:, [0, across]]
+        outline = flat[ConvexHull(flat).vertices]
+        axes.add_patch(Polygon(outline, closed=True, facecolor=colour, edgecolor="white", linewidth=0.4))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from guara_perception.app.scene.clouds import stripe_cloud
+from guara_perception.app.scene.scene import stripe_cloud
 from guara_perception.arrays import Image
 from kinematics import BASE_FOOTPRINT
 from transport import point_cloud_message

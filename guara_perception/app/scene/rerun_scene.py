@@ -14,11 +14,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from guara_perception.app.scene.clouds import cloud_field, cloud_points
+from guara_perception.app.scene.scene import cloud_field, cloud_points
 from guara_perception.arrays import Float
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
-from guara_perception.extras import optional_library
-from guara_perception.whole_file import whole_file
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError, optional_library
+from guara_perception.files import whole_file
 from kinematics import ODOM
 from transport import TerrainMessage, TransportError
 from transport.recording import Recording, open_recording

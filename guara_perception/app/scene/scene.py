@@ -1,4 +1,4 @@
-"""The scene of a pause as ROS messages: what a viewer needs to draw robot, ground, cloud and pictures together."""
+"""The scene of a pause as ROS messages: robot, its tree of frames, ground, coloured clouds and pictures together."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.typing as npt
+
 from guara_perception.app.messages import message_to_terrain
-from guara_perception.app.scene.clouds import cell_cloud, stripe_cloud
 from guara_perception.app.scene.planned_footholds import planned_footholds
-from guara_perception.app.scene.robot_frames import RobotFrames
+from guara_perception.arrays import Array, Float, Float32
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.drawing.style import hazard_picture
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
+from guara_perception.terrain.questions.points import known_cells
 from kinematics import BASE_FOOTPRINT, RobotModel, Stance
 from transport import (
     TerrainMessage,
@@ -33,6 +38,7 @@ if TYPE_CHECKING:
 # Topic by its short name (transport.recording.topics) and message object.
 Named = tuple[str, Any]
 PREFIX = {"footprint": "", "map": "map/"}
+Fields = dict[str, Array]
 
 
 class Scene:
@@ -105,3 +111,115 @@ class Scene:
             if item.source_frame in ("base_link", BASE_FOOTPRINT)
         ]
         return [*body, *self._frames.moving(message.stance.joint_positions)]
+
+
+class RobotFrames:
+    """The links of one robot, its camera where the calibration says that it is, not where the URDF does."""
+
+    def __init__(self, robot: RobotModel, transform_camera_to_base: npt.ArrayLike) -> None:
+        """For a robot and the camera that it carries, (4, 4)."""
+        self._robot = robot
+        self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
+
+    def fixed(self) -> list[TransformMessage]:
+        """What no joint moves."""
+        nominal = self._robot.posture(self._robot.config.scan_posture)
+        fixed = self._between_links(nominal, of_fixed_joints=True)
+        camera = self._robot.config.camera_frame
+        if camera != CAMERA_FRAME:
+            # The frame that pictures name, whatever the URDF calls the camera's.
+            fixed.append(TransformMessage(source_frame=CAMERA_FRAME, destination_frame=camera, matrix=np.eye(4)))
+        return fixed
+
+    def moving(self, joint_positions: Mapping[str, float]) -> list[TransformMessage]:
+        """What the joints move.
+
+        Raises:
+            kinematics.KinematicsError: the joints are not those of the robot.
+        """
+        return self._between_links(joint_positions, of_fixed_joints=False)
+
+    def standing(self, stance: Stance) -> list[TransformMessage]:
+        """The joints, and the body over the ground that its feet stand on.
+
+        Raises:
+            kinematics.KinematicsError: the stance does not fit the robot.
+        """
+        pose = self._robot.stance_pose(stance, transform_camera_to_base=self._camera_to_base)
+        base = self._robot.config.base_frame
+        return [
+            TransformMessage(
+                source_frame=base, destination_frame=BASE_FOOTPRINT, matrix=pose.transform_base_to_footprint
+            ),
+            *self.moving(stance.joint_positions),
+        ]
+
+    def _between_links(self, joint_positions: Mapping[str, float], *, of_fixed_joints: bool) -> list[TransformMessage]:
+        state = self._robot.state(joint_positions)
+
+        def to_base(link: str) -> Float:
+            if link == self._robot.config.camera_frame:
+                return self._camera_to_base
+            return state.transform_to_base(link)
+
+        return [
+            TransformMessage(
+                source_frame=joint.child,
+                destination_frame=joint.parent,
+                matrix=np.linalg.inv(to_base(joint.parent)) @ to_base(joint.child),
+            )
+            for joint in self._robot.tree.urdf.joints
+            if (joint.kind == "fixed") == of_fixed_joints
+        ]
+
+
+def cell_cloud(terrain: LayeredGrid) -> Fields:
+    """A point per known cell, at its centre: x, y, z, sigma [m], hazard flags and the colour that pictures give them.
+
+    Unknown cells have no height, and so no point: where nothing was seen nothing is drawn.
+    """
+    known = known_cells(terrain)
+    x, y = np.meshgrid(*terrain.geometry.centres())
+    colours = hazard_picture(terrain.layers["hazard"])[0][known]
+    return {
+        "x": x[known].astype(np.float32),
+        "y": y[known].astype(np.float32),
+        "z": terrain.layers["elevation"][known],
+        "sigma": np.sqrt(terrain.layers["variance"][known]),
+        "hazard": terrain.layers["hazard"][known],
+        "rgb": packed(colours),
+    }
+
+
+def stripe_cloud(stripes: Mapping[int, StripePoints]) -> Fields:
+    """Every point that the stripes of a scan, by index, gave in base_footprint: x, y, z, sigma [m], stripe index."""
+    parts = [(index, stripe, np.isfinite(stripe.points).all(axis=1)) for index, stripe in stripes.items()]
+    points = np.vstack([np.zeros((0, 3), np.float32), *(stripe.points[kept] for _, stripe, kept in parts)])
+    variance = np.concatenate([np.zeros(0, np.float32), *(stripe.variance[kept] for _, stripe, kept in parts)])
+    index = np.concatenate(
+        [np.zeros(0, np.uint16), *(np.full(int(kept.sum()), number, np.uint16) for number, _, kept in parts)]
+    )
+    return {
+        **{name: np.ascontiguousarray(points[:, axis]) for axis, name in enumerate(("x", "y", "z"))},
+        "sigma": np.sqrt(variance).astype(np.float32),
+        "stripe": index,
+    }
+
+
+def cloud_points(cloud: Any) -> Float32:
+    """Points (n, 3) float32 of a PointCloud2 message."""
+    return np.column_stack([cloud_field(cloud, name) for name in ("x", "y", "z")])
+
+
+def cloud_field(cloud: Any, name: str) -> Array:
+    """Values (n,) of one field of a PointCloud2 message that `point_cloud_message` made."""
+    field = next(field for field in cloud.fields if field.name == name)
+    kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
+    rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
+    return np.ascontiguousarray(rows).view(kind).reshape(-1)
+
+
+def packed(colours: Array) -> Array:
+    """(n,) uint32 0x00RRGGBB of (n, 3) red, green, blue 0 ... 1."""
+    red, green, blue = np.rint(255.0 * colours).astype(np.uint32).T
+    return np.asarray(red << 16 | green << 8 | blue, dtype=np.uint32)

@@ -10,8 +10,8 @@ import numpy as np
 from guara_perception.app.targets.sheet import Sheet
 from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.board import CHARUCO, CHECKERBOARD, BoardSpec
-from guara_perception.calibration.board_ink import board_ink
 from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.calibration.find_board import board_ink
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
 

@@ -10,7 +10,7 @@ from guara_perception.app.targets.drawings import calibration_board, crosses, la
 from guara_perception.app.targets.sheet import Page, figure_of, pages_of
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
-from guara_perception.whole_file import check_target, whole_file
+from guara_perception.files import check_target, whole_file
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

@@ -9,8 +9,16 @@ import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
 from guara_perception.stripes.any_light.exposure import subtract
-from guara_perception.stripes.any_light.follow_stripe import follow_stripe
+from guara_perception.stripes.any_light.follow_stripe import (
+    follow_stripe,
+    of_laser_colour,
+    of_laser_speckle,
+    pieces,
+    strong_pieces,
+)
 from guara_perception.stripes.any_light.laser_colour import (
+    SIGMAS_PX,
+    Ridges,
     core_colour,
     covariance,
     details,
@@ -18,10 +26,10 @@ from guara_perception.stripes.any_light.laser_colour import (
     laser_weights,
     purity,
     relative_colour,
+    ridge_of_width,
+    ridges,
     rim_colour,
 )
-from guara_perception.stripes.any_light.pieces import of_laser_colour, of_laser_speckle, pieces, strong_pieces
-from guara_perception.stripes.any_light.ridges import SIGMAS_PX, Ridges, ridge_of_width, ridges
 
 # Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture of which
 # columns are left out.

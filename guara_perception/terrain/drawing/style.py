@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float32
+from guara_perception.files import whole_file
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""Joins a new height with what a cell remembers: Kalman filter with a gate, and what happens when looks disagree."""
+"""One scan's word on the cells of the map, and a height joined to what a cell remembers: Kalman filter with a gate."""
 
 from __future__ import annotations
 
@@ -7,10 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Index, Mask
-from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
 # 3 sigma: one good look in 370 is taken for a disagreement, and the next one mends it.
 GATE_SIGMAS = 3.0
+# The cell was looked at, and what came back (if anything) was no height that may be used.
+LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
+# Assumed error that all heights of one scan have in common, and those of another scan do not: calibration and mount.
+LOOK_SIGMA_M = 0.0005
+SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +175,139 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     for name in ("variance", "below", "above", "steepness", "other_variance", "looks", "conflict"):
         memory[name][slot] = 0
     memory["cause"][slot] = cause
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One scan, by cells of the rolling map.
+
+    Attributes:
+        heights: cells that were seen.
+        empty: slots of cells that were looked at without a usable return.
+        empty_cause: flags of these cells.
+        unseen: slots of cells in the area that were not looked at.
+        unseen_cause: flags of these cells.
+        distance: distance of the seen cells from the robot [m].
+    """
+
+    heights: Heights
+    empty: Index
+    empty_cause: Flags
+    unseen: Index
+    unseen_cause: Flags
+    distance: Float
+
+
+def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Look:
+    """What the scan's grid says of every cell of the map that the scanned area covers.
+
+    Values come from the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts as
+    one itself: part of it was looked at and nothing was seen.
+
+    Args:
+        cells: the memory, with its window around the robot.
+        terrain: grid of the scan alone.
+        transform_footprint_to_odom: (4, 4).
+    """
+    grid, transform = terrain.geometry, transform_footprint_to_odom
+    resolution = cells.resolution
+    (x0, y0), (ny, nx) = grid.origin, grid.shape
+    corners = np.array([(x0 + i * nx * grid.resolution, y0 + j * ny * grid.resolution) for i in (0, 1) for j in (0, 1)])
+    corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
+    (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
+    cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
+    slot = cells.slots(cy, cx)
+    # From below the robot to the centre of each cell, along the axes of odom and of the footprint.
+    offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
+    (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
+    x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
+    if np.any(transform[:2, 2]):
+        # Where the two verticals differ a cell's height moves it sideways.
+        height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
+        offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
+        x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
+    iy, ix = grid.indices(x, y)
+    used = np.flatnonzero(grid.contains(iy, ix) & (slot >= 0))
+    x, y, iy, ix, slot = x[used], y[used], iy[used], ix[used], slot[used]
+
+    hazard = scan_flags(terrain)
+    own = hazard[iy, ix] & UNKNOWN_MASK
+    returned_nothing = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
+    is_empty = returned_nothing != 0
+    is_seen = (own == 0) & ~is_empty
+    unseen = (own != 0) & ~is_empty
+
+    jy, jx = iy[is_seen], ix[is_seen]
+    layers = {name: terrain.layers[name][jy, jx].astype(np.float64) for name in SEEN_LAYERS}
+    height = layers["elevation"]
+    relief = layers["elevation_max"] - layers["elevation_min"]
+    steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
+    at_x, at_y = x[is_seen], y[is_seen]
+    variance = (
+        layers["variance"]
+        + LOOK_SIGMA_M**2
+        + tilt_variance(terrain, at_x, at_y)
+        # The nearest cell lies up to half a cell aside; within a cell the ground has some relief of its own.
+        + steepness * resolution**2 / 12
+        + relief**2 / 12
+    )
+    in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
+    heights = Heights(
+        slot=slot[is_seen],
+        height=in_odom,
+        variance=variance,
+        below=np.maximum(height - layers["elevation_min"], 0.0),
+        above=np.maximum(layers["elevation_max"] - height, 0.0),
+        steepness=steepness,
+    )
+    return Look(
+        heights=heights,
+        empty=slot[is_empty],
+        empty_cause=returned_nothing[is_empty],
+        unseen=slot[unseen],
+        unseen_cause=own[unseen],
+        distance=np.sqrt(at_x * at_x + at_y * at_y),
+    )
+
+
+def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
+    """Flags of all cells of the scan that cells of the map touch, whose centres (n,) lie on the scan's grid."""
+    if not x.size:
+        return np.empty(0, np.uint16)
+    half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
+    squares = Squares.of(grid, x, y, half)
+    (iy, ix), (ny, nx) = squares.first, squares.shape
+    # A border of one, for squares that reach over the edge.
+    return squares.joined(np.pad(hazard, 1)[iy + 1 : iy + 1 + ny, ix + 1 : ix + 1 + nx], np.bitwise_or)
+
+
+def scan_flags(terrain: TerrainGrid) -> Flags:
+    """Flags of a scan's cells; cells of a stripe that was fired and whose frame was lost count as DROPOUT.
+
+    Raises:
+        InvalidInput: `lost_cells` of the metadata is no list of runs on this grid.
+    """
+    hazard = np.array(terrain.hazard)
+    lost = np.zeros(terrain.shape, dtype=bool)
+    terrain.record.check("lost_cells")
+    try:
+        for ix, first, end in terrain.scan_record.lost_cells or ():
+            lost[first:end, ix] = True
+    except IndexError:
+        raise InvalidInput("lost_cells of the metadata is no list of [ix, first iy, end iy] on this grid") from None
+    unknown = (hazard & UNKNOWN_MASK) != 0
+    hazard[lost & unknown] |= np.uint16(Hazard.DROPOUT)
+    return hazard
+
+
+def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
+    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 without its covariance.
+
+    A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
+    """
+    terrain.record.check("pose_covariance")
+    covariance = terrain.record.pose_covariance
+    if covariance is None:
+        return np.zeros(np.shape(x))
+    tilt = covariance[3:5, 3:5]
+    return np.asarray(tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y)

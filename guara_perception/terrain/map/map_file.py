@@ -14,13 +14,12 @@ import numpy as np
 from guara_perception.arrays import Array
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.fields import Fields, parse_json
+from guara_perception.files import whole_file
 from guara_perception.terrain.file import UNREADABLE
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
-from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.support_feet import HeightAnchor
-from guara_perception.terrain.map.walk_correction import WalkCorrection
-from guara_perception.whole_file import whole_file
+from guara_perception.terrain.map.walk_correction import SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
 

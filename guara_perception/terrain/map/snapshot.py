@@ -17,11 +17,10 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
-from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance
-from guara_perception.terrain.map.look import tilt_variance
+from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance, tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
-from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.support_feet import HeightAnchor
+from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
 NEVER_SEEN_AGE = 255
 # Fields of a scan's record that also hold for the map of the same pause.

@@ -15,8 +15,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.map.fuse_heights import GATE_SIGMAS, Heights, OdometryDrift, fuse_heights
-from guara_perception.terrain.map.look import LOOKED_AT
+from guara_perception.terrain.map.fuse_heights import GATE_SIGMAS, LOOKED_AT, Heights, OdometryDrift, fuse_heights
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import RobotModel
 from kinematics.stance_pose import sole_covariances

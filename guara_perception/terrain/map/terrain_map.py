@@ -16,14 +16,18 @@ from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
-from guara_perception.terrain.map.fuse_scan import check_scan, checked_pose, fuse_known_ground, fuse_scan
-from guara_perception.terrain.map.known_ground import KnownGround
+from guara_perception.terrain.map.known_ground import (
+    KnownGround,
+    check_scan,
+    checked_pose,
+    fuse_known_ground,
+    fuse_scan,
+)
 from guara_perception.terrain.map.map_file import read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, map_record, snapshot_layers
 from guara_perception.terrain.map.support_feet import HeightAnchor, fill_under_foot, sole_error, support_feet
-from guara_perception.terrain.map.walk_correction import WalkCorrection
+from guara_perception.terrain.map.walk_correction import SidewaysDrift, WalkCorrection
 from kinematics import PoseInOdom, RobotModel
 
 # The window is moved when the robot has gone this far: seldom, and still little memory.

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from guara_perception.exceptions import InvalidInput
+from guara_perception.files import whole_file
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.whole_file import whole_file
 
 
 def save_terrain(terrain: LayeredGrid, path: str | Path) -> None:

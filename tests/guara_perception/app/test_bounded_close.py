@@ -10,14 +10,14 @@ from typing import Any, Self
 
 import pytest
 
-from guara_perception.app.bounded_close import closed_within
+from guara_perception.app.until_stopped import closed_within
 from tests.forked import ForkedProcess
 
 # Seconds for anything that must happen at all, on a machine busy with other things.
 PATIENCE = 180.0
 PROGRAM = """
 import ctypes, threading
-from guara_perception.app.bounded_close import closed_within
+from guara_perception.app.until_stopped import closed_within
 
 class Device:
     def __enter__(self): return self
@@ -77,7 +77,7 @@ def test_only_closing_is_bounded_and_a_device_that_closes_ends_nothing() -> None
 
 NODE = """
 import sys, threading
-from guara_perception.app import bounded_close, main
+from guara_perception.app import main, until_stopped
 from guara_perception.app.node.rangefinder import Rangefinder
 
 closed = Rangefinder.__exit__
@@ -86,7 +86,7 @@ def hang(rangefinder, *failure):
     closed(rangefinder, *failure)
     threading.Event().wait()
 
-bounded_close.CLOSE_TIMEOUT_S, Rangefinder.__exit__ = 0.5, hang
+until_stopped.CLOSE_TIMEOUT_S, Rangefinder.__exit__ = 0.5, hang
 sys.exit(main.run(["run", "--simulated", "--listen", sys.argv[1]]))
 """
 

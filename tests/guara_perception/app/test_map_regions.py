@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.map_regions import message_to_regions, regions_message
+from guara_perception.app.map_summary import message_to_regions, regions_message
 from guara_perception.app.messages import terrain_to_message
 from transport.messages.regions_message import decode_regions, encode_regions
 

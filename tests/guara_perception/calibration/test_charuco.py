@@ -10,9 +10,8 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.calibration.board import CHARUCO, BoardSpec
-from guara_perception.calibration.board_ink import board_ink
 from guara_perception.calibration.charuco import CELLS_PER_SQUARE, MIN_CORNERS, MIN_LINES
-from guara_perception.calibration.find_board import find_board
+from guara_perception.calibration.find_board import board_ink, find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.target_pictures import TargetCamera

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 
 import guara_perception as gp
-from guara_perception.stripes.any_light.pieces import of_laser_speckle, pieces, strong_pieces
+from guara_perception.stripes.any_light.follow_stripe import of_laser_speckle, pieces, strong_pieces
 
 STATUS = gp.StripeStatus
 ROWS, COLUMNS = 240, 480

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from guara_perception.stripes.any_light.ridges import ridges
+from guara_perception.stripes.any_light.laser_colour import ridges
 
 
 def test_bright_ground_shows_no_more_of_a_stripe_than_dark_ground_does() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.calibration_report import camera_pictures, laser_pictures
+from guara_perception.app.calibration_report import drawing
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.files.camera_info import read_camera_info, write_camera_info
 from guara_perception.app.main import run
@@ -90,8 +90,7 @@ def test_refused_session(
 
     monkeypatch.setattr(calibrate, "calibrate_session", once)
     # The report's pictures are checked in the test above; here only its text is.
-    for pictures in (camera_pictures, laser_pictures):
-        monkeypatch.setattr(pictures, "to_png", lambda figure: b"")
+    monkeypatch.setattr(drawing, "to_png", lambda figure: b"")
     assert run([*arguments, "--report", str(report)]) == 1
     said = capsys.readouterr()
     assert said.out.startswith("verdict: refused\n")

@@ -17,8 +17,7 @@ from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.walk_map import WalkMap
-from guara_perception.app.scene.clouds import cloud_points
-from guara_perception.app.scene.scene import Scene
+from guara_perception.app.scene.scene import Scene, cloud_points
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.app.scene.clouds import cloud_points
 from guara_perception.app.scene.live_view import PICTURE_WIDTH_PX, THINNED, LiveView
+from guara_perception.app.scene.scene import cloud_points
 from guara_perception.process import run_scan
 from kinematics import RobotModel
 from transport.messages.codec import read_time

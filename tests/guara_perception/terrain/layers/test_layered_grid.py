@@ -15,11 +15,11 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import best_foothold
-from guara_perception.terrain.questions.coarser import coarser
 from guara_perception.terrain.questions.foothold import check_foothold, explain
 from guara_perception.terrain.questions.normal import normal_at
 from guara_perception.terrain.questions.obstacles import obstacles
 from guara_perception.terrain.questions.path import check_path, check_polygon
+from guara_perception.terrain.questions.points import coarser
 from guara_perception.terrain.questions.save import save_terrain
 
 

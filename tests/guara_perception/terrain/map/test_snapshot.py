@@ -13,8 +13,8 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
-from guara_perception.terrain.map.sideways import SidewaysDrift
 from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
+from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import RobotModel
 
 RESOLUTION = 0.005

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.extras import MissingExtra
+from guara_perception.exceptions import MissingExtra
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import RobotModel, Stance
 from tests.thorough import examples

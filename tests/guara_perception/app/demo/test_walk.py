@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.demo import planner_process
-from guara_perception.app.demo.planner_process import PlannerProcess
+from guara_perception.app.demo import walk
+from guara_perception.app.demo.walk import PlannerProcess
 from guara_perception.exceptions import PlannerFailed
 from guara_perception.simulation.planner import plan_swing
 from tests.forked import ForkedProcess
@@ -32,7 +32,7 @@ def node(start, module_endpoint: str, terrain_file: Path):
 def forked_planner(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planners are forked where all is imported; the other tests start them as the demo does."""
     forked = SimpleNamespace(**{**vars(subprocess), "Popen": lambda arguments, **_: ForkedProcess(*arguments[1:])})
-    monkeypatch.setattr(planner_process, "subprocess", forked)
+    monkeypatch.setattr(walk, "subprocess", forked)
 
 
 def test_foothold_is_that_of_the_grid(node, module_endpoint: str, paper_terrain: gp.TerrainGrid):

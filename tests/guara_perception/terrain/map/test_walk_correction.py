@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.fields import Fields
-from guara_perception.terrain.map.sideways import MOST_PAUSES, SidewaysDrift, kept_growth
+from guara_perception.terrain.map.walk_correction import MOST_PAUSES, SidewaysDrift, kept_growth
 from kinematics import PoseInOdom, RobotModel
 from tests.thorough import examples
 

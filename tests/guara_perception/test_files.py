@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from guara_perception import InvalidInput, MissingFile
-from guara_perception.whole_file import check_target, whole_file
+from guara_perception.files import check_target, whole_file
 
 
 def test_file_appears_with_its_content(tmp_path: Path):

@@ -1,0 +1,120 @@
+"""TOML and XML of files that may come from anywhere: what can only harm is refused before it is read.
+
+A robot's files may come from anywhere, and with a grid over the network: no entity is expanded, and no file larger than
+any robot's is opened.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from xml.parsers import expat
+
+from kinematics.exceptions import RobotFileError
+
+# [byte] The largest stock URDF known has 70 kB.
+LARGEST_XML = 16 * 1024 * 1024
+# [byte] Far above any real file: the largest robot.toml or world file of this repository has 8 kB.
+LARGEST_FILE = 1024 * 1024
+# Most parts of a dotted key, and deepest nesting of tables or lists.
+DEEPEST = 16
+BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
+BRACKET = re.compile(r"[\[\]{}]")
+# A line that opens a table, and one that gives a key: bare names, as the files of robots have them.
+HEADER = re.compile(r"\s*\[+\s*([\w.\-]+)\s*\]")
+KEY = re.compile(r"\s*([\w.\-]+)\s*=")
+
+
+class Element(ElementTree.Element):
+    """An element of XML with the line on which it begins."""
+
+    line = 0
+
+
+def read_xml(path: Path) -> tuple[Element, str]:
+    """The outermost element of a file, and its text.
+
+    Raises:
+        RobotFileError: the file is missing, too large, not UTF-8, no XML, or defines entities.
+    """
+    try:
+        if path.stat().st_size > LARGEST_XML:
+            raise RobotFileError(f"{path}: has {path.stat().st_size} bytes; at most {LARGEST_XML} are read")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RobotFileError(f"{path}: is not valid XML: {error}") from error
+    return parse_xml(text, path), text
+
+
+def parse_xml(text: str, path: Path) -> Element:
+    """The outermost element of a text; `path` is for messages. Errors as in `read_xml`."""
+    # The text was read as UTF-8, whatever encoding it declares: Python may not know that one.
+    parser = expat.ParserCreate("utf-8")
+    builder = ElementTree.TreeBuilder(element_factory=Element)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = builder.start(tag, attributes)
+        assert isinstance(element, Element)
+        element.line = parser.CurrentLineNumber
+
+    def entity(name: str, *_: object) -> None:
+        raise RobotFileError(f"{path}:{parser.CurrentLineNumber}: entity {name!r} is defined; entities are not read")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = entity
+    try:
+        parser.Parse(text.encode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise RobotFileError(f"{path}: is not valid XML: {error}") from error
+    root = builder.close()
+    assert isinstance(root, Element)
+    return root
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """The content of a TOML file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is no TOML, is larger than LARGEST_FILE, or is nested deeper than DEEPEST.
+    """
+    if path.stat().st_size > LARGEST_FILE:
+        raise ValueError(f"{path.stat().st_size} bytes; at most {LARGEST_FILE} are read")
+    return parse_toml(path.read_text(encoding="utf-8"))
+
+
+def parse_toml(text: str) -> dict[str, object]:
+    """The content of a TOML text; ValueError as in `read_toml`."""
+    # Depth is counted in one pass: a regular expression that looks for it can be made to backtrack for hours.
+    for line in text.splitlines():
+        for part in BETWEEN_KEYS.split(line):
+            if part.count(".") >= DEEPEST:
+                raise ValueError(f"a key of more than {DEEPEST} parts: {part.strip()[:40]}...")
+    depth = 0
+    for bracket in BRACKET.finditer(text):
+        depth = max(0, depth + (1 if bracket.group() in "[{" else -1))
+        if depth > DEEPEST:
+            raise ValueError(f"tables or lists more than {DEEPEST} deep")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"tables or lists more than {DEEPEST} deep") from None
+
+
+def key_lines(text: str) -> dict[str, int]:
+    """Dotted name of each table and key -> the line on which it first stands; for messages."""
+    lines: dict[str, int] = {}
+    table = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := HEADER.match(line):
+            table = header.group(1)
+            lines.setdefault(table, number)
+        elif key := KEY.match(line):
+            lines.setdefault(f"{table}.{key.group(1)}" if table else key.group(1), number)
+    return lines
