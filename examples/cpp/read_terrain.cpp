@@ -1,5 +1,6 @@
 // Says what a lossless payload of `<robot>/perception/v1/terrain` holds, and what is known of a place, with the message package
-// guara_msgs of ROS 2 (ros/guara_msgs): read_terrain PAYLOAD X Y. Whatever Zenoh client brings the payload, the reading is the same.
+// guara_msgs of ROS 2 (ros/guara_msgs): read_terrain PAYLOAD X Y [STATUS]. Whatever Zenoh client brings the payload, the reading is the same.
+// With the node's status of now, asked for after the payload, it also says whether a robot may step by it.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -8,33 +9,88 @@
 #include <map>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
+#include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <guara_msgs/msg/terrain.hpp>
 #include <rmw/rmw.h>
 #include <rmw/serialized_message.h>
 #include <rosidl_typesupport_cpp/message_type_support.hpp>
 
+using diagnostic_msgs::msg::DiagnosticArray;
 using guara_msgs::msg::Terrain;
 using guara_msgs::msg::TerrainLayer;
 
 // Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
 constexpr unsigned UNKNOWN = 0x00ff;
 
-Terrain read_terrain(std::vector<unsigned char> & payload)
+template<typename Message>
+Message read_message(const char * name)
 {
+  std::ifstream file(name, std::ios::binary);
+  std::vector<unsigned char> payload(std::istreambuf_iterator<char>(file), {});
   rmw_serialized_message_t bytes = rmw_get_zero_initialized_serialized_message();
   bytes.buffer = payload.data();
   bytes.buffer_length = bytes.buffer_capacity = payload.size();
-  Terrain terrain;
-  const auto * support = rosidl_typesupport_cpp::get_message_type_support_handle<Terrain>();
-  if (rmw_deserialize(&bytes, support, &terrain) != RMW_RET_OK) {
-    throw std::runtime_error("these bytes are no Terrain message");
+  Message message;
+  const auto * support = rosidl_typesupport_cpp::get_message_type_support_handle<Message>();
+  if (rmw_deserialize(&bytes, support, &message) != RMW_RET_OK) {
+    throw std::runtime_error(std::string(name) + ": these bytes are no " +
+            (std::is_same<Message, Terrain>::value ? "Terrain message" : "status"));
   }
-  if (terrain.version_major != Terrain::VERSION_MAJOR) {
-    throw std::runtime_error("a Terrain message of another major version");
+  return message;
+}
+
+// A field of the metadata, JSON text of an object: texts with their quotes, as they stand there.
+std::string said(const std::string & metadata, const std::string & name)
+{
+  const std::string key = "\"" + name + "\": ";
+  const std::size_t start = metadata.find(key);
+  if (start == std::string::npos) {
+    return "";
   }
-  return terrain;
+  const std::size_t from = start + key.size();
+  const std::size_t end = metadata[from] == '"' ? metadata.find('"', from + 1) + 1 : metadata.find_first_of(",}", from);
+  return metadata.substr(from, end - from);
+}
+
+// Why a grid must not be used by what the node says after it came; empty when it may. A node that does not answer
+// vouches for nothing: then none may be used.
+std::string stale_because(const Terrain & terrain, const DiagnosticArray & status)
+{
+  std::map<std::string, std::string> now;
+  for (const auto & item : status.status) {
+    for (const auto & value : item.name == "transport" ? item.values : decltype(item.values){}) {
+      now[value.key] = value.value;
+    }
+  }
+  const auto quoted = [&now](const char * name) {return "\"" + now[name] + "\"";};
+  const auto number = [&now](const char * name) {return std::atof(now[name].c_str());};
+  if (said(terrain.metadata, "withdrawn") == "true") {
+    return "it was withdrawn";
+  }
+  if (said(terrain.metadata, "run") != quoted("run")) {
+    return "it is of a run of the node that is over";
+  }
+  const double age = number("clock_s") - std::atof(said(terrain.metadata, "scan_end_clock").c_str());
+  if (!(age <= terrain.valid_for)) {
+    return "it is too old";
+  }
+  const std::string epoch = said(terrain.metadata, "epoch");
+  if ((epoch.empty() ? "\"\"" : epoch) != quoted("epoch")) {
+    return "it is of another walk";
+  }
+  const double pauses = now["step"].empty() ? 0.0 : number("step") - static_cast<double>(terrain.step);
+  if (pauses > terrain.valid_pauses) {
+    return "its pauses are over";
+  }
+  if (said(terrain.metadata, "provisional") == "true" && (pauses > 0 || now["standing"] == "false")) {
+    return "its pause is over and did not confirm it";
+  }
+  const bool is_overtaken = number("last_scan_sequence") > static_cast<double>(terrain.sequence);
+  return is_overtaken && terrain.extent == "footprint" && !now["standing"].empty() ?
+         "a newer one has been published" : "";
 }
 
 const TerrainLayer & layer(const Terrain & terrain, const std::string & name)
@@ -50,14 +106,16 @@ const TerrainLayer & layer(const Terrain & terrain, const std::string & name)
 
 int main(int count, char ** words)
 {
-  if (count != 4) {
-    std::fprintf(stderr, "read_terrain PAYLOAD X Y\n");
+  if (count != 4 && count != 5) {
+    std::fprintf(stderr, "read_terrain PAYLOAD X Y [STATUS]\n");
     return 2;
   }
   try {
-    std::ifstream file(words[1], std::ios::binary);
-    std::vector<unsigned char> payload(std::istreambuf_iterator<char>(file), {});
-    const Terrain terrain = read_terrain(payload);
+    const auto terrain = read_message<Terrain>(words[1]);
+    if (terrain.version_major != Terrain::VERSION_MAJOR) {
+      throw std::runtime_error("a Terrain message of another major version");
+    }
+    const std::string because = count == 5 ? stale_because(terrain, read_message<DiagnosticArray>(words[4])) : "";
     const auto & hazard = layer(terrain, "hazard").uint16_values;
     const auto & elevation = layer(terrain, "elevation").float32_values;
     const auto & score = layer(terrain, "traversability").float32_values;
@@ -80,8 +138,12 @@ int main(int count, char ** words)
     }
     const std::size_t at = static_cast<std::size_t>(iy) * terrain.nx + static_cast<std::size_t>(ix);
     std::printf("%s, %s, hazard %u, elevation %.6f, traversability %.6f\n",
-      (hazard[at] & UNKNOWN) == 0 ? "known" : "unknown", hazard[at] == 0 && score[at] > 0 ? "safe" : "not safe",
+      (hazard[at] & UNKNOWN) == 0 ? "known" : "unknown",
+      hazard[at] == 0 && score[at] > 0 && because.empty() ? "safe" : "not safe",
       hazard[at], elevation[at], score[at]);
+    if (count == 5) {
+      std::puts(because.empty() ? "may be used" : ("not to step by: " + because).c_str());
+    }
   } catch (const std::exception & error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 1;

@@ -14,13 +14,13 @@ export const UNKNOWN = 0x00ff;
 const NEEDED = { elevation: 1, traversability: 1, hazard: 2 };
 
 // One type with all that it uses, as a parser of ROS 2 definitions wants it.
-function reader(name) {
+function reader(name, home = DEFINITIONS) {
   const others = [["guara_msgs", DEFINITIONS]];
   const standard = join(DEFINITIONS, "standard");
   for (const entry of readdirSync(standard, { withFileTypes: true })) {
     if (entry.isDirectory()) others.push([entry.name, join(standard, entry.name)]);
   }
-  let text = readFileSync(join(DEFINITIONS, `${name}.msg`), "utf8");
+  let text = readFileSync(join(home, `${name}.msg`), "utf8");
   for (const [place, folder] of others) {
     for (const file of readdirSync(folder).filter((each) => each.endsWith(".msg") && each !== `${name}.msg`)) {
       text += `\n${"=".repeat(80)}\nMSG: ${place}/${file.slice(0, -4)}\n${readFileSync(join(folder, file), "utf8")}`;
@@ -31,6 +31,7 @@ function reader(name) {
 
 const terrainReader = reader("Terrain");
 const summaryReader = reader("TerrainSummary");
+const statusReader = reader("DiagnosticArray", join(DEFINITIONS, "standard", "diagnostic_msgs"));
 
 // The compact encoding: one zstd frame; inside, all first bytes of each group of four, then all second ones, and so on.
 export function plainCdr(payload) {
@@ -85,6 +86,31 @@ export function readSummary(payload) {
     }),
   };
   return summary;
+}
+
+// What the node says of the robot now: the reply to a query of `<robot>/perception/v1/status`, asked anew for every use.
+export function readStatus(payload) {
+  const own = statusReader.readMessage(payload).status.find((item) => item.name === "transport");
+  if (own === undefined) throw new Error("a status without the item transport");
+  return Object.fromEntries(own.values.map(({ key, value }) => [key, value]));
+}
+
+// Why a grid or a summary must not be used by what the node says after it came; empty when it may. A node that does not
+// answer vouches for nothing: then none may be used.
+export function staleBecause(grid, status) {
+  const said = grid.metadata === undefined ? grid : JSON.parse(grid.metadata);
+  const because = said.withdrawn ? ["it was withdrawn"] : [];
+  if (said.run !== status.run) return [...because, "it is of a run of the node that is over"];
+  const own = Number(grid.step);
+  const pauses = status.step === "" ? 0 : Number(status.step) - own;
+  const age = Number(status.clock_s) - said.scan_end_clock;
+  if (!(age <= grid.valid_for)) because.push(`it is ${age} s old; allowed: ${grid.valid_for} s`);
+  if ((said.epoch ?? "") !== status.epoch) because.push("it is of another walk");
+  else if (pauses > grid.valid_pauses) because.push(`it is ${pauses} pauses old; allowed: ${grid.valid_pauses}`);
+  if (said.provisional && (pauses > 0 || status.standing === "false")) because.push("its pause is over and did not confirm it");
+  const isOvertaken = grid.extent === "footprint" && Number(status.last_scan_sequence) > Number(grid.sequence);
+  if (isOvertaken && status.standing !== "") because.push("a newer one has been published");
+  return because;
 }
 
 // What is known of the cell under a place [m] in the grid's frame; off the grid nothing is. On the border of two cells the

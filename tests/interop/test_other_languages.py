@@ -1,5 +1,6 @@
 """The examples in other languages: a grid of a node over Zenoh alone, read in JavaScript and C++ as in Python."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -18,8 +19,10 @@ from guara_perception.app.publisher import publish_terrain
 from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
-from transport import PerceptionServer, decode_terrain, open_node
+from transport import Health, PerceptionServer, Status, StatusItem, decode_terrain, encode_terrain, open_node
+from transport.evidence import objections, read_word
 from transport.messages.codec import encode
+from transport.messages.status_message import encode_status
 from transport.messages.summary_message import decode_summary
 from transport.messages.terrain_codec import make_terrain
 
@@ -46,6 +49,7 @@ def payloads(endpoint: str, root: Path, tmp_path_factory: pytest.TempPathFactory
     for name, said in (
         ("terrain", "application/cdr;guara_msgs/msg/Terrain"),
         ("compact/terrain", "application/zstd;shuffle=4;application/cdr;guara_msgs/msg/Terrain"),
+        ("status", "application/cdr;diagnostic_msgs/msg/DiagnosticArray"),
     ):
         path = folder / f"{name.replace('/', '_')}.bin"
         command = [sys.executable, root / "examples" / "plain_zenoh.py", endpoint, f"guara/perception/v1/{name}", path]
@@ -84,6 +88,71 @@ def test_javascript_reads_what_python_reads(payloads: dict[str, Path], root: Pat
             assert found["hazard"] == int(hazard)
         if found["known"]:
             assert found["elevation"] == terrain.height_at(x, y)
+
+
+STATES: dict[str, tuple[dict[str, object], dict[str, object]]] = {
+    "in its pause": ({}, {}),
+    "in the swing after": ({}, {"standing": "false"}),
+    "provisional in its pause": ({"provisional": True}, {}),
+    "provisional, and the pause over": ({"provisional": True}, {"standing": "false"}),
+    "the next pause": ({}, {"step": 4}),
+    "a pause later, by a status of before": ({}, {"step": 2}),
+    "another walk": ({}, {"epoch": "walk-b", "step": 0}),
+    "another run": ({}, {"run": "run-2"}),
+    "another run that knows no pause": ({}, {"run": "run-2", "step": "", "epoch": "", "standing": ""}),
+    "a newer one lost": ({}, {"last_scan_sequence": 2}),
+    "too old": ({}, {"clock_s": 1000.0}),
+    "withdrawn": ({"withdrawn": True}, {}),
+    "nobody announces pauses": ({"epoch": ""}, {"epoch": "", "standing": ""}),
+}
+
+
+@pytest.fixture(scope="module")
+def judged(
+    paper_terrain: gp.TerrainGrid, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, tuple[Path, Path, bool]]:
+    """By state: payload of a grid, of the node's status after it, and whether a Python client would use the grid."""
+    folder, found = tmp_path_factory.mktemp("judged"), {}
+    at_pause = dataclasses.replace(paper_terrain, step=3)
+    for state, (stated, values) in STATES.items():
+        known = {"run": "run-1", "epoch": "walk-a", "scan_end_clock": 100.0, "provisional": False, **stated}
+        message = terrain_to_message(
+            at_pause, robot="guara", sequence=1, valid_for=420.0, stated=known | {"withdrawn": False}
+        )
+        if known.get("withdrawn"):
+            message = message.emptied(message.stamp, "moved")
+        said = {
+            "run": "run-1",
+            "clock_s": 101.0,
+            "epoch": "walk-a",
+            "step": 3,
+            "standing": "true",
+            "last_scan_sequence": 1,
+        }
+        items = (StatusItem(name="transport", level=Health.OK, values=said | values),)
+        status = Status(stamp=1, items=items)
+        paths = folder / f"{len(found)}.bin", folder / f"{len(found)}.status"
+        paths[0].write_bytes(encode_terrain(message))
+        paths[1].write_bytes(encode_status(status))
+        word = read_word(status, 0.0)
+        age = float((said | values)["clock_s"]) - 100.0
+        found[state] = (*paths, not objections(message, word, age=age, limit=message.valid_for))
+    return found
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_javascript_judges_as_python_does(judged: dict[str, tuple[Path, Path, bool]], root: Path, state: str) -> None:
+    """With the node's status of now: a robot steps by the same grids, and by no other."""
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
+    payload, status, may_be_used = judged[state]
+    command = ["node", folder / "read_terrain.mjs", payload, "0.7", "0", status]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    _, cell, verdict = done.stdout.splitlines()
+    assert (verdict == "may be used") == may_be_used, verdict
+    assert may_be_used or not json.loads(cell)["safe"]
 
 
 def test_javascript_reads_the_summary_as_python_does(paper_terrain: gp.TerrainGrid, root: Path, tmp_path: Path) -> None:
@@ -172,7 +241,12 @@ def build(root: Path, ros: Path, tmp_path_factory: pytest.TempPathFactory) -> Ca
     return made
 
 
-def test_cpp_reads_what_python_reads(build: Callable[[str], Path], payloads: dict[str, Path], ros: Path) -> None:
+def test_cpp_reads_and_judges_as_python_does(
+    build: Callable[[str], Path],
+    payloads: dict[str, Path],
+    judged: dict[str, tuple[Path, Path, bool]],
+    ros: Path,
+) -> None:
     """guara_msgs as rosidl generates it, read by the middleware's own deserialiser."""
     program = build("examples/cpp") / "read_terrain"
     terrain = message_to_terrain(decode_terrain(payloads["terrain"].read_bytes()))
@@ -195,6 +269,12 @@ def test_cpp_reads_what_python_reads(build: Callable[[str], Path], payloads: dic
         if known == "known":
             (height,) = re.findall(r"elevation (-?[0-9.]+)", cell)
             assert float(height) == pytest.approx(terrain.height_at(x, y), abs=1e-6)
+    for state, (payload, status, may_be_used) in judged.items():
+        done = run(payload, 0.7, 0.0, status)
+        assert done.returncode == 0, done.stderr
+        _, cell, verdict = done.stdout.splitlines()
+        assert (verdict == "may be used") == may_be_used, (state, verdict)
+        assert may_be_used or ", not safe, " in cell
     done = run(payloads["compact/terrain"], 0.7, 0.0)
     assert done.returncode == 1 and "no Terrain message" in done.stderr
     assert run().returncode == 2
