@@ -75,7 +75,7 @@ def reach_in_base(
         (positions >= solver.lower - LIMIT_TOLERANCE) & (positions <= solver.upper + LIMIT_TOLERANCE), axis=1
     ).reshape(soles.shape[:-1])
     within.setflags(write=False)
-    return Reach(read_only(positions.reshape(*soles.shape[:-1], -1)), within)
+    return Reach(read_only(positions.reshape(*soles.shape[:-1], positions.shape[1])), within)
 
 
 def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLike) -> Reach:

@@ -83,6 +83,9 @@ class NodeClock(RemoteClock):
             run, reading = values["run"], float(values["clock_s"])
         except (KeyError, ValueError):
             return True
+        # Every age by a clock of NaN would be 0.
+        if not math.isfinite(reading):
+            return True
         bound = ClockBound(reading, asked, answered)
         with self._lock:
             before = self._bounds.pop(run, None)

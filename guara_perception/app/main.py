@@ -53,6 +53,8 @@ ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 # Warnings that differ only in these are one warning.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
+# [characters] Longest word of an error that is printed whole.
+LONGEST_WORD = 300
 # The disk is full or broken: no input would help.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
@@ -214,8 +216,13 @@ def _with_help(error: click.ClickException) -> str:
     return text
 
 
+def _shortened(word: str) -> str:
+    """A word, as a path, without its middle where it is too long to read."""
+    return word if len(word) <= LONGEST_WORD else f"{word[: LONGEST_WORD // 2]}...{word[-LONGEST_WORD // 2 :]}"
+
+
 def _say(text: str, code: int) -> int:
-    click.echo(f"guara: {' '.join(text.split())}", err=True)
+    click.echo(f"guara: {' '.join(map(_shortened, text.split()))}", err=True)
     return code
 
 

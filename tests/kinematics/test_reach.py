@@ -27,6 +27,13 @@ def test_grids_keep_their_shape(robot: RobotModel) -> None:
     assert not reach.joint_positions.flags.writeable and not reach.is_reachable.flags.writeable
 
 
+def test_no_soles_have_no_answers(robot: RobotModel) -> None:
+    """Where nothing is free, nothing is asked; that is no error."""
+    reach = robot.reach(robot.legs[0], np.empty((0, 3)))
+    joints = len(robot.config.legs[0].joints)
+    assert reach.joint_positions.shape == (0, joints) and reach.is_reachable.shape == (0,)
+
+
 def test_joint_limits_bound_the_reach(robot: RobotModel) -> None:
     """Every reachable solution lies within the joint limits."""
     x, y = np.meshgrid(np.linspace(-0.2, 0.6, 15), np.linspace(-0.2, 0.5, 15))

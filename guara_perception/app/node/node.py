@@ -55,6 +55,8 @@ SCAN_THREAD = "guara-scans"
 HANG_TIME_S = 30.0
 # Walk of a pause that cannot be scanned, where a gait without epochs counts anew.
 UNKNOWN_WALK = "unknown"
+# Longest wait for work; then the thread looks again.
+LONGEST_WAIT_S = 3600.0
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
@@ -368,7 +370,8 @@ class PerceptionNode:
         pause = self._pause
         if pause is None or pause.ended.is_set():
             return None
-        return max(pause.deadline - clock.now(), 0.0) + EXPIRY_SLACK_S
+        # The clock's own waits are bounded: what a robot.toml states may be longer.
+        return min(max(pause.deadline - clock.now(), 0.0) + EXPIRY_SLACK_S, LONGEST_WAIT_S)
 
     def _settle(self) -> None:
         try:

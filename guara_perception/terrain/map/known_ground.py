@@ -24,6 +24,9 @@ LARGEST_TILT = 0.2
 # Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
 LEAST_TURN = 1e-9
 
+# A scan waits while the cells inside an outline are found: 30,000 corners would take a minute.
+MOST_CORNERS = 1000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownGround:
@@ -35,7 +38,7 @@ class KnownGround:
         sigma: standard deviation of the height [m].
 
     Raises:
-        InvalidInput: fewer than three corners, a value that is not finite, a negative sigma.
+        InvalidInput: fewer than 3 or more than `MOST_CORNERS` corners, a value that is not finite, a negative sigma.
     """
 
     outline: Float
@@ -46,6 +49,8 @@ class KnownGround:
         outline = np.array(self.outline, dtype=np.float64)
         if outline.ndim != 2 or outline.shape[1:] != (2,) or len(outline) < 3 or not np.isfinite(outline).all():
             raise InvalidInput(f"outline of known ground has shape {outline.shape}, it must be 3 or more finite (x, y)")
+        if len(outline) > MOST_CORNERS:
+            raise InvalidInput(f"outline of known ground has {len(outline)} corners; allowed: up to {MOST_CORNERS:,}")
         if not np.isfinite(self.height) or not np.isfinite(self.sigma) or self.sigma < 0:
             raise InvalidInput(
                 f"known ground has height {self.height} and sigma {self.sigma}, both must be finite and sigma 0 or more"

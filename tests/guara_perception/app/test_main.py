@@ -191,6 +191,12 @@ def test_message_of_several_lines_becomes_one(guara, monkeypatch: pytest.MonkeyP
     assert guara("process").err == "guara: first second\n"
 
 
+def test_a_file_name_of_thousands_of_characters_is_not_printed_whole(guara, tmp_path: Path):
+    said = guara("info", tmp_path / ("x" * 5000))
+    assert said.code in (1, 2)
+    assert "xxx...xxx" in said.err and len(said.err) < 500
+
+
 def test_defects_are_not_hidden(monkeypatch: pytest.MonkeyPatch):
     """An error that nobody raises on purpose is a defect: it is shown whole."""
     fail_with(monkeypatch, KeyError("inside"))

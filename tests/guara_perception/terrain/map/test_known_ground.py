@@ -97,10 +97,11 @@ def test_declared_ground_that_a_scan_contradicts_is_a_conflict(robot: RobotModel
         ([[0, 0], [1, 0], [1, np.nan]], 0.0, 0.0),
         (np.eye(3), np.inf, 0.0),
         (np.eye(3), 0, 0),
+        (np.zeros((30_000, 2)), 0.0, 0.0),
     ],
 )
 def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: float) -> None:
-    """Two corners, NaN, three columns, infinite height: refused."""
+    """Two corners, NaN, three columns, infinite height, endless outlines: refused."""
     with pytest.raises(gp.InvalidInput, match="known ground"):
         gp.KnownGround(outline, height, sigma)
     with pytest.raises(gp.InvalidInput, match="sigma 0 or more"):

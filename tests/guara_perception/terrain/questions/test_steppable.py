@@ -162,3 +162,11 @@ def test_bad_questions_are_refused(arguments: tuple[object, ...], message: str) 
     """What is asked for must be finite, and what was chosen before a region."""
     with pytest.raises(gp.InvalidInput, match=message):
         ground(0).steppable_region(*arguments)  # type: ignore[arg-type]
+
+
+def test_a_leg_over_unknown_ground_has_no_region(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
+    """No cell is free, so that the leg is asked for no place at all."""
+    nothing = gp.assess_terrain(np.full((30, 40), np.nan), 0.005, origin=(0.2, -0.1))
+    nothing = dataclasses.replace(nothing, metadata={**paper_terrain.metadata, **nothing.metadata})
+    assert nothing.steppable_regions("lf", robot) == []
+    assert nothing.steppable_region(0.3, 0.0, 0.1, "lf", robot=robot) is None
