@@ -29,7 +29,7 @@ from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.simulation.walk import fresh_reading
 from transport import PausePhase, StancePause, encode_stance_pause, open_client, open_node
 from transport.keys import stance_key
-from transport.publisher import Publisher
+from transport.links.publisher import Publisher
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
 

@@ -29,9 +29,9 @@ import numpy as np
 import transport
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
 from transport.configuration import router_configuration
+from transport.links.session import listen_with
 from transport.security.folder import CONFIGURATION
 from transport.security.router_folder import make_router
-from transport.session import listen_with
 
 SIZES = (1, 5, 20, 50, 100)
 # Robots, or planners, of one process.

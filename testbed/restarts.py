@@ -1,6 +1,6 @@
 """A robot, its gait, the nodes that come and go, and a planner's client on an emulated clock, with the truth beside.
 
-What a client does with Zenoh is left out; what it believes (`transport.evidence`) is not. The link to the planner
+What a client does with Zenoh is left out; what it believes (`transport.grids.evidence`) is not. The link to the planner
 brings everything in order after a delay; a link that is cut stalls, and is closed on both sides after `LEASE`.
 """
 
@@ -10,7 +10,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from transport.evidence import SILENT, Cure, Evidence, Objection, read_word
+from transport.grids.evidence import SILENT, Cure, Evidence, Objection, read_word
 from transport.messages.status_message import STATUS_NAME, Status, StatusItem
 from transport.messages.terrain_message import Health
 

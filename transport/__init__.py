@@ -25,7 +25,13 @@ from transport.exceptions import (
     VersionError,
 )
 from transport.keys import DEFAULT_ROBOT
-from transport.liveliness import AliveToken, AliveWatcher
+from transport.links.liveliness import AliveToken, AliveWatcher
+from transport.links.outbox import Outbox
+from transport.links.publisher import Publisher
+from transport.links.received import Received
+from transport.links.receiver import NewestReceiver
+from transport.links.ros2 import Ros2Mirror
+from transport.links.session import Session, open_client, open_node
 from transport.messages.camera_info import camera_info_message
 from transport.messages.codec import decode, encode
 from transport.messages.frames import frames_message
@@ -39,20 +45,14 @@ from transport.messages.submessages import GroundPatch, ObstacleMessage, StanceM
 from transport.messages.terrain_codec import decode_terrain, encode_terrain
 from transport.messages.terrain_message import LAYERS, Health, TerrainMessage
 from transport.messages.text import text_message
-from transport.outbox import Outbox
-from transport.publisher import Publisher
-from transport.query import QueryServer, query_terrain
-from transport.received import Received
-from transport.receiver import NewestReceiver
-from transport.ros2 import Ros2Mirror
-from transport.scan_client import request_scan
-from transport.scan_server import ScanJob, ScanServer
+from transport.queries.query import QueryServer, query_terrain
+from transport.queries.scan_client import request_scan
+from transport.queries.scan_server import ScanJob, ScanServer
+from transport.queries.status_reporter import StatusReporter
 from transport.security.folder import init_security
 from transport.security_check import Permission, check_security, format_matrix
 from transport.server import PerceptionServer
-from transport.session import Session, open_client, open_node
 from transport.stance_link import StancePublisher, StanceReceiver
-from transport.status_reporter import StatusReporter
 
 __all__ = [
     "DEFAULT_ENDPOINT",

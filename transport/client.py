@@ -10,24 +10,24 @@ from types import TracebackType
 from typing import Any, Self, Unpack
 
 from transport import clock
-from transport.evidence import G
 from transport.exceptions import MessageError, StaleTerrain
-from transport.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
-from transport.grid_waiter import SETTLE, GridWaiter
+from transport.grids.evidence import G
+from transport.grids.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
+from transport.grids.grid_waiter import SETTLE, GridWaiter
+from transport.grids.node_clock import ClockOffset
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key, summary_key, terrain_key
+from transport.links.received import Received
+from transport.links.receiver import NewestReceiver
+from transport.links.session import Session
 from transport.messages.regions_message import RegionsMessage, decode_regions
 from transport.messages.scan_messages import ScanReply
 from transport.messages.status_message import Status
 from transport.messages.summary_message import SummaryMessage, decode_summary
 from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
-from transport.node_clock import ClockOffset
-from transport.query import query_terrain
-from transport.received import Received
-from transport.receiver import NewestReceiver
-from transport.scan_client import ARRIVES_WITHIN, request_scan, result_of
+from transport.queries.query import query_terrain
+from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.seldom import Seldom
-from transport.session import Session
 
 # [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
 FIRST_GRID = 5.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from transport.keys import claim_key, run_key
-from transport.liveliness import TokenWatcher
+from transport.links.liveliness import TokenWatcher
+from transport.links.session import Session
 from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
-from transport.session import Session
 
 
 class NameWatch:

@@ -10,13 +10,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from transport import zenoh_api
 from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import ConnectionFailed, NameTaken, TransportError
 from transport.keys import DEFAULT_ROBOT, NODE_ROLE, alive_key, claim_key, run_key
-from transport.liveliness import AliveToken
+from transport.links import zenoh_api
+from transport.links.liveliness import AliveToken
+from transport.links.session import Session, open_client, open_node
 from transport.security.folder import configured_endpoints, role_folder
-from transport.session import Session, open_client, open_node
 
 logger = logging.getLogger(__name__)
 # [s] A node that was killed is gone at once, one that hangs within two seconds; the rest is for a busy machine.

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from transport import zenoh_api
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed, SecurityError
-from transport.fetcher import Fetcher
 from transport.keys import FLEET_STATUS, gait_clock_key, scan_key, stance_key, status_key, terrain_key
-from transport.publisher import Publisher
+from transport.links import zenoh_api
+from transport.links.fetcher import Fetcher
+from transport.links.publisher import Publisher
+from transport.links.session import Session, connect_with, listen_with, open_node
 from transport.security.access_rules import FLEET, ROLES, ROUTER
 from transport.security.folder import load_configuration, role_folder
 from transport.security.members import Members, open_members
-from transport.session import Session, connect_with, listen_with, open_node
 
 # What is tried, in the order of the matrix.
 ACTIONS = (

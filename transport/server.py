@@ -14,14 +14,20 @@ import numpy as np
 from transport import clock
 from transport.arrays import Percent
 from transport.exceptions import MessageError, ReceiveTimeout
-from transport.grid_publishers import GridPublishers
+from transport.grids.grid_publishers import GridPublishers
+from transport.grids.views import ViewSender
 from transport.jump_watch import JumpWatch
 from transport.keys import (
     DEFAULT_ROBOT,
     alive_key,
     run_key,
 )
-from transport.liveliness import AliveToken
+from transport.links.liveliness import AliveToken
+from transport.links.outbox import Outbox
+from transport.links.payload import Payload
+from transport.links.resource import Resource
+from transport.links.ros2 import Ros2Mirror
+from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.regions_message import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, StatusItem
@@ -29,17 +35,11 @@ from transport.messages.terrain_message import EXTENTS, Health, TerrainMessage
 from transport.messages.typestore import STATUS
 from transport.name_watch import NameWatch
 from transport.node_name import NAME_TIMEOUT, claim_name
-from transport.outbox import Outbox
-from transport.payload import Payload
-from transport.query import QueryServer
-from transport.resource import Resource
-from transport.ros2 import Ros2Mirror
-from transport.scan_server import Admission, Handler, ScanJob, ScanServer
-from transport.session import Session
+from transport.queries.query import QueryServer
+from transport.queries.scan_server import Admission, Handler, ScanJob, ScanServer
+from transport.queries.status_reporter import StatusReporter
 from transport.stance_link import GaitClock
-from transport.status_reporter import StatusReporter
 from transport.supervision import FailureLog
-from transport.views import ViewSender
 
 logger = logging.getLogger(__name__)
 # [s] How long the final reply to a scan request waits for its terrain message to be sent.

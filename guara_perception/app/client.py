@@ -14,8 +14,8 @@ from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
 from transport.client import PerceptionClient
+from transport.grids.node_clock import ClockOffset
 from transport.keys import check_encoding, check_name
-from transport.node_clock import ClockOffset
 
 logger = logging.getLogger(__name__)
 

@@ -27,14 +27,14 @@ from transport.client import PerceptionClient
 from transport.exceptions import SessionClosed
 from transport.fleet import living_robots
 from transport.keys import check_name, picture_key, points_key
+from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
-from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
-    from transport.received import Received
+    from transport.links.received import Received
 
 logger = logging.getLogger(__name__)
 # [s] Time that the router has to answer which robots live.

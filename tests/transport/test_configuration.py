@@ -13,7 +13,7 @@ from transport.configuration import (
     is_local,
     node_configuration,
 )
-from transport.last_message import MAXIMUM_PIECE
+from transport.links.last_message import MAXIMUM_PIECE
 
 
 @pytest.mark.parametrize("endpoint", ["", "tcp", "tcp/", "tcp/host", "foo/1.2.3.4:5", "127.0.0.1:7447"])

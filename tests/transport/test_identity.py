@@ -14,8 +14,8 @@ import pytest
 import transport
 from tests.thorough import further
 from transport import clock, keys
+from transport.links.publisher import Publisher
 from transport.node_name import open_only_node
-from transport.publisher import Publisher
 
 PATIENCE = 30.0
 CLOCK_BEHIND = """

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 
-from transport import open_node, zenoh_api
-from transport.last_message import PIECE, pieces_key
-from transport.publisher import Publisher
-from transport.session import Session
+from transport import open_node
+from transport.links import zenoh_api
+from transport.links.last_message import PIECE, pieces_key
+from transport.links.publisher import Publisher
+from transport.links.session import Session
 
 
 def _ask(session: Session, key: str, number: int) -> tuple[int, bytes]:

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 import transport
 from transport.keys import terrain_key
-from transport.patience import LONGEST, MARGIN, SHORTEST, Patience
-from transport.publisher import Publisher
+from transport.links.patience import LONGEST, MARGIN, SHORTEST, Patience
+from transport.links.publisher import Publisher
 
 
 def test_before_anything_is_known_it_is_the_longest() -> None:

@@ -6,8 +6,8 @@ import pytest
 
 import transport
 from transport.keys import terrain_key
-from transport.payload import MadeOnce
-from transport.publisher import Publisher
+from transport.links.payload import MadeOnce
+from transport.links.publisher import Publisher
 
 
 def test_it_is_made_once_however_many_ask() -> None:

@@ -10,8 +10,8 @@ import zenoh
 
 import transport
 from transport import decode, keys
+from transport.links.publisher import Publisher
 from transport.messages.scan_messages import QueryRequest, ScanRequest, encode_query_request, encode_scan_request
-from transport.publisher import Publisher
 from transport.security.folder import load_configuration
 
 PATIENCE = 30.0

@@ -7,13 +7,13 @@ import threading
 
 import pytest
 
-from transport.pulse import Pulse
+from transport.links.pulse import Pulse
 
 
 def test_all_are_called_on_one_thread_the_first_first_and_one_that_fails_stops_no_other(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("transport.pulse.PERIOD", 0.02)
+    monkeypatch.setattr("transport.links.pulse.PERIOD", 0.02)
     pulse, called, round_over = Pulse(), [], threading.Event()
 
     def fail() -> None:

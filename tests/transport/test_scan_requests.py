@@ -7,7 +7,8 @@ import time
 import pytest
 
 import transport
-from transport import keys, zenoh_api
+from transport import keys
+from transport.links import zenoh_api
 from transport.messages.scan_messages import decode_refusal, encode_scan_request
 
 
@@ -214,7 +215,7 @@ def test_a_node_that_lives_before_it_scans_is_asked_again(endpoint: str, peer) -
 @pytest.mark.slow
 def test_a_scanner_that_died_before_it_answered_is_gone(endpoint: str) -> None:
     """It was alive when it was asked and is not any more: gone, not unavailable; without a life sign: unavailable."""
-    from transport.scan_client import request_scan
+    from transport.queries.scan_client import request_scan
 
     with transport.open_node(listen=endpoint), transport.open_client(endpoint) as session:
         lives = iter([True])

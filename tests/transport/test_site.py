@@ -16,7 +16,7 @@ from tests.transport.conftest import forked_program, starter
 from transport import PerceptionClient, open_client
 from transport.fleet import robot_states
 from transport.keys import terrain_key
-from transport.publisher import Publisher
+from transport.links.publisher import Publisher
 from transport.security.certificates import add
 from transport.security.folder import CONFIGURATION, init_security
 from transport.security.router_folder import make_router

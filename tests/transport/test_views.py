@@ -4,13 +4,13 @@ import numpy as np
 
 from tests import ports
 from transport import open_client, open_node, point_cloud_message
+from transport.grids.views import ViewSender
 from transport.keys import picture_key, points_key
+from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
-from transport.receiver import NewestReceiver
 from transport.recording import FrameRecord
 from transport.recording.records import make_frame
-from transport.views import ViewSender
 
 
 def test_who_joins_later_gets_the_last_of_both() -> None:

@@ -41,7 +41,7 @@ from transport.server import PerceptionServer
 from transport.supervision import Failure, follow, forget, supervised
 
 if TYPE_CHECKING:
-    from transport.scan_server import ScanJob
+    from transport.queries.scan_server import ScanJob
 
 logger = logging.getLogger(__name__)
 

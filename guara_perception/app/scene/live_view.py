@@ -12,9 +12,9 @@ from guara_perception.app.scene.scene import stripe_cloud
 from guara_perception.arrays import Image
 from kinematics import BASE_FOOTPRINT
 from transport import point_cloud_message
+from transport.grids.views import ViewSender
 from transport.recording import FrameRecord
 from transport.recording.records import make_frame
-from transport.views import ViewSender
 
 if TYPE_CHECKING:
     from drivers import StripeCapture

@@ -29,7 +29,7 @@ from transport import (
     point_cloud_message,
     text_message,
 )
-from transport.grid_publishers import GRID_MAP_LAYERS
+from transport.grids.grid_publishers import GRID_MAP_LAYERS
 from transport.recording import CAMERA_FRAME
 
 if TYPE_CHECKING:

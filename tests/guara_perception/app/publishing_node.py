@@ -18,7 +18,7 @@ from guara_perception.app.messages import restamped, terrain_to_message
 from guara_perception.app.publisher import publish_terrain
 from transport import ScanFailed, encode_terrain, open_node, point_cloud_message
 from transport.keys import terrain_key
-from transport.publisher import Publisher
+from transport.links.publisher import Publisher
 from transport.recording import FrameRecord
 from transport.recording.records import make_frame
 from transport.server import PerceptionServer

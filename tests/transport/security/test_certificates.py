@@ -10,7 +10,7 @@ import transport
 from transport import Health, SecurityError, clock
 from transport.configuration import QUEUES
 from transport.keys import status_key, terrain_key
-from transport.publisher import Publisher
+from transport.links.publisher import Publisher
 from transport.security.authority import Credentials, make_certificate
 from transport.security.certificates import add, days_left, judge_security, renew, revoke
 from transport.security.folder import CONFIGURATION

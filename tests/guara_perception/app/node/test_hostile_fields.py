@@ -36,6 +36,7 @@ from transport import (
     open_node,
 )
 from transport.keys import query_key, regions_key, scan_key, stance_key, status_key, summary_key, terrain_key
+from transport.links.publisher import URGENT
 from transport.messages.codec import decode
 from transport.messages.map_origin import origin_of
 from transport.messages.regions_message import RegionsMessage, encode_regions
@@ -45,7 +46,6 @@ from transport.messages.status_message import STATUS_NAME
 from transport.messages.summary_message import SummaryMessage, encode_summary
 from transport.messages.terrain_codec import make_terrain
 from transport.messages.typestore import QUERY_REQUEST, REGIONS, SCAN_REQUEST, STATUS, SUMMARY
-from transport.publisher import URGENT
 from transport.recording import open_recording
 from transport.server import PerceptionServer
 from transport.supervision import Failure, follow, forget

@@ -24,9 +24,9 @@ from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
 from transport.keys import picture_key, points_key
+from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
-from transport.receiver import NewestReceiver
 from transport.recording import open_recording
 
 pytestmark = pytest.mark.slow

@@ -14,7 +14,7 @@ from kinematics import RobotModel, Stance, Stillness
 from kinematics.robot_settings import PauseLimits
 from tests.thorough import examples
 from transport import PausePhase, StanceMessage, StancePause
-from transport.remote_clock import DRIFT, ClockBound
+from transport.queries.remote_clock import DRIFT, ClockBound
 
 LIMIT, ARRIVED = 30.0, 100.0
 S = 10**9

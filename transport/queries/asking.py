@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from transport import zenoh_api
-from transport.session import Session
+from transport.links import zenoh_api
+from transport.links.session import Session
 
 # [s] Beyond the caller's timeout, so that the answerer's own message that the deadline passed can still arrive.
 GRACE = 0.5

@@ -9,6 +9,11 @@ import numpy as np
 
 from transport.arrays import Percent
 from transport.keys import grid_map_key, occupancy_key, regions_key, summary_key, terrain_key
+from transport.links.outbox import Outbox
+from transport.links.payload import MadeOnce, Payload
+from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher
+from transport.links.ros2 import Ros2Mirror
+from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.compact import encode_compact
 from transport.messages.encodings import cdr, compact
@@ -17,11 +22,6 @@ from transport.messages.regions_message import RegionsMessage, encode_regions
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN
-from transport.outbox import Outbox
-from transport.payload import MadeOnce, Payload
-from transport.publisher import LARGE, LARGEST, SMALL, Publisher
-from transport.ros2 import Ros2Mirror
-from transport.session import Session
 
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
 # below 2^24 and so come through exactly.

@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import SessionClosed, TransportError
-from transport.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.links import zenoh_api
+from transport.links.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.links.patience import Patience
+from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
-from transport.patience import Patience
-from transport.session import Session
 
 # [byte/s] On a slower link most published messages are lost half way, and the pieces of them that were sent delay
 # others: a reader there unsubscribes, and fetches what is announced.

@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from transport import zenoh_api
-from transport.resource import Resource
-from transport.session import Session
+from transport.links import zenoh_api
+from transport.links.resource import Resource
+from transport.links.session import Session
 
 
 class AliveToken(Resource):

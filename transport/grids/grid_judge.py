@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 from typing import Any, TypedDict, cast
 
 from transport import clock
-from transport.evidence import SILENT, Cure, Evidence, G, Objection, read_word, silent_for
 from transport.exceptions import StaleTerrain
+from transport.grids.evidence import SILENT, Cure, Evidence, G, Objection, read_word, silent_for
+from transport.grids.node_clock import NodeClock
 from transport.keys import alive_key, run_key, status_key
-from transport.liveliness import AliveWatcher, TokenWatcher
+from transport.links.liveliness import AliveWatcher, TokenWatcher
+from transport.links.received import Received
+from transport.links.receiver import NewestReceiver
+from transport.links.session import Session
 from transport.messages.status_message import Status, StatusItem, decode_status
 from transport.messages.terrain_message import Health
-from transport.node_clock import NodeClock
-from transport.received import Received
-from transport.receiver import NewestReceiver
 from transport.seldom import Seldom
-from transport.session import Session
 
 NS = 1e-9
 # [s] Between two looks for news.

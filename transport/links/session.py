@@ -10,7 +10,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from transport import exit_watcher, zenoh_api
 from transport.configuration import (
     DEFAULT_ENDPOINT,
     check_exposure,
@@ -18,9 +17,10 @@ from transport.configuration import (
     node_configuration,
 )
 from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
-from transport.exit_watcher import Closable
+from transport.links import exit_watcher, zenoh_api
+from transport.links.exit_watcher import Closable
+from transport.links.pulse import Pulse
 from transport.messages.typestore import warm_up
-from transport.pulse import Pulse
 from transport.security.folder import configured_endpoints, load_configuration, role_folder
 from transport.supervision import Failure, supervised
 

@@ -8,12 +8,12 @@ import time
 
 from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
-from transport.liveliness import AliveToken
+from transport.links.liveliness import AliveToken
+from transport.links.publisher import Publisher
+from transport.links.resource import Resource
+from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
-from transport.publisher import Publisher
-from transport.resource import Resource
-from transport.session import Session
 
 # Name of the node as ROS 2 tools show it.
 NODE_NAME = "guara_perception"

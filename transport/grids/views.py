@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from transport.keys import DEFAULT_ROBOT, picture_key, points_key
+from transport.links.outbox import Outbox
+from transport.links.publisher import LARGEST, Publisher
+from transport.links.resource import Resource
+from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.encodings import cdr
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
-from transport.outbox import Outbox
-from transport.publisher import LARGEST, Publisher
-from transport.resource import Resource
-from transport.session import Session
 
 
 class ViewSender(Resource):

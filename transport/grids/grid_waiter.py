@@ -9,12 +9,12 @@ from dataclasses import replace
 from functools import partial
 
 from transport import clock
-from transport.evidence import G
 from transport.exceptions import ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
-from transport.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
+from transport.grids.evidence import G
+from transport.grids.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
+from transport.links.received import Received
+from transport.links.receiver import NewestReceiver
 from transport.messages.terrain_message import TerrainMessage
-from transport.received import Received
-from transport.receiver import NewestReceiver
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
 # a free machine, the rest is for a busy one. Only a wait for a grid that never comes lasts that long.

@@ -16,14 +16,14 @@ from collections import OrderedDict
 from functools import partial
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import TransportError
+from transport.links import zenoh_api
+from transport.links.outbox import Outbox
+from transport.links.payload import MadeOnce
+from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import Refusal, encode_refusal
 from transport.messages.typestore import REFUSAL
-from transport.outbox import Outbox
-from transport.payload import MadeOnce
-from transport.session import Session
 
 logger = logging.getLogger(__name__)
 # Questions that are answered at a time; more are dropped, and asked again.

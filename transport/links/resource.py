@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
-from transport.session import Session
+from transport.links.session import Session
 
 
 class Resource(ABC):

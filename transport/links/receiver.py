@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
-from transport.fetcher import Fetcher
-from transport.received import Received, Sample
-from transport.resource import Resource
+from transport.links import zenoh_api
+from transport.links.fetcher import Fetcher
+from transport.links.received import Received, Sample
+from transport.links.resource import Resource
+from transport.links.session import Session
 from transport.seldom import Seldom
-from transport.session import Session
 from transport.supervision import report
 
 logger = logging.getLogger(__name__)

@@ -10,9 +10,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
+from transport.links import zenoh_api
+from transport.links.outbox import MAXIMUM_PENDING, Outbox
+from transport.links.resource import Resource
+from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
     Refusal,
@@ -25,9 +28,6 @@ from transport.messages.scan_messages import (
 )
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import REFUSAL, SCAN_REPLY
-from transport.outbox import MAXIMUM_PENDING, Outbox
-from transport.resource import Resource
-from transport.session import Session
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)

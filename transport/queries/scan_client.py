@@ -7,7 +7,6 @@ import uuid
 from collections.abc import Callable
 from typing import NoReturn
 
-from transport.asking import ask
 from transport.exceptions import (
     MessageError,
     ScanBusy,
@@ -17,6 +16,8 @@ from transport.exceptions import (
     ScanTimeout,
 )
 from transport.keys import DEFAULT_ROBOT, scan_key
+from transport.links.received import Received
+from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
     Refusal,
@@ -29,8 +30,7 @@ from transport.messages.scan_messages import (
 )
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REQUEST
-from transport.received import Received
-from transport.session import Session
+from transport.queries.asking import ask
 
 # [s] A process that died is known to be gone within this time.
 GONE_WITHIN = 0.5

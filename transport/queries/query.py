@@ -6,10 +6,12 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from transport import zenoh_api
-from transport.asking import ask
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
+from transport.links import zenoh_api
+from transport.links.outbox import Outbox
+from transport.links.resource import Resource
+from transport.links.session import Session
 from transport.messages.compact import encode_compact
 from transport.messages.crop import crop_terrain
 from transport.messages.encodings import cdr, compact
@@ -24,9 +26,7 @@ from transport.messages.scan_messages import (
 from transport.messages.terrain_codec import decode_terrain, encode_terrain
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import QUERY_REQUEST, REFUSAL, TERRAIN
-from transport.outbox import Outbox
-from transport.resource import Resource
-from transport.session import Session
+from transport.queries.asking import ask
 
 # Questions that are answered at a time; more are dropped.
 MAXIMUM_ANSWERS = 16

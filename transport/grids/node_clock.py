@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from transport import clock
 from transport.keys import status_key
+from transport.links.session import Session
 from transport.messages.status_message import STATUS_NAME, Status, decode_status
-from transport.remote_clock import ClockBound, RemoteClock
-from transport.session import Session
+from transport.queries.remote_clock import ClockBound, RemoteClock
 
 logger = logging.getLogger(__name__)
 # [s] Between two questions.

@@ -8,10 +8,10 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from transport import clock
-from transport.asking import ask
 from transport.exceptions import MessageError, SessionClosed, TransportError
-from transport.resource import Resource
-from transport.session import Session
+from transport.links.resource import Resource
+from transport.links.session import Session
+from transport.queries.asking import ask
 
 logger = logging.getLogger(__name__)
 # [s] Between attempts while nobody answers.
