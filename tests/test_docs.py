@@ -294,7 +294,7 @@ def test_links_lead_somewhere(page: Path):
 
 def test_the_storages_of_a_router_are_read_by_zenoh(tmp_path: Path):
     """The section of `zenohd`'s configuration on the page goes into one that we write, and Zenoh takes both as one."""
-    from transport.links import zenoh_api
+    from transport import zenoh_api
     from transport.security.router_folder import make_router
 
     (section,) = [block for block in blocks(ROOT / "docs" / "several-robots.md") if block.language == "json"]

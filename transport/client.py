@@ -27,7 +27,7 @@ from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.queries.query import query_terrain
 from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
-from transport.seldom import Seldom
+from transport.supervision import Seldom
 
 # [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
 FIRST_GRID = 5.0

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from transport import zenoh_api
 from transport.exceptions import MessageError, ScannerUnavailable
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
-from transport.links import zenoh_api
 from transport.links.session import Session
 from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
 from transport.messages.terrain_message import Health

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from transport import zenoh_api
 from transport.configuration import client_configuration
 from transport.exceptions import ConnectionFailed, SecurityError
 from transport.keys import FLEET_STATUS, gait_clock_key, scan_key, stance_key, status_key, terrain_key
-from transport.links import zenoh_api
 from transport.links.fetcher import Fetcher
 from transport.links.publisher import Publisher
 from transport.links.session import Session, connect_with, listen_with, open_node

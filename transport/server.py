@@ -16,25 +16,22 @@ from transport.arrays import Percent
 from transport.exceptions import MessageError, ReceiveTimeout
 from transport.grids.grid_publishers import GridPublishers
 from transport.grids.views import ViewSender
-from transport.jump_watch import JumpWatch
 from transport.keys import (
     DEFAULT_ROBOT,
     alive_key,
     run_key,
 )
+from transport.links.last_message import Payload
 from transport.links.liveliness import AliveToken
 from transport.links.outbox import Outbox
-from transport.links.payload import Payload
-from transport.links.resource import Resource
 from transport.links.ros2 import Ros2Mirror
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.codec import encode
 from transport.messages.regions_message import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, StatusItem
 from transport.messages.terrain_message import EXTENTS, Health, TerrainMessage
 from transport.messages.typestore import STATUS
-from transport.name_watch import NameWatch
-from transport.node_name import NAME_TIMEOUT, claim_name
+from transport.node_name import NAME_TIMEOUT, NameWatch, claim_name
 from transport.queries.query import QueryServer
 from transport.queries.scan_server import Admission, Handler, ScanJob, ScanServer
 from transport.queries.status_reporter import StatusReporter
@@ -44,6 +41,8 @@ from transport.supervision import FailureLog
 logger = logging.getLogger(__name__)
 # [s] How long the final reply to a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
+# [s] How long a jump of the clock stands in the status.
+REPORTED_FOR = 60.0
 
 
 class PerceptionServer(Resource):
@@ -312,3 +311,25 @@ class PerceptionServer(Resource):
         for resource in resources:
             if resource is not None:
                 resource.close()
+
+
+class JumpWatch:
+    """Jumps of this machine's clock for the status, looked for whenever it is asked."""
+
+    def __init__(self, robot: str) -> None:
+        """Begin now; `robot` is the instance name."""
+        self._robot = robot
+        self._detector = clock.JumpDetector()
+        self._jump: tuple[float, float] | None = None
+
+    def items(self) -> list[StatusItem]:
+        """Empty when the clock has not jumped lately."""
+        jump, now = self._detector.jump(), clock.now()
+        if jump:
+            self._jump = (jump, now)
+            logger.warning("the clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
+        if self._jump is None or now - self._jump[1] > REPORTED_FOR:
+            return []
+        by, at = self._jump
+        message = f"the clock jumped by {by:+.1f} s, {now - at:.0f} s ago; the ages of grids do not depend on it"
+        return [StatusItem(name="clock", level=Health.WARN, message=message, hardware_id=self._robot)]

@@ -7,14 +7,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
-from transport.links import zenoh_api
 from transport.links.outbox import MAXIMUM_PENDING, Outbox
 from transport.links.publisher import URGENT, Publisher
 from transport.links.receiver import NewestReceiver
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.codec import decode, encode, make_time, read_time
 from transport.messages.encodings import cdr
 from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause

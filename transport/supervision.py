@@ -14,7 +14,6 @@ from typing import Any
 
 from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
-from transport.seldom import Seldom
 
 logger = logging.getLogger(__name__)
 # A thread is restarted this often within the period [s]; one more failure in it, and the thread has failed for good.
@@ -26,6 +25,31 @@ RESTART_DELAY = 0.1
 ERROR_TIME = 60.0
 # Name of the item of the status.
 THREADS_NAME = "threads"
+# [s] Between two lines of one kind.
+LOG_PERIOD = 10.0
+
+
+class Seldom:
+    """Writes the first line of a kind at once, and after that one per period, with the number that it stands for."""
+
+    def __init__(self, log: logging.Logger, level: int = logging.WARNING, period: float = LOG_PERIOD) -> None:
+        """Write to `log`."""
+        self._log, self._level, self._period = log, level, period
+        self._lock = threading.Lock()
+        self._next = 0.0
+        self._held_back = 0
+
+    def say(self, text: str, *values: object) -> None:
+        """Write a line, or count it; arguments as in `logging.Logger.log`."""
+        now = time.monotonic()
+        with self._lock:
+            if now < self._next:
+                self._held_back += 1
+                return
+            self._next, held_back, self._held_back = now + self._period, self._held_back, 0
+        if held_back:
+            text += f" ({held_back} more like this in the last {self._period:g} s or longer)"
+        self._log.log(self._level, text, *values)
 
 
 @dataclass(frozen=True, slots=True)

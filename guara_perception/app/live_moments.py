@@ -30,7 +30,7 @@ from transport.keys import check_name, picture_key, points_key
 from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
-from transport.seldom import Seldom
+from transport.supervision import Seldom
 
 if TYPE_CHECKING:
     from kinematics import RobotModel

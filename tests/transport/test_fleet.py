@@ -8,10 +8,9 @@ import pytest
 
 import transport
 from tests.ports import free_endpoint
-from transport import Health
+from transport import Health, zenoh_api
 from transport.fleet import robot_states
 from transport.keys import alive_key, status_key
-from transport.links import zenoh_api
 from transport.links.liveliness import AliveToken
 from transport.messages.status_message import STATUS_NAME, Status, StatusItem, encode_status
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from transport import open_node
-from transport.links import zenoh_api
+from transport import open_node, zenoh_api
 from transport.links.last_message import PIECE, pieces_key
 from transport.links.publisher import Publisher
 from transport.links.session import Session

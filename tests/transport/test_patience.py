@@ -6,25 +6,25 @@ from hypothesis import strategies as st
 
 import transport
 from transport.keys import terrain_key
-from transport.links.patience import LONGEST, MARGIN, SHORTEST, Patience
+from transport.links.fetcher import LONGEST_GRACE, MARGIN, SHORTEST_GRACE, Patience
 from transport.links.publisher import Publisher
 
 
 def test_before_anything_is_known_it_is_the_longest() -> None:
     """Then it is MARGIN times the largest lateness, within the bounds; a single late message is forgotten slowly."""
     patience = Patience()
-    assert patience.grace == LONGEST
+    assert patience.grace == LONGEST_GRACE
     patience.learn(-0.01)
-    assert patience.grace == SHORTEST
+    assert patience.grace == SHORTEST_GRACE
     patience.learn(0.01)
     assert patience.grace == pytest.approx(MARGIN * 0.01)
     patience.learn(0.0)
-    assert SHORTEST < patience.grace < MARGIN * 0.01
+    assert SHORTEST_GRACE < patience.grace < MARGIN * 0.01
     patience.learn(10.0)
-    assert patience.grace == LONGEST
+    assert patience.grace == LONGEST_GRACE
     for _ in range(100):
         patience.learn(0.001)
-    assert patience.grace == SHORTEST
+    assert patience.grace == SHORTEST_GRACE
 
 
 @given(st.lists(st.floats(-1, 10), min_size=1, max_size=50))
@@ -33,8 +33,8 @@ def test_what_came_is_never_given_up_the_next_time(lateness: list[float]) -> Non
     patience = Patience()
     for late in lateness:
         patience.learn(late)
-        assert SHORTEST <= patience.grace <= LONGEST
-        assert patience.grace >= min(late, LONGEST)
+        assert SHORTEST_GRACE <= patience.grace <= LONGEST_GRACE
+        assert patience.grace >= min(late, LONGEST_GRACE)
 
 
 @pytest.mark.slow

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import transport
-from transport import clock, keys
-from transport.links import zenoh_api
+from transport import clock, keys, zenoh_api
 from transport.links.publisher import Publisher
 from transport.messages.codec import encode
 from transport.messages.stance_pause import make_stance_pause

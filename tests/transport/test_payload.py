@@ -6,7 +6,7 @@ import pytest
 
 import transport
 from transport.keys import terrain_key
-from transport.links.payload import MadeOnce
+from transport.links.last_message import MadeOnce
 from transport.links.publisher import Publisher
 
 

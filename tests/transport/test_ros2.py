@@ -11,14 +11,14 @@ import zenoh.ext
 import transport
 from transport import ConfigurationError, zenoh_api
 from transport.keys import grid_map_key, occupancy_key
-from transport.messages.codec import decode
-from transport.ros2 import (
+from transport.links.ros2 import (
     data_key,
     make_attachment,
     node_token_key,
     publisher_id,
     publisher_token_key,
 )
+from transport.messages.codec import decode
 
 OCCUPANCY, GRID_MAP = "nav_msgs/msg/OccupancyGrid", "grid_map_msgs/msg/GridMap"
 HASH = "RIHS01_8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"

@@ -7,8 +7,7 @@ import time
 import pytest
 
 import transport
-from transport import keys
-from transport.links import zenoh_api
+from transport import keys, zenoh_api
 from transport.messages.scan_messages import decode_refusal, encode_scan_request
 
 

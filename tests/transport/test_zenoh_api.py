@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from transport.links import zenoh_api
+from transport import zenoh_api
 
 
 def test_all_unstable_names_are_there() -> None:

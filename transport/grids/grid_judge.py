@@ -19,7 +19,7 @@ from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
 from transport.messages.status_message import Status, StatusItem, decode_status
 from transport.messages.terrain_message import Health
-from transport.seldom import Seldom
+from transport.supervision import Seldom
 
 NS = 1e-9
 # [s] Between two looks for news.

@@ -9,8 +9,8 @@ import numpy as np
 
 from transport.arrays import Percent
 from transport.keys import grid_map_key, occupancy_key, regions_key, summary_key, terrain_key
+from transport.links.last_message import MadeOnce, Payload
 from transport.links.outbox import Outbox
-from transport.links.payload import MadeOnce, Payload
 from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.links.ros2 import Ros2Mirror
 from transport.links.session import Session

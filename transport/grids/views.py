@@ -8,8 +8,7 @@ from typing import Any
 from transport.keys import DEFAULT_ROBOT, picture_key, points_key
 from transport.links.outbox import Outbox
 from transport.links.publisher import LARGEST, Publisher
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.codec import encode
 from transport.messages.encodings import cdr
 from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD

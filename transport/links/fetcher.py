@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import SessionClosed, TransportError
-from transport.links import zenoh_api
 from transport.links.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
-from transport.links.patience import Patience
 from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
@@ -29,6 +28,36 @@ BETWEEN_ATTEMPTS = 0.1
 # Publishers whose numbers are remembered; one more with each restart of a node.
 REMEMBERED = 32
 CLOSE_TIMEOUT = 2.0
+# [s] Longest wait, also while nothing is known of the link yet, and shortest: a machine may be busy for a short time.
+LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
+# A message is taken as lost after this multiple of the largest lateness of those before.
+MARGIN = 4.0
+# Share of the largest lateness that is kept with each message.
+KEPT = 0.9
+
+
+class Patience:
+    """Learns how late messages come that come by themselves.
+
+    An announcement is small and overtakes what it announces. On a quick link the message is there milliseconds later,
+    so that a lost one is noticed soon; on a slow one it takes as long as the link needs for it.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is known yet."""
+        self._lateness: float | None = None
+
+    def learn(self, lateness: float) -> None:
+        """A message came by itself, this long after its announcement [s]; 0 or less where it came before."""
+        late = max(0.0, lateness)
+        self._lateness = late if self._lateness is None else max(late, KEPT * self._lateness)
+
+    @property
+    def grace(self) -> float:
+        """[s] to wait after an announcement."""
+        if self._lateness is None:
+            return LONGEST_GRACE
+        return min(LONGEST_GRACE, max(SHORTEST_GRACE, MARGIN * self._lateness))
 
 
 class Fetcher:

@@ -13,13 +13,13 @@ import struct
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import TransportError
-from transport.links import zenoh_api
 from transport.links.outbox import Outbox
-from transport.links.payload import MadeOnce
 from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import Refusal, encode_refusal
@@ -34,12 +34,31 @@ MAXIMUM_PIECE = 768 * 1024
 # question; a message that nobody asked for is dropped when the next comes.
 KEPT = 3
 KEPT_FOR = 10.0
+# Attachment of a piece: number of the message, its length in bytes, offset of the piece in it.
+PIECE = struct.Struct("<QQQ")
+Payload = bytes | bytearray
+
+
+class MadeOnce:
+    """A payload that costs time: made when first asked for, by whoever asks first, and kept."""
+
+    def __init__(self, make: Callable[[], Payload]) -> None:
+        """Make nothing yet."""
+        self._make: Callable[[], Payload] | None = make
+        self._made: Payload = b""
+        self._lock = threading.Lock()
+
+    def __call__(self) -> Payload:
+        """The payload."""
+        with self._lock:
+            if self._make is not None:
+                self._made, self._make = self._make(), None
+            return self._made
+
+
 # When a question was asked that never was, and what is kept while there is no message.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
-
-# Attachment of a piece: number of the message, its length in bytes, offset of the piece in it.
-PIECE = struct.Struct("<QQQ")
 
 
 def announcement_key(key: str, source: str = "*/*") -> str:

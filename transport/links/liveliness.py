@@ -6,9 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from transport.links import zenoh_api
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport import zenoh_api
+from transport.links.session import Resource, Session
 
 
 class AliveToken(Resource):

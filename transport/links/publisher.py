@@ -5,11 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from transport.links import zenoh_api
-from transport.links.last_message import LastMessage
-from transport.links.payload import MadeOnce, Payload
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport import zenoh_api
+from transport.links.last_message import LastMessage, MadeOnce, Payload
+from transport.links.session import Resource, Session
 
 # Each priority has a queue of its own on each link: what is small never waits behind what is large.
 URGENT = "INTERACTIVE_HIGH"

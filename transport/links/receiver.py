@@ -8,14 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
-from transport.links import zenoh_api
 from transport.links.fetcher import Fetcher
 from transport.links.received import Received, Sample
-from transport.links.resource import Resource
-from transport.links.session import Session
-from transport.seldom import Seldom
-from transport.supervision import report
+from transport.links.session import Resource, Session
+from transport.supervision import Seldom, report
 
 logger = logging.getLogger(__name__)
 # [s] How long closing waits for a callback of the user to return.

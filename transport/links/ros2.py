@@ -10,8 +10,7 @@ from transport.exceptions import ConfigurationError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.links.liveliness import AliveToken
 from transport.links.publisher import Publisher
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.encodings import cdr
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
 

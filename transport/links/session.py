@@ -5,11 +5,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from transport import zenoh_api
 from transport.configuration import (
     DEFAULT_ENDPOINT,
     check_exposure,
@@ -17,7 +19,7 @@ from transport.configuration import (
     node_configuration,
 )
 from transport.exceptions import ConfigurationError, ConnectionFailed, SessionClosed, TransportError
-from transport.links import exit_watcher, zenoh_api
+from transport.links import exit_watcher
 from transport.links.exit_watcher import Closable
 from transport.links.pulse import Pulse
 from transport.messages.typestore import warm_up
@@ -275,3 +277,32 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
                     f"{zenoh_api.error_text(error)} {CHECK_CONNECT}"
                 ) from error
         time.sleep(RETRY_INTERVAL)
+
+
+class Resource(ABC):
+    """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
+
+    def __init__(self, session: Session) -> None:
+        """Belong to `session`, which closes it at the latest with itself."""
+        self._session = session
+        self._close_lock = threading.Lock()
+        self._is_closed = False
+        session.own(self)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._is_closed
+
+    def close(self) -> None:
+        """Withdraw it; safe to call twice, from any thread, and after the session."""
+        with self._close_lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+        self._session.disown(self)
+        self._release()
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Take back what was declared; called once."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from transport.links import zenoh_api
+from transport import zenoh_api
 from transport.links.session import Session
 
 # [s] Beyond the caller's timeout, so that the answerer's own message that the deadline passed can still arrive.

@@ -6,12 +6,11 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
-from transport.links import zenoh_api
 from transport.links.outbox import Outbox
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.compact import encode_compact
 from transport.messages.crop import crop_terrain
 from transport.messages.encodings import cdr, compact

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 from transport import clock
 from transport.exceptions import MessageError, SessionClosed, TransportError
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.queries.asking import ask
 
 logger = logging.getLogger(__name__)

@@ -10,12 +10,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
-from transport.links import zenoh_api
 from transport.links.outbox import MAXIMUM_PENDING, Outbox
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
     Refusal,

@@ -8,13 +8,12 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from transport import zenoh_api
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
-from transport.links import zenoh_api
 from transport.links.outbox import MAXIMUM_PENDING, Outbox
 from transport.links.publisher import SMALL, Publisher
-from transport.links.resource import Resource
-from transport.links.session import Session
+from transport.links.session import Resource, Session
 from transport.messages.encodings import cdr
 from transport.messages.status_message import Status, StatusItem, encode_status
 from transport.messages.typestore import STATUS

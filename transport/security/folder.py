@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from transport import zenoh_api
 from transport.configuration import (
     PATIENT_WAIT_US,
     WAIT_BEFORE_DROP_US,
@@ -21,7 +22,6 @@ from transport.configuration import (
 )
 from transport.exceptions import SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
-from transport.links import zenoh_api
 from transport.security.access_rules import ROLES, access_control
 from transport.security.authority import Credentials, make_authority, make_certificate
 from transport.security.whole_folder import make_whole, write_file

@@ -9,9 +9,8 @@ from cryptography import x509
 
 import transport
 from tests.ports import free_port
-from transport import SecurityError
+from transport import SecurityError, zenoh_api
 from transport.keys import summary_key, terrain_key
-from transport.links import zenoh_api
 from transport.links.publisher import Publisher
 from transport.security.access_rules import ROLES
 from transport.security.authority import Credentials, make_certificate

@@ -16,8 +16,7 @@ from guara_perception.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel
-from transport import PerceptionServer, open_client, open_node
-from transport.links import zenoh_api
+from transport import PerceptionServer, open_client, open_node, zenoh_api
 from transport.messages.codec import decode
 
 pytestmark = pytest.mark.slow
