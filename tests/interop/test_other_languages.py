@@ -20,7 +20,7 @@ from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
 from transport import Health, PerceptionServer, Status, StatusItem, decode_terrain, encode_terrain, open_node
-from transport.evidence import objections, read_word
+from transport.grids.evidence import objections, read_word
 from transport.messages.codec import encode
 from transport.messages.status_message import encode_status
 from transport.messages.summary_message import decode_summary

@@ -3,8 +3,8 @@
 import pytest
 
 from transport import Health, Status, StatusItem, encode_status, open_node
+from transport.grids.node_clock import NodeClock
 from transport.messages.status_message import STATUS_NAME
-from transport.node_clock import NodeClock
 
 
 @pytest.mark.parametrize("reading", ["nan", "inf", "-inf", "1e400", "", "9" * 5000])
