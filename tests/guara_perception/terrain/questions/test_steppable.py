@@ -167,6 +167,6 @@ def test_bad_questions_are_refused(arguments: tuple[object, ...], message: str) 
 def test_a_leg_over_unknown_ground_has_no_region(paper_terrain: gp.TerrainGrid, robot: RobotModel) -> None:
     """No cell is free, so that the leg is asked for no place at all."""
     nothing = gp.assess_terrain(np.full((30, 40), np.nan), 0.005, origin=(0.2, -0.1))
-    nothing = dataclasses.replace(nothing, metadata={**paper_terrain.metadata, **nothing.metadata})
+    nothing = dataclasses.replace(nothing, record=paper_terrain.record)
     assert nothing.steppable_regions("lf", robot) == []
     assert nothing.steppable_region(0.3, 0.0, 0.1, "lf", robot=robot) is None
