@@ -8,7 +8,6 @@ from typing import Any
 
 from transport.exceptions import MessageError, VersionError
 from transport.keys import check_name
-from transport.messages.codec import make_header, make_time, read_time
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import MAXIMUM_IDENTITY, TerrainMessage
 
@@ -66,58 +65,14 @@ def origin_of(terrain: TerrainMessage) -> dict[str, Any]:
     return {field.name: getattr(terrain, field.name) for field in fields(MapOrigin) if field.name != "version"}
 
 
-def make_origin(origin: MapOrigin) -> dict[str, Any]:
-    """The fields of a message on the wire that say of which map it is made.
-
-    Raises:
-        MessageError: a field does not fit its ROS 2 type.
-    """
-    return {
-        "header": make_header(origin.stamp, origin.frame_id),
-        "version_major": origin.version[0],
-        "version_minor": origin.version[1],
-        "robot": origin.robot,
-        "run": origin.run,
-        "epoch": origin.epoch,
-        "sequence": origin.sequence,
-        "step": origin.step,
-        "scan_end": make_time(origin.scan_end),
-        "scan_end_clock": math.nan if origin.scan_end_clock is None else origin.scan_end_clock,
-        "valid_for": float(origin.valid_for),
-        "valid_pauses": origin.valid_pauses,
-        "provisional": origin.provisional,
-        "withdrawn": origin.withdrawn,
-    }
-
-
-def read_origin(message: Any) -> dict[str, Any]:
-    """The fields of `MapOrigin` from a message on the wire."""
-    return {
-        "robot": message.robot,
-        "sequence": message.sequence,
-        "step": message.step,
-        "stamp": read_time(message.header.stamp),
-        "scan_end": read_time(message.scan_end),
-        "valid_for": message.valid_for,
-        "valid_pauses": message.valid_pauses,
-        "run": message.run,
-        "epoch": message.epoch,
-        "scan_end_clock": None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
-        "provisional": bool(message.provisional),
-        "withdrawn": bool(message.withdrawn),
-        "frame_id": message.header.frame_id,
-        "version": (message.version_major, message.version_minor),
-    }
-
-
-def check_version(message: Any, name: str) -> None:
+def check_version(message: Any, name: str, major: int = VERSION_MAJOR) -> None:
     """Refuse a message of another major version.
 
     Raises:
         VersionError: it is one.
     """
-    if message.version_major != VERSION_MAJOR:
+    if message.version_major != major:
         raise VersionError(
             f"{name} of version {message.version_major}.{message.version_minor}; this package speaks version "
-            f"{VERSION_MAJOR}: install the node's version here, or this one on the node"
+            f"{major}: install the node's version here, or this one on the node"
         )

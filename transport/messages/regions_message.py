@@ -11,9 +11,9 @@ import numpy as np
 from transport.arrays import Float
 from transport.exceptions import KeyNameError, MessageError
 from transport.messages.codec import decode, encode
-from transport.messages.map_origin import MapOrigin, check_version, make_origin, read_origin
+from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
-from transport.messages.submessage_codec import make_point
+from transport.messages.submessage_codec import from_ros, make_point, to_ros
 from transport.messages.submessages import checked_array, finite
 from transport.messages.typestore import REGIONS, message_class
 
@@ -96,8 +96,7 @@ def encode_regions(message: RegionsMessage) -> bytearray:
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
-    kind = message_class(REGIONS)
-    return encode(kind(**make_origin(message), regions=[_make_region(region) for region in message.regions]))
+    return encode(to_ros(REGIONS, message, regions=[_make_region(region) for region in message.regions]))
 
 
 def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
@@ -110,7 +109,7 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
     message = decode(payload, REGIONS)
     check_version(message, "regions")
     try:
-        return RegionsMessage(**read_origin(message), regions=tuple(_read_region(region) for region in message.regions))
+        return from_ros(RegionsMessage, message, regions=tuple(_read_region(region) for region in message.regions))
     except KeyNameError as error:
         raise MessageError(f"regions refused: {error}") from error
 
@@ -139,8 +138,10 @@ def _make_region(region: RegionMessage) -> Any:
         message_class("geometry_msgs/msg/Quaternion")(*quaternion_from_matrix(rotation)),
     )
     corners = [make_point(*corner) for corner in region.vertices.tolist()]
-    kind = message_class("guara_msgs/msg/SteppableRegion")
-    return kind(pose, corners, region.halfspaces.ravel().copy(), region.sigma, region.area)
+    halfspaces = region.halfspaces.ravel().copy()
+    return to_ros(
+        "guara_msgs/msg/SteppableRegion", region, plane_parameters=pose, boundary=corners, halfspaces=halfspaces
+    )
 
 
 def _read_region(message: Any) -> RegionMessage:

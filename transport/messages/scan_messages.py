@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from transport.exceptions import MessageError
-from transport.messages.codec import decode, encode, make_time, read_time
+from transport.messages.codec import decode, encode
 from transport.messages.ranges import SENTENCE, check_value
+from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
-from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, message_class
+from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST
 
 # [characters] Longest id of a request.
 MAXIMUM_ID = 200
+LIMITS = ("x_min", "x_max", "y_min", "y_max")
 
 
 class ScanState(IntEnum):
@@ -128,30 +130,17 @@ class QueryRequest:
 
 def encode_scan_request(request: ScanRequest) -> bytearray:
     """CDR payload of a ScanRequest."""
-    return encode(message_class(SCAN_REQUEST)(request.id, request.mode, float(request.timeout)))
+    return encode(to_ros(SCAN_REQUEST, request))
 
 
 def decode_scan_request(payload: bytes) -> ScanRequest:
     """ScanRequest from its CDR payload; MessageError when it is damaged or not allowed."""
-    message = decode(payload, SCAN_REQUEST)
-    return ScanRequest(id=message.id, mode=message.mode, timeout=message.timeout)
+    return from_ros(ScanRequest, decode(payload, SCAN_REQUEST))
 
 
 def encode_scan_reply(reply: ScanReply) -> bytearray:
     """CDR payload of a ScanReply."""
-    return encode(
-        message_class(SCAN_REPLY)(
-            id=reply.id,
-            state=int(reply.state),
-            stripes_done=reply.stripes_done,
-            stripes_total=reply.stripes_total,
-            step=reply.step,
-            sequence=reply.sequence,
-            stamp=make_time(reply.stamp),
-            code=reply.code,
-            message=SENTENCE.cut(reply.message),
-        )
-    )
+    return encode(to_ros(SCAN_REPLY, reply, message=SENTENCE.cut(reply.message)))
 
 
 def decode_scan_reply(payload: bytes) -> ScanReply:
@@ -161,38 +150,27 @@ def decode_scan_reply(payload: bytes) -> ScanReply:
         state = ScanState(message.state)
     except ValueError as error:
         raise MessageError(f"state of a scan reply is {message.state}; allowed: 1 to 4") from error
-    return ScanReply(
-        id=message.id,
-        state=state,
-        stripes_done=message.stripes_done,
-        stripes_total=message.stripes_total,
-        step=message.step,
-        sequence=message.sequence,
-        stamp=read_time(message.stamp),
-        code=message.code,
-        message=message.message,
-    )
+    return from_ros(ScanReply, message, state=state)
 
 
 def encode_refusal(refusal: Refusal) -> bytearray:
     """CDR payload of a Refusal."""
-    return encode(message_class(REFUSAL)(refusal.id, refusal.code, SENTENCE.cut(refusal.message)))
+    return encode(to_ros(REFUSAL, refusal, message=SENTENCE.cut(refusal.message)))
 
 
 def decode_refusal(payload: bytes) -> Refusal:
     """Refusal from its CDR payload; MessageError when it is damaged."""
-    message = decode(payload, REFUSAL)
-    return Refusal(id=message.id, code=message.code, message=message.message)
+    return from_ros(Refusal, decode(payload, REFUSAL))
 
 
 def encode_query_request(request: QueryRequest) -> bytearray:
     """CDR payload of a QueryRequest."""
-    limits = request.region or (0.0, 0.0, 0.0, 0.0)
-    return encode(message_class(QUERY_REQUEST)(request.extent, request.region is None, *limits))
+    limits = dict(zip(LIMITS, request.region or (0.0, 0.0, 0.0, 0.0), strict=True))
+    return encode(to_ros(QUERY_REQUEST, request, whole=request.region is None, **limits))
 
 
 def decode_query_request(payload: bytes) -> QueryRequest:
     """QueryRequest from its CDR payload; MessageError when it is damaged or not allowed."""
     message = decode(payload, QUERY_REQUEST)
-    limits = (message.x_min, message.x_max, message.y_min, message.y_max)
-    return QueryRequest(extent=message.extent, region=None if message.whole else limits)
+    region = None if message.whole else tuple(getattr(message, name) for name in LIMITS)
+    return from_ros(QueryRequest, message, region=region)

@@ -8,11 +8,11 @@ from typing import Any
 
 from transport.exceptions import MessageError, TransportError, UnknownPhase
 from transport.keys import check_name
-from transport.messages.codec import decode, encode, make_header, read_time
+from transport.messages.codec import decode, encode
 from transport.messages.ranges import LARGEST_COUNT, check_value
-from transport.messages.submessage_codec import make_ground, make_stance, read_ground, read_stance
+from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite
-from transport.messages.typestore import STANCE_PAUSE, message_class
+from transport.messages.typestore import STANCE_PAUSE
 
 # [byte] A pause with sixteen patches of known ground has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
@@ -83,16 +83,7 @@ class StancePause:
 
 def make_stance_pause(pause: StancePause) -> Any:
     """The guara_msgs/StancePause message object."""
-    return message_class(STANCE_PAUSE)(
-        header=make_header(pause.stamp, pause.frame_id),
-        robot=pause.robot,
-        step=pause.step,
-        phase=int(pause.phase),
-        stance=make_stance(pause.stance),
-        time_available=pause.time_available,
-        known_ground=[make_ground(patch) for patch in pause.known_ground],
-        epoch=pause.epoch,
-    )
+    return to_ros(STANCE_PAUSE, pause)
 
 
 def encode_stance_pause(pause: StancePause) -> bytearray:
@@ -115,17 +106,7 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
         raise MessageError(f"stance pause of {len(payload)} bytes refused; allowed: {MAXIMUM_ANNOUNCEMENT} bytes")
     message = _decoded(payload)
     try:
-        return StancePause(
-            robot=message.robot,
-            step=message.step,
-            phase=message.phase,
-            stamp=read_time(message.header.stamp),
-            stance=read_stance(message.stance),
-            time_available=message.time_available,
-            known_ground=tuple(read_ground(patch) for patch in message.known_ground),
-            frame_id=message.header.frame_id,
-            epoch=message.epoch,
-        )
+        return from_ros(StancePause, message)
     except MessageError:
         raise
     except (TransportError, ValueError, OverflowError) as error:

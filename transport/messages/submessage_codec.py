@@ -1,31 +1,93 @@
-"""The shared submessages (stance, transform, outlines) as ROS 2 message objects, and back."""
+"""Messages in Python as ROS 2 message objects and back, field by field as the `.msg` definitions name them."""
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, TypeVar
 
 import numpy as np
 
-from transport.arrays import Float
 from transport.exceptions import MessageError
+from transport.messages.codec import make_header, make_time, read_time
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
-from transport.messages.typestore import message_class
+from transport.messages.typestore import TIME, message_class, typestore
+
+T = TypeVar("T")
+# Kinds of a field in a definition.
+SUBMESSAGE, ARRAYS = 2, (3, 4)
+
+
+def to_ros(type_name: str, value: Any, **given: Any) -> Any:
+    """The ROS 2 message object of a message in Python.
+
+    Args:
+        type_name: for example `guara_msgs/msg/Refusal`.
+        value: has the fields of the type as attributes, but for those in `MADE`.
+        given: fields that are made otherwise.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    for name, (kind, details) in _definition(type_name).items():
+        if name not in given:
+            given[name] = MADE[name](value) if name in MADE else _made(getattr(value, name), kind, details)
+    return message_class(type_name)(**given)
+
+
+def from_ros(cls: type[T], message: Any, **given: Any) -> T:
+    """The message in Python of a ROS 2 message object.
+
+    Args:
+        cls: its dataclass.
+        message: the object.
+        given: attributes that are read otherwise.
+
+    Raises:
+        MessageError: a value is not allowed.
+    """
+    definition = _definition(message.__msgtype__)
+    for entry in dataclasses.fields(cls):  # type: ignore[arg-type]
+        name = entry.name
+        if name in given or not entry.init:
+            continue
+        if name in READ:
+            given[name] = READ[name](message)
+        elif name in definition:
+            given[name] = _read(getattr(message, name), *definition[name])
+    return cls(**given)
+
+
+@cache
+def _definition(type_name: str) -> dict[str, tuple[int, Any]]:
+    message_class(type_name)
+    return dict(typestore().get_msgdef(type_name).fields)
+
+
+def _made(value: Any, kind: int, details: Any) -> Any:
+    if kind in ARRAYS:
+        inner, inner_details = details[0]
+        is_array = isinstance(value, np.ndarray)
+        return value if is_array else [_made(entry, inner, inner_details) for entry in value]
+    if kind == SUBMESSAGE:
+        return SUBMESSAGES[details][0](value) if details in SUBMESSAGES else to_ros(details, value)
+    return PLAIN[details[0]](value) if details[0] in PLAIN else int(value)
+
+
+def _read(value: Any, kind: int, details: Any) -> Any:
+    if kind in ARRAYS:
+        return value if isinstance(value, np.ndarray) else tuple(_read(entry, *details[0]) for entry in value)
+    if kind == SUBMESSAGE:
+        return SUBMESSAGES[details][1](value) if details in SUBMESSAGES else from_ros(CLASSES[details], value)
+    return bool(value) if details[0] == "bool" else value
 
 
 def make_point(x: float, y: float, z: float) -> Any:
     """A geometry_msgs/Point."""
     return message_class("geometry_msgs/msg/Point")(float(x), float(y), float(z))
-
-
-def make_outline(outline: Float) -> list[Any]:
-    """A list of geometry_msgs/Point from (n, 2) corners, z = 0."""
-    return [make_point(x, y, 0.0) for x, y in outline.tolist()]
-
-
-def read_outline(points: list[Any]) -> Float:
-    """(n, 2) corners from a list of geometry_msgs/Point."""
-    return np.array([(point.x, point.y) for point in points], dtype=np.float64).reshape(-1, 2)
 
 
 def make_stance(stance: StanceMessage) -> Any:
@@ -93,41 +155,33 @@ def read_transform(message: Any) -> TransformMessage:
     )
 
 
-def make_obstacle(obstacle: ObstacleMessage) -> Any:
-    """A guara_msgs/Obstacle."""
-    return message_class("guara_msgs/msg/Obstacle")(
-        make_outline(obstacle.outline),
-        obstacle.height,
-        make_point(*obstacle.position),
-        obstacle.sigma,
-        obstacle.hazard,
-    )
-
-
-def read_obstacle(message: Any) -> ObstacleMessage:
-    """An ObstacleMessage from a guara_msgs/Obstacle.
-
-    Raises:
-        MessageError: a number is not finite.
-    """
-    return ObstacleMessage(
-        outline=read_outline(message.outline),
-        height=message.height,
-        position=(message.position.x, message.position.y, message.position.z),
-        sigma=message.sigma,
-        hazard=message.hazard,
-    )
-
-
-def make_ground(patch: GroundPatch) -> Any:
-    """A guara_msgs/GroundPatch."""
-    return message_class("guara_msgs/msg/GroundPatch")(make_outline(patch.outline), patch.height, patch.sigma)
-
-
-def read_ground(message: Any) -> GroundPatch:
-    """A GroundPatch from a guara_msgs/GroundPatch.
-
-    Raises:
-        MessageError: fewer than three corners, or a number is not finite.
-    """
-    return GroundPatch(outline=read_outline(message.outline), height=message.height, sigma=message.sigma)
+PLAIN: Mapping[str, Callable[[Any], Any]] = {"string": str, "bool": bool, "float64": float, "float32": float}
+# Submessages that are no dataclass with the fields of their type: how each is made, and read.
+SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    TIME: (make_time, read_time),
+    "geometry_msgs/msg/Point": (lambda point: make_point(*point), lambda point: (point.x, point.y, point.z)),
+    "guara_msgs/msg/Stance": (make_stance, read_stance),
+    "guara_msgs/msg/FrameTransform": (make_transform, read_transform),
+}
+CLASSES: Mapping[str, Any] = {"guara_msgs/msg/Obstacle": ObstacleMessage, "guara_msgs/msg/GroundPatch": GroundPatch}
+# Fields that go by another name or form in Python: how each is made of the whole message,
+MADE: Mapping[str, Callable[[Any], Any]] = {
+    "header": lambda value: make_header(value.stamp, value.frame_id),
+    "version_major": lambda value: value.version[0],
+    "version_minor": lambda value: value.version[1],
+    "origin_x": lambda value: value.origin[0],
+    "origin_y": lambda value: value.origin[1],
+    "nx": lambda value: value.shape[1],
+    "ny": lambda value: value.shape[0],
+    "outline": lambda value: [make_point(x, y, 0.0) for x, y in value.outline.tolist()],
+    "scan_end_clock": lambda value: math.nan if value.scan_end_clock is None else value.scan_end_clock,
+}
+# and how each attribute is read.
+READ: Mapping[str, Callable[[Any], Any]] = {
+    "stamp": lambda message: read_time(message.header.stamp if hasattr(message, "header") else message.stamp),
+    "frame_id": lambda message: message.header.frame_id,
+    "version": lambda message: (message.version_major, message.version_minor),
+    "origin": lambda message: (message.origin_x, message.origin_y),
+    "outline": lambda message: np.array([(p.x, p.y) for p in message.outline], np.float64).reshape(-1, 2),
+    "scan_end_clock": lambda message: None if math.isnan(message.scan_end_clock) else message.scan_end_clock,
+}

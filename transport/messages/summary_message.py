@@ -11,11 +11,12 @@ import numpy as np
 from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode
-from transport.messages.map_origin import MapOrigin, check_version, make_origin, read_origin
+from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.shuffle import compress, decompress
+from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import MAXIMUM_CELLS
-from transport.messages.typestore import SUMMARY, message_class
+from transport.messages.typestore import SUMMARY
 
 # Stands in `heights` [mm] where the height is not known.
 UNKNOWN_HEIGHT = -32768
@@ -84,21 +85,11 @@ def encode_summary(summary: SummaryMessage) -> bytearray:
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
-    ny, nx = summary.shape
     packed = {
         name: np.frombuffer(compress(getattr(summary, name).tobytes(), dtype.itemsize), np.uint8)
         for name, dtype in LAYERS.items()
     }
-    message = message_class(SUMMARY)(
-        **make_origin(summary),
-        resolution=summary.resolution,
-        origin_x=summary.origin[0],
-        origin_y=summary.origin[1],
-        nx=nx,
-        ny=ny,
-        **packed,
-    )
-    return encode(message)
+    return encode(to_ros(SUMMARY, summary, **packed))
 
 
 def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
@@ -117,12 +108,7 @@ def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
         layers: dict[str, Any] = {
             name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
         }
-        return SummaryMessage(
-            **read_origin(message),
-            resolution=message.resolution,
-            origin=(message.origin_x, message.origin_y),
-            **layers,
-        )
+        return from_ros(SummaryMessage, message, **layers)
     except MessageError:
         raise
     except (ValueError, OverflowError) as error:

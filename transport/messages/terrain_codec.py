@@ -7,17 +7,11 @@ from typing import Any
 import numpy as np
 
 from transport.arrays import Array
-from transport.exceptions import MessageError, TransportError, VersionError
-from transport.messages.codec import decode, encode, make_header, make_time, read_time
+from transport.exceptions import MessageError, TransportError
+from transport.messages.codec import decode, encode
+from transport.messages.map_origin import check_version
 from transport.messages.shuffle import FRAME_MAGIC, decompress
-from transport.messages.submessage_codec import (
-    make_obstacle,
-    make_stance,
-    make_transform,
-    read_obstacle,
-    read_stance,
-    read_transform,
-)
+from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.terrain_message import LAYERS, MAXIMUM_CELLS, VERSION_MAJOR, Health, TerrainMessage
 from transport.messages.typestore import TERRAIN, message_class
 
@@ -64,40 +58,14 @@ def _make_layer(name: str, array: Array) -> Any:
 
 def make_terrain(terrain: TerrainMessage) -> Any:
     """The guara_msgs/Terrain message object of one TerrainMessage."""
-    ny, nx = terrain.shape
-    return message_class(TERRAIN)(
-        header=make_header(terrain.stamp, terrain.frame_id),
-        version_major=terrain.version[0],
-        version_minor=terrain.version[1],
-        robot=terrain.robot,
-        extent=terrain.extent,
-        sequence=terrain.sequence,
-        step=terrain.step,
-        scan_start=make_time(terrain.scan_start),
-        scan_end=make_time(terrain.scan_end),
-        valid_for=float(terrain.valid_for),
-        valid_pauses=terrain.valid_pauses,
-        mode=terrain.mode,
-        method=terrain.method,
-        calibration_hash=terrain.calibration_hash,
-        resolution=terrain.resolution,
-        origin_x=terrain.origin[0],
-        origin_y=terrain.origin[1],
-        nx=nx,
-        ny=ny,
+    return to_ros(
+        TERRAIN,
+        terrain,
         layers=[_make_layer(name, array) for name, array in terrain.layers.items()],
-        stance=make_stance(terrain.stance),
-        attitude_source=terrain.attitude_source,
-        transforms=[make_transform(transform) for transform in terrain.transforms],
-        obstacles=[make_obstacle(obstacle) for obstacle in terrain.obstacles],
         point_count_names=list(terrain.point_counts),
         point_count_values=np.array(list(terrain.point_counts.values()), dtype=np.uint64),
         stage_names=list(terrain.stage_ms),
         stage_ms=np.array(list(terrain.stage_ms.values()), dtype=np.float64),
-        coverage=float(terrain.coverage),
-        health=int(terrain.health),
-        health_reasons=list(terrain.health_reasons),
-        metadata=terrain.metadata,
     )
 
 
@@ -136,37 +104,12 @@ def _pairs(names: list[str], values: Array, what: str) -> dict[str, Any]:
 
 def read_terrain(message: Any) -> TerrainMessage:
     """A checked TerrainMessage from a guara_msgs/Terrain message object; errors as in `decode_terrain`."""
-    if message.version_major != VERSION_MAJOR:
-        raise VersionError(
-            f"terrain message of version {message.version_major}.{message.version_minor}; this package "
-            f"speaks version {VERSION_MAJOR}: install the node's version here, or this one on the node"
-        )
-    return TerrainMessage(
-        robot=message.robot,
-        extent=message.extent,
-        sequence=message.sequence,
-        step=message.step,
-        stamp=read_time(message.header.stamp),
-        scan_start=read_time(message.scan_start),
-        scan_end=read_time(message.scan_end),
-        valid_for=message.valid_for,
-        valid_pauses=message.valid_pauses,
-        mode=message.mode,
-        method=message.method,
-        calibration_hash=message.calibration_hash,
-        resolution=message.resolution,
-        origin=(message.origin_x, message.origin_y),
+    check_version(message, "terrain message", VERSION_MAJOR)
+    return from_ros(
+        TerrainMessage,
+        message,
         layers=_read_layers(message),
-        stance=read_stance(message.stance),
-        attitude_source=message.attitude_source,
-        transforms=tuple(read_transform(transform) for transform in message.transforms),
-        obstacles=tuple(read_obstacle(obstacle) for obstacle in message.obstacles),
         point_counts=_pairs(message.point_count_names, message.point_count_values, "point counts"),
         stage_ms=_pairs(message.stage_names, message.stage_ms, "stage times"),
-        coverage=message.coverage,
         health=Health(message.health),
-        health_reasons=tuple(message.health_reasons),
-        metadata=message.metadata,
-        frame_id=message.header.frame_id,
-        version=(message.version_major, message.version_minor),
     )
