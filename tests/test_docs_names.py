@@ -39,3 +39,20 @@ def test_paths_are_found() -> None:
     text = "".join(page.read_text() for page in PAGES)
     assert len(re.findall(rf"`(?:{FOLDERS})/[\w./-]+`", text)) > 30
     assert len(set(re.findall(r"\btest_[a-z0-9_]+\b", text))) > 30
+
+
+def test_each_list_of_pages_has_at_most_20_000_words() -> None:
+    """The three lists of index.md name every page; tables of performance.md are made by a program, not counted."""
+    lists = (ROOT / "docs" / "index.md").read_text().split("\n## ")[1:]
+    assert len(lists) == 3
+    named = [re.findall(r"\]\(([\w-]+\.md)\)|`(CONTRIBUTING\.md)`", text) for text in lists]
+    pages = [{ROOT / "docs" / page if page else ROOT / guide for page, guide in found} for found in named]
+    assert set().union(*pages) >= {*(ROOT / "docs").glob("*.md")} - {ROOT / "docs" / "index.md"}
+    for each in pages:
+        assert sum(written_words(page) for page in each) <= 20_000, [page.name for page in each]
+
+
+def written_words(page: Path) -> int:
+    """Words of a page without tables that a program makes."""
+    text = page.read_text()
+    return len((re.sub(r"^\|.*$", "", text, flags=re.MULTILINE) if page.name == "performance.md" else text).split())
