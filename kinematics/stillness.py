@@ -8,7 +8,8 @@ i, r_i its position from the camera and xi = (v, w) the camera's motion in `base
 from which xi follows by generalised least squares. The bias of a joint is the same in every reading and cancels.
 Window means of 1, 2, 4 ... readings are compared with all readings before them, with the window before and with the
 first window of the pause, at every reading: a step, a pulse and a ramp are each plain in one of these. What no motion
-of the body explains (the residual) tells the noise: sway is a motion of the body and is not in it.
+of the body explains (the residual) tells the noise: sway is a motion of the body and is not in it. A residual far above
+the noise is that of feet which did not stay where they were.
 """
 
 from __future__ import annotations
@@ -46,6 +47,12 @@ PULSE_S, OFTEN = 0.2, 3
 
 # Most readings that are tried for the begin of a motion; those of a pulse at 320 Hz.
 MOST_NEEDED = 64
+
+# Noise that is learned is at most this many times the noise that robot.toml states, in standard deviations: more is no
+# noise of joints. From as many changes on is it learned well enough to excuse feet that move against each other.
+MOST_NOISE, LEARNED = 4.0, 8
+# Least noise by which feet that move against each other are judged [rad]: 0.03 mm at a leg of 0.3 m is no slip.
+LEAST_NOISE = 1e-4
 
 # Weight of the noise that robot.toml states, in readings: a robot with more is told from one that moves after a few.
 PRIOR_READINGS = 1
@@ -230,6 +237,7 @@ class Stillness:
         # The median of chi^2 (Wilson and Hilferty): a slipping foot in a few readings does not pass for noise.
         found = float(np.median(self._energies)) / (degrees * (1.0 - 2.0 / (9.0 * degrees)) ** 3)
         count = len(self._energies)
+        found = min(found, MOST_NOISE**2 * stated)
         self._variance = max(stated, (PRIOR_READINGS * stated + count * found) / (PRIOR_READINGS + count))
 
     def _add_sum(self, change: Float) -> None:
@@ -259,19 +267,31 @@ class Stillness:
         against = np.concatenate([count - windows, pairs, pairs])
         changes = np.concatenate([means, means[: len(pairs)], means[: len(pairs)]]) - np.concatenate(before)
         motions = changes @ feet.motion.T
-        chi2 = np.sum((changes @ feet.whitened.T) ** 2, axis=1) / (self._variance * (1 / of + 1 / against))
+        shares = 1 / of + 1 / against
+        chi2 = np.sum((changes @ feet.whitened.T) ** 2, axis=1) / (self._variance * shares)
         shifts, turns = np.linalg.norm(motions[:, :3], axis=1), np.linalg.norm(motions[:, 3:], axis=1)
         limits = self._robot.pause_limits
         over = (shifts > limits.camera_translation_limit) | (turns > limits.camera_rotation_limit)
         found = np.flatnonzero((chi2 > _threshold(count)) & over)
         self._latest = feet.motion @ (sums[row] - sums[row - 1])
+        # Feet that moved against each other are no noise, and what they say of the body means nothing.
+        noise = self._variance if len(self._energies) >= LEARNED else self._robot.noise.encoder_noise**2
+        apart = np.sum((changes @ feet.residual.T) ** 2, axis=1) / (max(noise, LEAST_NOISE**2) * shares)
+        worst: int | None = None
         if not self._motion and found.size:
-            worst = found[np.argmax(chi2[found])]
+            worst = int(found[np.argmax(chi2[found])])
             self._motion = (
                 f"the camera moved by {1e3 * shifts[worst]:.2f} mm and {math.degrees(turns[worst]):.3f} degrees "
                 f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "
                 f"{math.degrees(limits.camera_rotation_limit):.3g} degrees are allowed: scan again"
             )
+        elif not self._motion and np.any(apart > _most_apart(len(feet.residual))):
+            worst = int(np.argmax(apart))
+            self._motion = (
+                "standing feet moved against each other during the scan, or the joints are far noisier than the "
+                f"{math.degrees(self._robot.noise.encoder_noise):.3f} degrees of encoder_noise in robot.toml: scan again"
+            )
+        if worst is not None:
             # The motion began no earlier than the window before, or the first one where these two were compared.
             window = int(of[worst])
             is_first = len(windows) <= worst < len(windows) + len(pairs)
@@ -360,6 +380,11 @@ def _threshold(count: int) -> float:
         # P(chi^2 > x) = exp(-x / 2) (1 + x / 2 + x^2 / 8), solved by iteration.
         chi2 = -2.0 * (log - math.log(1.0 + chi2 / 2.0 + chi2**2 / 8.0))
     return chi2
+
+
+def _most_apart(degrees: int) -> float:
+    """Largest chi^2 of the residual that passes for noise: three times the noise, and never by chance in a pause."""
+    return 9.0 * degrees + 18.0
 
 
 def _checked_time(time: float) -> float:

@@ -209,6 +209,28 @@ def test_a_foot_that_is_lifted_leaves_the_others(robot: RobotModel) -> None:
         stillness.add(2.0, Stance(moved.joint_positions, robot.legs[:3][1:]))
 
 
+@pytest.mark.parametrize("times", [BOTH_ENDS, np.arange(0.0, 1.01, 0.2), FREQUENT], ids=["END", "5 Hz", "50 Hz"])
+@pytest.mark.parametrize("stride", [0.01, 0.03, 0.06])
+def test_feet_that_stepped_are_no_noise(robot: RobotModel, times: np.ndarray, stride: float) -> None:
+    """Each foot elsewhere at the end, as after a step, is a motion although no motion of the body explains it."""
+    rng = np.random.default_rng(6)
+    exact = robot.posture("scan")
+    state = robot.state(exact)
+    for _ in range(20):
+        moved = dict(exact)
+        for leg, sole in zip(robot.legs, state.soles_in_base(), strict=True):
+            away = rng.normal(size=3) * (1.0, 1.0, 0.0)
+            found = robot.reach(leg, sole + stride * away / np.linalg.norm(away))
+            moved.update(zip(robot.tree.leg(leg).joints, found.joint_positions.tolist(), strict=True))
+        stillness = Stillness(robot, Stance(exact, robot.legs), 0.0)
+        for time in times[1:]:
+            read = {
+                joint: (1 - time) * exact[joint] + time * moved[joint] + rng.normal(0.0, WHITE) for joint in exact
+            }
+            stillness.add(float(time), Stance(read, robot.legs))
+        assert stillness.motion and stillness.still_until < 1.0
+
+
 def test_a_long_pause_keeps_its_first_readings(robot: RobotModel) -> None:
     """A creep of 1 mm over thousands of readings is found although the middle ones are dropped."""
     exact, moved = robot.posture("scan"), shifted(robot, np.eye(3), (0.0, 0.0, 0.001)).joint_positions
