@@ -288,8 +288,8 @@ class Stillness:
         elif not self._motion and np.any(apart > _most_apart(len(feet.residual))):
             worst = int(np.argmax(apart))
             self._motion = (
-                "standing feet moved against each other during the scan, or the joints are far noisier than the "
-                f"{math.degrees(self._robot.noise.encoder_noise):.3f} degrees of encoder_noise in robot.toml: scan again"
+                "standing feet moved against each other during the scan, or the joints are far noisier than "
+                f"encoder_noise of robot.toml ({math.degrees(self._robot.noise.encoder_noise):.3f} degrees): scan again"
             )
         if worst is not None:
             # The motion began no earlier than the window before, or the first one where these two were compared.

@@ -224,9 +224,7 @@ def test_feet_that_stepped_are_no_noise(robot: RobotModel, times: np.ndarray, st
             moved.update(zip(robot.tree.leg(leg).joints, found.joint_positions.tolist(), strict=True))
         stillness = Stillness(robot, Stance(exact, robot.legs), 0.0)
         for time in times[1:]:
-            read = {
-                joint: (1 - time) * exact[joint] + time * moved[joint] + rng.normal(0.0, WHITE) for joint in exact
-            }
+            read = {joint: (1 - time) * exact[joint] + time * moved[joint] + rng.normal(0.0, WHITE) for joint in exact}
             stillness.add(float(time), Stance(read, robot.legs))
         assert stillness.motion and stillness.still_until < 1.0
 
