@@ -89,6 +89,8 @@ class PerceptionServer(Resource):
         self._step: int | None = None
         self._epoch = ""
         self._standing: bool | None = None
+        # Last sequence given up because the gait used the number of a pause again.
+        self._given_up = 0
         self._names: NameWatch | None = None
         self._jumps = JumpWatch(robot)
         self._times: list[float] = []
@@ -233,12 +235,14 @@ class PerceptionServer(Resource):
         """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
-            mirrored = self._mirrored
-            is_over = mirrored is not None and self._is_other_pause(mirrored)
-            if is_over:
-                self._mirrored = None
+            newest = self._newest.get("footprint")
+            if newest is not None and not self._is_other_pause(newest):
+                # Another pause of the same number: readers take the grid before for overtaken.
+                self._sequences["footprint"] += 1
+                self._given_up = self._sequences["footprint"]
+            mirrored, self._mirrored = self._mirrored, None
         self._status.changed()
-        if is_over and mirrored is not None:
+        if mirrored is not None:
             self._empty(mirrored)
 
     def end_step(self) -> None:
@@ -269,7 +273,7 @@ class PerceptionServer(Resource):
             "standing": "" if self._standing is None else str(self._standing).lower(),
             "step": "" if step is None else step,
             "last_scan_step": "" if newest is None else newest.step,
-            "last_scan_sequence": "" if newest is None else newest.sequence,
+            "last_scan_sequence": "" if newest is None else max(newest.sequence, self._given_up),
             "last_map_sequence": "" if newest_map is None else newest_map.sequence,
             "last_scan_age_s": f"{time.monotonic() - times[-1]:.1f}" if times else "",
             "grids_per_s": f"{(len(times) - 1) / span:.2f}" if span > 0.0 else "0",

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -262,6 +263,31 @@ def test_a_pause_that_cannot_be_scanned_ends_the_use_of_the_one_before(bench: Be
     assert wait_until(is_refused)
 
 
+@pytest.mark.parametrize("epoch", ["", "walk-a"])
+def test_a_later_pause_of_the_same_number_ends_the_use_of_the_one_before(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, epoch: str
+) -> None:
+    """A gait that died and counts from 0 again: the confirmed grid is of another place, though step and walk agree."""
+    bench.client.counts()
+    bench.gait.say(0, PausePhase.BEGIN, epoch=epoch)
+    bench.client.wait_for_step(0, timeout=TIMEOUT)
+    bench.gait.say(0, PausePhase.END, epoch=epoch)
+    bench.client.wait_for_step(0, timeout=TIMEOUT, confirmed=True)
+    assert bench.client.latest().step == 0
+    monkeypatch.setattr(bench.node._scanner, "scan", Mock(side_effect=gp.PerceptionError("the scanner is broken")))
+    bench.gait.say(0, PausePhase.BEGIN, epoch=epoch)
+    assert reported(bench, "the scanner is broken")
+
+    def is_refused() -> bool:
+        try:
+            bench.client.latest()
+        except gp.StaleTerrain as error:
+            return "was followed by sequence" in str(error)
+        return False
+
+    assert wait_until(is_refused)
+
+
 GROUND = [(0.5, -0.1), (0.6, -0.1), (0.6, 0.1)]
 
 
@@ -389,7 +415,7 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
         bench.gait.say(0, PausePhase.BEGIN)
         both(bench, 0)
         bench.gait.say(0, PausePhase.END)
-        assert reported(bench, "the gait does not tell its clock on guara/gait/v1/clock")
+        assert reported(bench, "the gait does not tell the clock of its stamps on guara/gait/v1/clock")
         assert reported(bench, "Announce pauses by this version's StancePublisher")
         message = bench.client._client.receiver().latest().message
         assert message.provisional and not message.withdrawn
