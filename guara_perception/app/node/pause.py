@@ -22,6 +22,8 @@ BEYOND_LIMITS_RAD = 0.5
 LARGEST_POSITION_RAD = 100.0
 # A pause that is announced longer than this is taken for as long: the gait says HOLD long before.
 LONGEST_S = 3600.0
+# A stamp this far ahead of its arrival is not of the clock that the gait tells; less is the rounding of stamps.
+AHEAD_S = 0.005
 
 UNKNOWN_END = (
     "the pause ended without a stance that can be used: whether the camera stood still during the scan is "
@@ -87,12 +89,13 @@ class Pause:
         """Instant until which the robot is known to have stood as BEGIN said; -inf while the clock is not known."""
         stamp, arrival = self._still
         earliest = self.earliest(stamp)
-        return -math.inf if earliest is None else min(earliest, arrival)
+        return -math.inf if earliest is None or earliest > arrival + AHEAD_S else min(earliest, arrival)
 
     @property
     def is_clock_known(self) -> bool:
-        """Whether stamps can be compared with frames."""
-        return self.earliest(self.stamp) is not None
+        """Whether stamps can be compared with frames: not when one lies ahead, of another clock or one that was set."""
+        instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
+        return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
     @property
     def planned_end(self) -> float:

@@ -95,7 +95,8 @@ class PauseScanner:
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         # The newest grid of the newest pause, and the scan of that pause that is in the map.
         self._unknown_clock = (
-            f"the gait does not tell its clock on {gait_clock_key(server.robot)}, so that its stamps confirm no frame: "
+            f"the gait does not tell the clock of its stamps on {gait_clock_key(server.robot)} (no answer, or stamps "
+            "that lie ahead of it), so that they confirm no frame: "
             "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
             "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
         )
