@@ -131,3 +131,14 @@ def test_a_withdrawal_that_was_missed_is_noticed_by_its_number() -> None:
     node.sequences["footprint"] += 1
     world.pass_time(1.2)
     assert "was followed by sequence 3, which has not arrived" in world.against("footprint")[0].text
+
+
+def test_an_age_that_cannot_be_compared_is_too_old() -> None:
+    """A caller who computes `max_age` as NaN, or an age that is NaN, gets no old ground for it."""
+    world = World()
+    world.start()
+    world.begin()
+    world.scan()
+    world.pass_time(0.5)
+    assert not world.against("footprint", math.inf)
+    assert "allowed: nan s" in world.against("footprint", math.nan)[0].text

@@ -191,7 +191,7 @@ def objections(
     found = []
     if grid.withdrawn:
         found.append(Objection("was withdrawn: its pause or its scan contradicted it"))
-    if age > limit:
+    if not age <= limit:
         found.append(Objection(f"is {age:.2f} s old; allowed: {limit:g} s{'; its node is gone' if is_gone else ''}"))
     if word is None:
         if grid.run:
