@@ -1,4 +1,4 @@
-"""Names for the types of arrays, and medians; shapes and units stand where they are used."""
+"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
 
 from __future__ import annotations
 
@@ -24,22 +24,3 @@ Grey = npt.NDArray[np.uint8]
 Image = npt.NDArray[Any]
 # Lowest and highest value.
 Interval = tuple[float, float]
-# Makes the median of absolute deviations the standard deviation of a normal distribution.
-SIGMA_PER_DEVIATION = 1.4826
-
-
-def upper_median(values: Array) -> float:
-    """Upper median of one or more values; NaN must not be among them."""
-    half = values.size // 2
-    return float(np.partition(values, half, axis=None)[half])
-
-
-def upper_medians(rows: Array) -> Array:
-    """Upper median of each row (n,) of values (n, m) without NaN."""
-    half = rows.shape[1] // 2
-    return np.asarray(np.partition(rows, half, axis=1)[:, half])
-
-
-def robust_sigma(values: Array) -> float:
-    """Standard deviation by the median absolute deviation from the median, as if the values were normal."""
-    return SIGMA_PER_DEVIATION * upper_median(np.abs(values - values.dtype.type(upper_median(values))))

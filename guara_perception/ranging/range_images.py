@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Float32, Index
-from guara_perception.ranging.lines import shares
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import EVERYWHERE, surface_keys, surface_lines
+from guara_perception.ranging.surface import EVERYWHERE, shares, surface_keys, surface_lines
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics.arrays import read_only
 

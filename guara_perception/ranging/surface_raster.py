@@ -7,10 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from guara_perception.arrays import Flags
-from guara_perception.ranging.lines import line_samples
 from guara_perception.ranging.scan_geometry import TOGETHER, in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Key, surface_of
+from guara_perception.ranging.surface import Key, line_samples, surface_of
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,

@@ -8,8 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from guara_perception.arrays import SIGMA_PER_DEVIATION, Array, Float32, Image, Index, Mask, upper_median, upper_medians
+from guara_perception.arrays import Array, Float32, Image, Index, Mask
 from guara_perception.stripes.band import OffRows, channel_of, has_colour, rows_from, sampled
+from guara_perception.stripes.peaks import SIGMA_PER_DEVIATION, upper_median, upper_medians
 
 # Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
 JUDGED_ROWS, JUDGED_COLUMNS = 3, 16

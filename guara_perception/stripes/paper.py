@@ -8,9 +8,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Grey, Image, Index, Mask, upper_median
+from guara_perception.arrays import Float, Grey, Image, Index, Mask
 from guara_perception.stripes.band import Band, StripeProfile, StripeStatus, bad_frame
 from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
+from guara_perception.stripes.peaks import upper_median
 
 # Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.
 BLUE_SHARE, GREEN_SHARE, RED_SHARE = 0.05, 0.15, 0.80

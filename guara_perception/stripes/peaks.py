@@ -1,4 +1,4 @@
-"""Peaks of a band of laser light: how high one must be to count, how wide the stripe is, and their exact centres."""
+"""Peaks of a band of laser light: how high one must be to count, how wide the stripe is, exact centres; medians."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Float32, Index, robust_sigma, upper_median
+from guara_perception.arrays import Array, Float32, Index
 from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS, rows_from, sampled
 
+# Makes the median of absolute deviations the standard deviation of a normal distribution.
+SIGMA_PER_DEVIATION = 1.4826
 # Averaging three columns before looking for the peak halves the noise of a dim stripe.
 COLUMN_MEAN_PX = 3
 # Three rows lose next to nothing of a thin stripe's peak; a wide stripe is smoothed to its own width.
@@ -270,3 +272,20 @@ def derivative_filters(sigma: float) -> Float32:
     filters = weights.astype(np.float32)
     filters.setflags(write=False)
     return filters
+
+
+def upper_median(values: Array) -> float:
+    """Upper median of one or more values; NaN must not be among them."""
+    half = values.size // 2
+    return float(np.partition(values, half, axis=None)[half])
+
+
+def upper_medians(rows: Array) -> Array:
+    """Upper median of each row (n,) of values (n, m) without NaN."""
+    half = rows.shape[1] // 2
+    return np.asarray(np.partition(rows, half, axis=1)[:, half])
+
+
+def robust_sigma(values: Array) -> float:
+    """Standard deviation by the median absolute deviation from the median, as if the values were normal."""
+    return SIGMA_PER_DEVIATION * upper_median(np.abs(values - values.dtype.type(upper_median(values))))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Index, Mask, upper_median
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
 from guara_perception.stripes.band import Band, StripeProfile, at_rows, bad_frame
 from guara_perception.stripes.laser_light import clipped_columns, laser_light
@@ -22,6 +22,7 @@ from guara_perception.stripes.peaks import (
     find_peaks,
     noise_gain,
     responses,
+    upper_median,
 )
 
 # The highest peaks show the stripe where most of them stand this far above the noise, few jump by more than JUMP_PX

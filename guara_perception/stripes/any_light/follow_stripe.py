@@ -7,8 +7,9 @@ from operator import sub
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Index, Mask, robust_sigma
+from guara_perception.arrays import Float, Float32, Index, Mask
 from guara_perception.stripes.any_light.laser_colour import CLIPPED
+from guara_perception.stripes.peaks import robust_sigma
 
 # In units of evidence: a path pays for every row that it moves by from one column to the next, but never more than
 # for a jump, and for every end.

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Index, Mask, robust_sigma, upper_median, upper_medians
+from guara_perception.arrays import Float, Float32, Index, Mask
+from guara_perception.stripes.peaks import robust_sigma, upper_median, upper_medians
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0

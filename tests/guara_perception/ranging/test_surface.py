@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.lines import OPEN_END_M, line_samples
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import (
+    OPEN_END_M,
     joined_surface,
+    line_samples,
     linked_columns,
     surface_keys,
     surface_of,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.arrays import robust_sigma, upper_median, upper_medians
+from guara_perception.stripes.peaks import robust_sigma, upper_median, upper_medians
 
 
 def test_medians_and_robust_sigma() -> None:
