@@ -186,6 +186,9 @@ class PerceptionNode:
                 current.hold(stance, now, stamp, announcement.time_available)
             elif phase is PausePhase.END or stance is None:
                 current.end(stance, now, stamp)
+            elif not announcement.epoch and stamp > current.newest_stamp:
+                # A gait without epochs that died, and counts anew where the robot was carried to, says the same.
+                current.end(None)
             elif current.begin_again(stance, now, stamp):
                 return None
         elif last is not None and is_same and phase is not PausePhase.BEGIN:

@@ -185,11 +185,21 @@ def test_a_pause_expires_when_its_gait_has_died(bench: Bench) -> None:
 
 def test_a_second_begin_with_the_same_joints_says_nothing_new(bench: Bench) -> None:
     """A gait that repeats BEGIN for nodes that start late costs no scan."""
+    bench.gait.say(0, PausePhase.BEGIN, epoch="walk-a")
+    both(bench, 0)
+    bench.gait.say(0, PausePhase.BEGIN, epoch="walk-a")
+    bench.gait.say(0, PausePhase.END, epoch="walk-a")
+    assert both(bench, 0, confirmed=True)[0].metadata["sequence"] == 2
+
+
+def test_a_second_begin_of_a_gait_without_epochs_is_another_pause(bench: Bench) -> None:
+    """It died and counts anew, in the same posture: the robot may have been carried off meanwhile."""
     bench.gait.say(0, PausePhase.BEGIN)
     both(bench, 0)
+    before = bench.node._pause
     bench.gait.say(0, PausePhase.BEGIN)
-    bench.gait.say(0, PausePhase.END)
-    assert both(bench, 0, confirmed=True)[0].metadata["sequence"] == 2
+    assert wait_until(lambda: bench.node._pause is not before)
+    assert before is not None and before.broken and before.still_until <= before.begun
 
 
 @pytest.mark.parametrize(
