@@ -113,6 +113,9 @@ EVENTS: dict[str, tuple[Act, float, Act]] = {
     "link lost for 1 s": _lost(1.0),
     "link lost for 10 s": _lost(10.0),
     "link lost for 60 s": _lost(60.0),
+    "gait not heard by the node for 1 s": (World.deafen, 1.0, World.listen),
+    "gait not heard by the node for 10 s": (World.deafen, 10.0, World.listen),
+    "gait not heard by the node for 60 s": (World.deafen, 60.0, World.listen),
     "nothing": (_nothing, 1.0, _nothing),
 }
 GAITS = {
@@ -123,7 +126,10 @@ GAITS = {
     "48 pauses": _pauses,
     "another walk": _walk,
 }
-DISTURBANCES = (World.kill, World.hang, World.wake, World.cut, World.restart_router, World.lose, World.mute)
+DISTURBANCES = (
+    *(World.kill, World.hang, World.wake, World.cut, World.restart_router, World.lose, World.mute),
+    World.deafen,
+)
 DELAYS = (0.0, 0.3)
 # What the gait does comes just before the event, or this long after it [s].
 WHEN = (-TICK, 0.2, 4.0)
@@ -208,6 +214,7 @@ def run_walks(walks: int, seed: int) -> Count:
         _end_elsewhere,
         lambda world: world.start(is_healthy=chosen.random() < 0.8),
         World.heal,
+        World.listen,
         lambda world: chosen.choice(DISTURBANCES)(world),
     ]
     for _ in range(walks):

@@ -1,7 +1,8 @@
 """A robot, its gait, the nodes that come and go, and a planner's client on an emulated clock, with the truth beside.
 
 What a client does with Zenoh is left out; what it believes (`transport.grids.evidence`) is not. The link to the planner
-brings everything in order after a delay; a link that is cut stalls, and is closed on both sides after `LEASE`.
+brings everything in order after a delay; a link that is cut stalls, and is closed on both sides after `LEASE`. A node
+notices that it no longer hears the gait when the gait's clock does not answer for `GAIT_SILENT`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, field
 from transport.grids.evidence import SILENT, Cure, Evidence, Objection, read_word
 from transport.messages.status_message import STATUS_NAME, Status, StatusItem
 from transport.messages.terrain_message import Health
+from transport.stance_link import GAIT_SILENT
 
 # [s] Between two statuses without change; after which a silent side is taken as gone; between two instants looked at.
 PERIOD, LEASE, TICK = 1.0, 2.0, 0.05
@@ -75,14 +77,14 @@ class World:
         self.evidence = Evidence("guara")
         self.held: dict[str, Grid] = {}
         self.node: Node | None = None
-        self.cut_since = math.inf
+        self.cut_since = self.deaf_since = math.inf
         self._nodes = 0
         # When the robot came to each place; when END showed that the scan of a place was not made standing still.
         self._came: dict[int, float] = {0: 0.0}
         self._refuted: dict[int, float] = {}
         self._began: dict[str, float] = {}
         self._last: Said | None = None
-        self._broken = -math.inf
+        self._broken = self._unheard = -math.inf
         self._hung_since = math.inf
         self._next_status = 0.0
         self._losing: set[str] = set()
@@ -124,7 +126,7 @@ class World:
 
     def _hear(self) -> None:
         node, said = self.node, self._last
-        if node is None or node.is_hung or said is None:
+        if node is None or node.is_hung or said is None or self.deaf_since < math.inf:
             return
         pause = node.pause
         is_same = pause is not None and (pause.epoch, pause.step) == (said.epoch, said.step)
@@ -175,6 +177,15 @@ class World:
             self._hear()
             self._tell(self.node)
 
+    def deafen(self) -> None:
+        """The link between gait and node goes, without a word."""
+        self.deaf_since = min(self.deaf_since, self.now)
+
+    def listen(self) -> None:
+        """It is back: what the gait said last is heard, and its clock answers."""
+        self.deaf_since = math.inf
+        self._hear()
+
     def mute(self) -> None:
         """Its threads that send stop for ever, while its links stay open."""
         if self.node is not None:
@@ -224,6 +235,7 @@ class World:
             "epoch": "" if node.pause is None else node.pause.epoch,
             "step": "" if node.pause is None else str(node.pause.step),
             "standing": "" if node.standing is None else str(node.standing).lower(),
+            "gait": "silent" if self.now - self.deaf_since > GAIT_SILENT else "",
             "last_scan_sequence": str(node.sequences["footprint"] or ""),
             "last_map_sequence": str(node.sequences["map"] or ""),
         }
@@ -277,6 +289,8 @@ class World:
             if node is not None and not node.is_hung and self.now >= self._next_status:
                 self._next_status = self.now + PERIOD
                 self._tell(node)
+            if self.deaf_since < math.inf:
+                self._unheard = self.now
             if self.is_cut or self.now >= self._hung_since or (node is not None and node.is_mute):
                 self._broken = self.now
             if self.now - self.cut_since > LEASE:
@@ -332,13 +346,16 @@ class World:
         return self.now - min(since) if since else -math.inf
 
     def promised(self) -> float:
-        """How long the gait's word may take to reach the planner [s]: what the link takes, `SILENT` after it broke."""
+        """How long the gait's word may take to reach the planner [s]: of the links, and a time-out once one broke."""
         is_broken = self.is_cut or self.now - self._broken <= SILENT + 2 * TICK
-        return self.delay + 2 * TICK + (SILENT if is_broken else 0.0)
+        # A node that does not hear the gait says so with its next status.
+        is_unheard = self.deaf_since < math.inf or self.now - self._unheard <= PERIOD
+        return self.delay + 2 * TICK + SILENT * is_broken + (GAIT_SILENT + PERIOD) * is_unheard
 
     def must_be_used(self, extent: str) -> bool:
         """Whether nothing excuses a refusal: its node lives and was heard, the pause is the one of the scan."""
         grid, node = self.held[extent], self.node
-        is_heard = node is not None and not (node.is_hung or node.is_mute or self.is_cut or self._wire)
+        is_deaf = self.deaf_since < math.inf
+        is_heard = node is not None and not (node.is_hung or node.is_mute or self.is_cut or is_deaf or self._wire)
         is_of_it = node is not None and grid.run == node.run and grid == node.newest.get(extent)
         return is_heard and is_of_it and self.contradicted_for(extent) == -math.inf

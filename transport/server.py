@@ -101,6 +101,7 @@ class PerceptionServer(Resource):
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
+        self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
         self._status = StatusReporter(session, self._items, robot=robot)
         if self._mirror is not None:
@@ -229,7 +230,8 @@ class PerceptionServer(Resource):
 
     def gait_clock(self, on_news: Callable[[], None]) -> GaitClock:
         """Clock of the gait that announces this robot's pauses; `on_news` as in `GaitClock`."""
-        return GaitClock(self._session, self.robot, on_news)
+        self._gait = GaitClock(self._session, self.robot, on_news)
+        return self._gait
 
     def begin_step(self, step: int, epoch: str = "") -> None:
         """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""
@@ -271,6 +273,7 @@ class PerceptionServer(Resource):
             "clock_s": f"{clock.now():.6f}",
             "epoch": epoch,
             "standing": "" if self._standing is None else str(self._standing).lower(),
+            "gait": "" if self._gait is None else self._gait.state,
             "step": "" if step is None else step,
             "last_scan_step": "" if newest is None else newest.step,
             "last_scan_sequence": "" if newest is None else max(newest.sequence, self._given_up),

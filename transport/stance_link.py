@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from transport import zenoh_api
+from transport import clock, zenoh_api
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
 from transport.links.outbox import MAXIMUM_PENDING, Outbox
@@ -26,6 +27,8 @@ from transport.supervision import report
 MAXIMUM_WAITING = 256
 # [s] Between two questions for the gait's clock. One that is set in between is noticed at the next answer.
 CLOCK_PERIOD = 2.0
+# [s] A gait whose clock answered once and then for so long not again is not heard: it may have begun the next pause.
+GAIT_SILENT = 4.0
 
 
 class StancePublisher(Resource):
@@ -111,12 +114,20 @@ class GaitClock(RemoteClock):
         """Begin to ask; `on_news` is called, on the thread that asks, when the clock becomes known or better known."""
         self._on_news = on_news
         self._bound: ClockBound | None = None
+        self._heard = math.inf
         super().__init__(session, gait_clock_key(robot), period=CLOCK_PERIOD)
 
     @property
     def key(self) -> str:
         """Key that is asked."""
         return self._key
+
+    @property
+    def state(self) -> str:
+        """State of the gait: "heard", "silent" once it answers no longer (a lost link), "" before any answer."""
+        if self._bound is None:
+            return ""
+        return "silent" if clock.now() - self._heard > GAIT_SILENT else "heard"
 
     def earliest(self, stamp: int) -> float | None:
         """Earliest instant by `transport.clock` [s] at which a stamp [ns] can have been read; None: not known."""
@@ -126,6 +137,7 @@ class GaitClock(RemoteClock):
     def _take(self, payload: bytes, asked: float, answered: float) -> bool:
         newer, before = ClockBound(read_time(decode(payload, TIME)) * 1e-9, asked, answered), self._bound
         self._bound = newer if before is None else before.after(newer)
+        self._heard = answered
         if self._on_news is not None and self._bound is newer:
             self._on_news()
         return True

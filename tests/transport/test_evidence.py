@@ -45,7 +45,11 @@ class Restarts(RuleBasedStateMachine):
         for _ in range(times):
             self.world.scan()
 
-    @rule(what=st.sampled_from(["kill", "hang", "wake", "cut", "heal", "restart_router", "lose", "mute"]))
+    @rule(
+        what=st.sampled_from(
+            ["kill", "hang", "wake", "cut", "heal", "restart_router", "lose", "mute", "deafen", "listen"]
+        )
+    )
     def disturb(self, what: str) -> None:
         getattr(self.world, what)()
 
@@ -61,6 +65,29 @@ class Restarts(RuleBasedStateMachine):
 
 Restarts.TestCase.settings = settings(max_examples=examples(300), stateful_step_count=40, deadline=None)
 TestRestarts = pytest.mark.slow(Restarts.TestCase)
+
+
+@pytest.mark.parametrize("extent", EXTENTS)
+def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(extent: str) -> None:
+    """The next pause may have begun unheard; once the gait is heard again, what it said last decides."""
+    world = World()
+    world.start()
+    world.begin()
+    world.scan()
+    world.end()
+    world.pass_time(1.0)
+    world.deafen()
+    world.pass_time(6.0)
+    assert [o.text for o in world.against(extent)] == ["is no longer vouched for: its node no longer hears the gait"]
+    world.listen()
+    world.pass_time(1.1)
+    assert not world.against(extent)
+    world.deafen()
+    world.begin()
+    world.pass_time(6.0)
+    world.listen()
+    world.pass_time(1.1)
+    assert bool(world.against(extent)) == (extent == "footprint")
 
 
 @pytest.mark.parametrize("extent", EXTENTS)

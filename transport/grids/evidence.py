@@ -121,6 +121,7 @@ class Word:
         step: number of the stance pause, the last one between two.
         standing: whether the pause goes on; None where nobody announces pauses, as in a replay.
         newest: last sequence published, by extent.
+        hears_gait: False where the node no longer hears the gait, which may have begun another pause.
     """
 
     status: Status
@@ -131,6 +132,7 @@ class Word:
     step: int | None
     standing: bool | None
     newest: Mapping[str, int | None]
+    hears_gait: bool = True
 
 
 def read_word(status: Status, heard: float) -> Word | None:
@@ -155,6 +157,7 @@ def read_word(status: Status, heard: float) -> Word | None:
             "footprint": whole_number(values.get("last_scan_sequence", "")),
             "map": whole_number(values.get("last_map_sequence", "")),
         },
+        hears_gait=values.get("gait") != "silent",
     )
 
 
@@ -176,8 +179,8 @@ def objections(
     """Reasons against the use of a grid; none when it may be used.
 
     A grid is used while a living node vouches for it: the run that made it says, no longer than `SILENT` ago, that the
-    robot is in its walk and within its pauses. Between END and the next BEGIN the pause is the last one; a grid that is
-    still provisional then is not used.
+    robot is in its walk and within its pauses, and that it hears the gait. Between END and the next BEGIN the pause is
+    the last one; a grid that is still provisional then is not used.
 
     Args:
         grid: grid that was received.
@@ -219,6 +222,8 @@ def objections(
         found.append(Objection("is no longer vouched for: its node is gone", Cure.RETURN))
     elif silence > SILENT:
         found.append(Objection(f"is no longer vouched for: its node {silent_for(silence)}", Cure.WORD))
+    elif not word.hears_gait:
+        found.append(Objection("is no longer vouched for: its node no longer hears the gait", Cure.WORD))
     if grid.provisional and (pauses or word.standing is False):
         found.append(Objection("was never confirmed, and its pause is over", Cure.GRID))
     if kind == "footprint" and newest is not None and newest > grid.sequence:

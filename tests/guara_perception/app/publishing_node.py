@@ -3,7 +3,7 @@
 
 Commands on standard input, each answered by "done": `publish STEP [AGE_S [EPOCH [provisional]]]`, `map STEP [EPOCH
 [provisional]]`, `break STEP` (a grid with one flipped bit), `views` (points and picture of the scan that was published
-last), `pause STEP [EPOCH]`, `end`, `serve`, `quit`.
+last), `pause STEP [EPOCH]`, `end`, `gait` (ask for the gait's clock), `serve`, `quit`.
 """
 
 import dataclasses
@@ -72,6 +72,9 @@ class Node:
 
     def end(self) -> None:
         self.server.end_step()
+
+    def gait(self) -> None:
+        self.server.gait_clock(lambda: None)
 
     def serve(self) -> None:
         def handle(job):

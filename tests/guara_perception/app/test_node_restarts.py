@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import guara_perception as gp
-from transport import Health, ReceiveTimeout, open_node
+from transport import Health, ReceiveTimeout, StancePublisher, open_client, open_node
 
 pytestmark = pytest.mark.slow
 
@@ -159,3 +159,27 @@ def test_a_node_that_hangs_is_told_and_vouches_for_nothing(scanned: tuple, event
         node.popen.send_signal(signal.SIGCONT)
     assert eventually(lambda: client.is_alive and client.status().item("node") is None)
     assert client.wait_for_step(1, 180).step == 1
+
+
+def test_a_node_that_no_longer_hears_the_gait_vouches_for_nothing(
+    scanned: tuple, free_endpoint: str, eventually: Callable
+) -> None:
+    """The gait is gone, or its link: the next pause may have begun unheard. Heard again, what the node says counts."""
+    node, client, _ = scanned
+
+    def said() -> str:
+        return client.status().item("transport").values["gait"]
+
+    node.tell("gait")
+    with open_client(free_endpoint) as session:
+        gait = StancePublisher(session)
+        assert eventually(lambda: said() == "heard")
+        confirm(node, client)
+        gait.close()
+    assert eventually(lambda: said() == "silent")
+    assert handed_out(client, max_age=1e9) == []
+    assert "no longer hears the gait" in "".join(client.latest(allow_stale=True).stale_because)
+    with open_client(free_endpoint) as session:
+        StancePublisher(session)
+        assert eventually(lambda: said() == "heard")
+        assert handed_out(client, 60.0) == ALL
