@@ -1,5 +1,6 @@
 """Stance pauses between processes: both ends are heard, an invalid announcement is reported."""
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -108,12 +109,13 @@ def test_the_gaits_clock_is_found_by_a_round_trip_and_again_when_it_is_set(endpo
 
 @pytest.mark.slow
 def test_an_answer_that_is_no_time_is_refused(endpoint: str, eventually) -> None:
-    """The clock stays unknown, and the node goes on asking."""
+    """The clock stays unknown, and the node goes on asking; the bytes of docs/other-languages.md are one."""
     asked: list[int] = []
+    payload = [b"noon"]
 
     def answer(query: Any) -> None:
         asked.append(1)
-        query.reply(keys.gait_clock_key("guara"), b"noon")
+        query.reply(keys.gait_clock_key("guara"), payload[0])
         query.drop()
 
     with transport.open_node(listen=endpoint) as session:
@@ -121,4 +123,8 @@ def test_an_answer_that_is_no_time_is_refused(endpoint: str, eventually) -> None
         gait_clock = GaitClock(session)
         assert eventually(lambda: len(asked) > 1)
         assert gait_clock.earliest(0) is None
+        payload[0] = b"\x00\x01\x00\x00" + struct.pack("<iI", 7, 500_000_000)
+        assert eventually(lambda: gait_clock.earliest(0) is not None)
+        earliest = gait_clock.earliest(7_500_000_000)
+        assert earliest is not None and 0.0 <= clock.now() - earliest < 180.0
         declared.undeclare()
