@@ -29,7 +29,7 @@ from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.app.node import pause_scanner
+from guara_perception.app.node import published_scans
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.calibration.file import save_calibration
@@ -235,7 +235,7 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
             (usb_link, "default_backend", lambda: EmulatedBackend(rig.bus)),
             (StripeStream, "groups", rig.note_groups(StripeStream.groups)),
             (AravisCamera, "open", rig.note_camera(AravisCamera.open)),
-            (pause_scanner, "publish_terrain", rig.note_publishing(pause_scanner.publish_terrain)),
+            (published_scans, "publish_terrain", rig.note_publishing(published_scans.publish_terrain)),
         ):
             setattr(owner, name, changed)
         files = ["-c", str(folder / "calibration.json"), "--devices", str(folder / "devices.toml")]

@@ -59,7 +59,7 @@ def command(
     from guara_perception.app.files.scan_folder import ScanFolderWriter
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.live_scan import live_scan
-    from guara_perception.app.node.pause_scanner import with_problems
+    from guara_perception.app.node.published_scans import with_problems
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json

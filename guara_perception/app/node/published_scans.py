@@ -1,0 +1,255 @@
+"""Grids of the newest pause that were published: confirmed, cut or withdrawn by what the gait says of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+from collections.abc import Callable
+
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node.live_scan import LiveScan
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause import Pause
+from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.sweep import Swept
+from guara_perception.app.node.walk_map import WalkMap
+from guara_perception.app.publisher import publish_terrain
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import Health
+from kinematics import CameraMoved
+from transport import TerrainMessage
+from transport.keys import gait_clock_key
+from transport.server import PerceptionServer
+
+logger = logging.getLogger(__name__)
+TOO_LITTLE = (
+    "the joints that confirm the scan were read before most of it was taken. The gait must stand until the grid is "
+    "there, or say HOLD"
+)
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class Published:
+    """A scan whose grid was published.
+
+    Attributes:
+        pause: pause in which it was taken.
+        swept: the scan and what it was made of.
+        terrain: grid of the scan alone.
+        fused: the map with it, None while it is not in the map.
+        is_confirmed: whether the pause has confirmed it.
+        was_sent_provisional: whether it was published as provisional.
+        will_be_refined: whether a finer grid of the same pause follows, which is confirmed in its place.
+    """
+
+    pause: Pause
+    swept: Swept
+    terrain: TerrainGrid
+    fused: TerrainGrid | None = None
+    is_confirmed: bool = False
+    was_sent_provisional: bool = False
+    will_be_refined: bool = False
+
+
+class PublishedScans:
+    """Publishes grids and maps of one pause after the other; used from one thread.
+
+    Attributes:
+        newest: the scan whose grid was published last, None where it was withdrawn.
+        fused: the scan of the newest pause that is in the map.
+    """
+
+    def __init__(
+        self,
+        server: PerceptionServer,
+        status: NodeStatus,
+        walk_map: WalkMap,
+        recorder: ScanRecorder | None,
+        unseen: Callable[[Pause], TerrainGrid],
+    ) -> None:
+        """Start before the first pause; `unseen` gives the grid of a scan of a pause that saw nothing."""
+        self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
+        self._unseen = unseen
+        self._unknown_clock = (
+            f"the gait does not tell the clock of its stamps on {gait_clock_key(server.robot)} (no answer, or stamps "
+            "that lie ahead of it), so that they confirm no frame: "
+            "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
+            "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
+        )
+        self.newest: Published | None = None
+        self.fused: Published | None = None
+
+    def begin(self, pause: Pause) -> None:
+        """Leave the pause before: what it confirmed stays in the map, all else is out of it."""
+        before = self.newest or self.fused
+        if before is None or before.pause is pause:
+            return
+        self.settle()
+        if any(each is not None and not each.is_confirmed for each in (self.newest, self.fused)):
+            self._withdraw(before.pause)
+        if self.fused is not None:
+            self._map.keep()
+        self.newest = self.fused = None
+
+    def usable(self, pause: Pause, swept: Swept) -> Swept:
+        """What of a scan may be published: all of it while the pause lasts, then what the gait has confirmed.
+
+        Raises:
+            CameraMoved: nothing of it.
+        """
+        if not pause.ended.is_set() or pause.still_until >= swept.scan.last_frame:
+            return swept
+        cut = None if pause.broken else swept.until(pause.still_until)
+        if cut is None:
+            raise CameraMoved(self._why_not(pause))
+        return cut
+
+    def publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
+        """Publish the grid of a scan; `will_be_refined` where a finer one follows in this pause."""
+        terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan), stamp=swept.scan.end)
+        self.newest = Published(pause, swept, terrain, will_be_refined=will_be_refined)
+        return self._send(self.newest, terrain)
+
+    def publish_map(self) -> TerrainMessage:
+        """Put the newest scan into the map, if no other one of its pause is there, and publish that."""
+        if self.fused is None or self.fused.fused is None:
+            assert self.newest is not None
+            return self._fuse(self.newest)
+        return self._send(self.fused, self.fused.fused)
+
+    def take_back(self, pause: Pause, reason: str) -> TerrainMessage:
+        """Publish that the newest grid is wrong; an earlier scan of its pause stays in the map."""
+        self.newest = None
+        return publish_terrain(self._server, self._nothing_seen(pause, reason))
+
+    def settle(self) -> None:
+        """Confirm, cut or withdraw what was published of the newest pause, by what the gait has said since."""
+        newest, fused = self.newest, self.fused
+        either = newest or fused
+        if either is None:
+            return
+        pause = either.pause
+        for published in dict.fromkeys(each for each in (fused, newest) if each is not None):
+            was_confirmed = published.is_confirmed
+            # A motion that comes to light later may have begun before the last frame.
+            published.is_confirmed = pause.still_until >= published.swept.scan.last_frame
+            if published.is_confirmed and not was_confirmed:
+                self._confirm(published)
+        if not pause.ended.is_set():
+            return
+        self._status.note("stillness", pause.stillness.undetectable)
+        self._status.note("gait_clock", "" if pause.is_clock_known else self._unknown_clock)
+        is_map_wrong = fused is not None and not fused.is_confirmed
+        if pause.broken:
+            if is_map_wrong or (newest is not None and (pause.moved or not newest.is_confirmed)):
+                self._withdraw(pause)
+        elif pause.is_clock_known and newest is not None and not newest.is_confirmed:
+            self._cut(newest)
+
+    def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
+        """Record that not all frames of a scan may be used: it is left out of replays, as one that was withdrawn."""
+        if self._recorder is not None:
+            nothing = self._nothing_seen(pause, TOO_LITTLE)
+            mark = terrain_to_message(
+                nothing, robot=self._server.robot, sequence=self._server.next_sequence("footprint")
+            )
+            self._recorder.add_terrains(pause.step, [mark, *messages])
+
+    def _fuse(self, published: Published) -> TerrainMessage:
+        """Put a scan into the map, and publish that."""
+        pause, swept = published.pause, published.swept
+        published.fused = self._map.update(
+            pause.step,
+            pause.stance,
+            swept.wide(published.terrain),
+            pause.known_ground,
+            epoch=pause.epoch,
+            time=swept.scan.last_frame,
+        )
+        self.fused = published
+        return self._send(published, published.fused)
+
+    def _confirm(self, published: Published) -> None:
+        if published.was_sent_provisional:
+            if published is self.newest:
+                self._send(published, published.terrain)
+            if published.fused is not None:
+                self._send(published, published.fused)
+        self._status.confirmed(published.pause.step)
+
+    def _cut(self, newest: Published) -> None:
+        """Leave out what was taken later than the joints that confirm the scan, once the pause has ended well."""
+        pause = newest.pause
+        cut = newest.swept.until(pause.still_until)
+        if cut is None:
+            self._withdraw(pause)
+            return
+        messages = [self.publish(pause, cut)]
+        if self.fused is not None and not self.fused.is_confirmed:
+            self._map.withdraw(self._nothing_seen(pause, TOO_LITTLE), time=cut.scan.last_frame)
+            assert self.newest is not None
+            messages.append(self._fuse(self.newest))
+        self.record_cut(pause, messages)
+        self.settle()
+
+    def _withdraw(self, pause: Pause) -> None:
+        """Publish that nothing of the grid is known any more; if it is not confirmed, undo it in the map too.
+
+        A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
+        """
+        reason = f"withdrawn: {self._why_not(pause)}"
+        self._status.problem("scan", f"step {pause.step}: {reason}")
+        logger.error("step %d: %s", pause.step, reason)
+        nothing, messages = self._nothing_seen(pause, reason), []
+        if self.newest is not None:
+            messages.append(publish_terrain(self._server, nothing))
+        if self.fused is not None and not self.fused.is_confirmed:
+            fused = self._map.withdraw(nothing, time=self.fused.swept.scan.last_frame)
+            messages.append(publish_terrain(self._server, fused, stated=walk_of(pause)))
+            self.fused = None
+        self.newest = None
+        if self._recorder is not None:
+            self._recorder.add_terrains(pause.step, messages)
+
+    def _send(self, published: Published, terrain: TerrainGrid) -> TerrainMessage:
+        """Publish a grid as provisional or confirmed; a provisional one is valid no longer than its pause may last."""
+        pause, scan = published.pause, published.swept.scan
+        is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
+        published.was_sent_provisional |= is_provisional
+        limit = pause.deadline - scan.last_frame if is_provisional else math.inf
+        return publish_terrain(
+            self._server,
+            terrain,
+            scan_start=scan.start,
+            scan_end=scan.end,
+            scan_end_clock=scan.last_frame,
+            valid_for=max(limit, 0.0),
+            stated={
+                **walk_of(pause, is_provisional=is_provisional),
+                "refinement_follows": published.will_be_refined,
+            },
+        )
+
+    def _why_not(self, pause: Pause) -> str:
+        """Why what was scanned in an ended pause is not used."""
+        return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
+
+    def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
+        """The grid that takes another one back: nothing known, and why."""
+        return self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
+
+
+def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
+    """The grid, with the problems of the devices in its health."""
+    if not scan.problems and not scan.stopped_early:
+        return terrain
+    health = terrain.record.health or Health()
+    early = ("the pause ended before the scan",) if scan.stopped_early else ()
+    level = "failed" if scan.failed else "degraded"
+    return terrain.restated(health=Health(level, (*health.reasons, *scan.problems, *early)))
+
+
+def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
+    """Fields of a grid's record: its walk, and whether its pause has yet to confirm it."""
+    return {"epoch": pause.epoch, "provisional": is_provisional}
