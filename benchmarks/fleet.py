@@ -257,7 +257,8 @@ def storm(fleet: Fleet) -> dict[str, Any]:
     while len(came) < len(fleet.names) and time.monotonic() < deadline:
         time.sleep(0.2)
         came |= fleet.arrived()["newest"]
-    after = [arrival - ready for arrival in came.values()]
+    # A planner can be back before the router's own word that it is ready was read here.
+    after = [max(0.0, arrival - ready) for arrival in came.values()]
     return {
         "robots": len(fleet.names),
         "came": len(came),

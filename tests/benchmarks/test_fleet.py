@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.fleet import Fleet, bursts, measure, storm
+from benchmarks.fleet import PERIOD, Fleet, bursts, measure, storm
 
 pytestmark = pytest.mark.heavy
 
@@ -15,8 +15,8 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
     """Twelve robots in two processes: all pauses arrive, and after the router's restart each planner has the newest."""
     with ExitStack() as stack:
         fleet = Fleet(stack, 12, tmp_path if is_secured else None)
-        row = measure(fleet, 1.0)
-        # A robot publishes once if its random phase of the period falls into this second.
+        # A robot publishes once if its random phase falls into this time: one of twelve surely does.
+        row = measure(fleet, 0.9 * PERIOD)
         assert 1 <= row["pauses"] <= 12 and row["robots"] == 12
         for extent in ("footprint", "map"):
             assert row[f"{extent}_arrived"] + row["missed"] >= row["pauses"]
@@ -25,4 +25,4 @@ def test_a_small_fleet_is_measured(tmp_path: Path, is_secured: bool) -> None:
         row = bursts(fleet, 1)
         assert row["map_arrived"] + row["missed"] >= 12 and row["map_p99_ms"] <= row["map_worst_ms"]
         back = storm(fleet)
-    assert back["came"] == 12 and 0 < back["newest_p50_s"] <= back["newest_worst_s"]
+    assert back["came"] == 12 and 0 <= back["newest_p50_s"] <= back["newest_worst_s"]

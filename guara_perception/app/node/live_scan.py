@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from drivers import DriverError, LightCheck, StripeCapture
+from drivers import DriverError, LightCheck, StripeCapture, timing
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
@@ -103,7 +103,7 @@ def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()
-    return clock.now() - max(0.0, time.monotonic() - max(stamps))
+    return clock.now() - max(0.0, timing.monotonic() - max(stamps))
 
 
 def _take(

@@ -100,7 +100,7 @@ def test_two_walks_of_one_recording_stay_apart(
                         step=step,
                         stamp=stamp,
                         pictures={},
-                        record=ScanRecord.from_json(metadata),
+                        record=gp.ScanRecord.from_json(metadata),
                         extent=extent,
                     )
                     writer.add_terrain(terrain_to_message(scan, robot="guara", sequence=stamp, scan_start=stamp - 5))
