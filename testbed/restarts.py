@@ -61,6 +61,7 @@ class Node:
     is_healthy: bool
     is_hung: bool = False
     is_mute: bool = False
+    heard: float = math.inf
     pause: Said | None = None
     standing: bool | None = None
     sequences: dict[str, int] = field(default_factory=lambda: dict.fromkeys(EXTENTS, 0))
@@ -184,6 +185,8 @@ class World:
     def listen(self) -> None:
         """It is back: what the gait said last is heard, and its clock answers."""
         self.deaf_since = math.inf
+        if self.node is not None and not self.node.is_hung:
+            self.node.heard = self.now
         self._hear()
 
     def mute(self) -> None:
@@ -235,7 +238,7 @@ class World:
             "epoch": "" if node.pause is None else node.pause.epoch,
             "step": "" if node.pause is None else str(node.pause.step),
             "standing": "" if node.standing is None else str(node.standing).lower(),
-            "gait": "silent" if self.now - self.deaf_since > GAIT_SILENT else "",
+            "gait": "silent" if self.now - node.heard > GAIT_SILENT else "",
             "last_scan_sequence": str(node.sequences["footprint"] or ""),
             "last_map_sequence": str(node.sequences["map"] or ""),
         }
@@ -286,6 +289,8 @@ class World:
         while self.now < until:
             self.now = min(until, self.now + TICK)
             node = self.node
+            if node is not None and not node.is_hung and self.deaf_since == math.inf:
+                node.heard = self.now
             if node is not None and not node.is_hung and self.now >= self._next_status:
                 self._next_status = self.now + PERIOD
                 self._tell(node)

@@ -137,7 +137,6 @@ def test_occupancy_and_grid_map_are_emptied_when_the_next_pause_begins(endpoint:
 
         server.begin_step(1, "walk-a")
         publish(1, provisional=True)
-        server.begin_step(1, "walk-a")
         server.end_step()
         assert known() == (9720, 9719)
         server.begin_step(2, "walk-a")
