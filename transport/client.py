@@ -245,6 +245,7 @@ class PerceptionClient:
         timeout: float,
         extent: str = "footprint",
         epoch: str | None = None,
+        refined_only: bool = False,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
         """Wait for the grid of stance pause `step` or a later one; errors as in `receive`.
@@ -254,9 +255,10 @@ class PerceptionClient:
             timeout: longest wait [s].
             extent: "footprint" or "map".
             epoch: identity of the walk; None = the one that the node is on.
+            refined_only: skip a coarse grid that a finer one of the same pause follows.
             accepted: as in `latest`.
         """
-        predicate = self._waiter.is_of_step(step, epoch)
+        predicate = self._waiter.is_of_step(step, epoch, refined_only=refined_only)
         return self._waiter.wait(self.receiver(extent), predicate, timeout, Terms(**accepted)).message
 
     def on_terrain(

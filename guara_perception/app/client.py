@@ -242,6 +242,7 @@ class TerrainClient:
         max_age: float | None = None,
         allow_stale: bool = False,
         confirmed_only: bool = False,
+        refined_only: bool = False,
     ) -> TerrainGrid:
         """Wait for the newest grid of stance pause `step`, or of a later one of the same walk.
 
@@ -255,6 +256,7 @@ class TerrainClient:
             max_age, allow_stale: as in `latest`.
             confirmed_only: wait until the gait has said that the robot stood still through the scan; before, a grid is
                 provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
+            refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never such a one.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
@@ -269,6 +271,7 @@ class TerrainClient:
                 max_age=max_age,
                 allow_stale=allow_stale,
                 confirmed_only=confirmed or confirmed_only,
+                refined_only=refined_only,
             )
         )
 

@@ -1,5 +1,6 @@
 """Tests of grids between processes: whole, newest only, late joiners, how old they may be, questions and status."""
 
+import json
 import math
 import time
 
@@ -241,3 +242,22 @@ def test_status_tells_how_the_node_does(endpoint: str, peer, eventually) -> None
             server.status_changed()
             assert eventually(lambda: client.status().level is transport.Health.ERROR)
             assert "division by zero" in client.status().item("status").message
+
+
+@pytest.mark.slow
+def test_a_coarse_grid_that_is_still_refined_can_be_skipped(endpoint: str, peer) -> None:
+    """`wait_for_step` returns the newest at hand, unless the refined one is asked for."""
+    with (
+        transport.open_node(listen=endpoint) as session,
+        client_at(endpoint) as client,
+    ):
+        server = transport.PerceptionServer(session)
+        server.begin_step(1, "walk")
+        for sequence, follows in ((1, True), (2, False)):
+            metadata = json.dumps({"epoch": "walk", "provisional": True, "refinement_follows": follows})
+            server.publish(peer.make_terrain(sequence, step=1, metadata=metadata))
+            if follows:
+                assert client.wait_for_step(1, timeout=180).refinement_follows
+                with pytest.raises(transport.ReceiveTimeout):
+                    client.wait_for_step(1, timeout=0.3, refined_only=True)
+        assert not client.wait_for_step(1, timeout=180, refined_only=True).refinement_follows

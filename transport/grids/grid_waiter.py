@@ -98,12 +98,14 @@ class GridWaiter:
                 found = receiver.nothing(timeout or 0.0)
                 raise self._not_received(found if stale is None else f"{found}; {stale}") from None
 
-    def is_of_step(self, step: int, epoch: str | None) -> Callable[[Received[TerrainMessage]], bool]:
+    def is_of_step(
+        self, step: int, epoch: str | None, *, refined_only: bool = False
+    ) -> Callable[[Received[TerrainMessage]], bool]:
         """Whether a grid is of stance pause `step` or a later one; arguments as of `PerceptionClient.wait_for_step`."""
 
         def predicate(received: Received[TerrainMessage]) -> bool:
             terrain = received.message
-            if terrain.step < step:
+            if terrain.step < step or (refined_only and terrain.refinement_follows):
                 return False
             if epoch is not None:
                 return terrain.epoch == epoch

@@ -119,6 +119,7 @@ class TerrainMessage:
         epoch: from the metadata: identity of the walk; empty when it does not say.
         run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
         provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
+        refinement_follows: from the metadata: whether a finer grid of the same pause follows.
         withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
         scan_end_clock: from the metadata: the end of the scan by a clock of the node that never jumps [s]; None when
             it does not say.
@@ -156,6 +157,7 @@ class TerrainMessage:
     epoch: str = field(init=False, default="")
     run: str = field(init=False, default="")
     provisional: bool = field(init=False, default=False)
+    refinement_follows: bool = field(init=False, default=False)
     withdrawn: bool = field(init=False, default=False)
     scan_end_clock: float | None = field(init=False, default=None)
 
@@ -232,7 +234,7 @@ class TerrainMessage:
                     f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
                 )
             object.__setattr__(self, name, text)
-        for name in ("provisional", "withdrawn"):
+        for name in ("provisional", "refinement_follows", "withdrawn"):
             flag = data.get(name, False)
             if not isinstance(flag, bool):
                 raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")

@@ -72,7 +72,7 @@ def test_an_obstacle_brings_the_stripes_between_within_the_pause(free_endpoint: 
         gait.begin(pause)
         assert node.wait_for_step(0, TIMEOUT)
         client.wait_for_step(0, timeout=TIMEOUT, extent="map")
-        terrain = client.latest()
+        terrain = client.wait_for_step(0, timeout=TIMEOUT, refined_only=True)
     assert (terrain.metadata["mode"], terrain.metadata["stripes_used"]) == ("standard", 70)
     error = np.abs(terrain.elevation - true_elevation(robot.world, pause, terrain))
     assert np.nanmedian(error) < 0.003
