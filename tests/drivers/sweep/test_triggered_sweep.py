@@ -185,14 +185,23 @@ def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
 
 
 def test_heat_ends_the_sweep_in_the_dark(rig: Rig, board: LaserBoard) -> None:
-    with (
-        rig.camera,
-        pytest.raises(LaserRefused, match="too hot"),
-        acquire(board, rig.camera, FIRING_ORDER, SWEEP) as stripes,
-    ):
-        for _ in stripes:
+    """The board grows hot while the camera exposes: whoever reads the stripes may be far behind."""
+    pictures = itertools.count()
+
+    def render(view, settings) -> np.ndarray:
+        if next(pictures) == STRIPES // 4:
             rig.emulated.inject(Fault(FaultKind.HOT, amount=70))
+        return rig.render(view, settings)
+
+    camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, render)
+    with (
+        camera,
+        pytest.raises(LaserRefused, match="too hot"),
+        acquire(board, camera, FIRING_ORDER, SWEEP) as stripes,
+    ):
+        list(stripes)
     assert not rig.emulated.view().laser_on
+    assert len(rig.emulated.triggers()) < STRIPES
 
 
 def test_leaving_early_puts_the_laser_out(rig: Rig, board: LaserBoard, monkeypatch: pytest.MonkeyPatch) -> None:
