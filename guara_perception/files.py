@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import struct
+import tomllib
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -44,6 +45,20 @@ def read_bounded(path: Path, largest: int) -> bytes:
     if len(content) > largest:
         raise FileFormatError(f"{path}: has more than {largest} bytes, which no such file needs")
     return content
+
+
+def read_toml(path: Path, largest: int) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        FileFormatError: it is longer than `largest` [byte], or no TOML.
+    """
+    if path.stat().st_size > largest:
+        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, {largest} are allowed")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
 
 
 def decode_picture(content: bytes, source: str) -> Image:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields
-from guara_perception.files import whole_file
+from guara_perception.files import read_toml, whole_file
 
 if TYPE_CHECKING:
     from drivers import BoardConfig, Camera, CameraSettings, SweepOptions
@@ -178,12 +177,7 @@ def load_devices(path: str | Path) -> Devices:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file; `guara record` writes one")
-    if path.stat().st_size > LARGEST_BYTES:
-        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, {LARGEST_BYTES} are allowed")
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
+    data = read_toml(path, LARGEST_BYTES)
     for table, known in KNOWN.items():
         given = data if not table else data.get(table, {})
         unknown = sorted(set(given) - known) if isinstance(given, dict) else [table]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,16 +123,13 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
     Raises:
         MissingFile, FileFormatError: the message names the key and what is allowed.
     """
+    from guara_perception.files import read_toml
+
     if path is None:
         return
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    if path.stat().st_size > LARGEST_BYTES:
-        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, allowed: up to {LARGEST_BYTES}")
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
+    given = read_toml(path, LARGEST_BYTES)
     if given.pop("format", None) != NODE_FORMAT:
         raise FileFormatError(f"{path}: format must be {NODE_FORMAT!r}")
     options = {

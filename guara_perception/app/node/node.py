@@ -239,16 +239,14 @@ class PerceptionNode:
         self.status.problem("stance", f"announcement refused: {error}")
         if isinstance(error, UnknownPhase):
             return
-        with self._changed:
-            current = self._standing()
-            if current is not None:
-                current.end(None)
-                self._server.end_step()
-            self._has_news = True
-            self._changed.notify_all()
+        self._end_unknown()
 
     def _on_failure(self, failure: Failure) -> None:
         """End the pause, and with it the scan: a part of this process failed, on whose thread this runs."""
+        self._end_unknown()
+
+    def _end_unknown(self) -> None:
+        """End the pause: it is no longer known whether the robot stands."""
         with self._changed:
             current = self._standing()
             if current is not None:
