@@ -16,7 +16,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.ranging.scan_geometry import in_groups
-from guara_perception.stripe_finder import METHODS
+from guara_perception.scanning.stripe_finder import METHODS
 from kinematics import load_robot
 from testbed.grid_truth import Figures, Truth, figures, load_truth
 from testbed.truth import truth_calibration

@@ -20,8 +20,8 @@ import numpy as np
 from drivers.emulator.config import STEP
 from guara_perception.calibration.calibration import Calibration, StripePlane
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
-from guara_perception.scan_drift import scan_drift
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_drift import scan_drift
+from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.rangefinder import LaserPlanes, SimulatedRangefinder
 from guara_perception.simulation.specimen import rotation, specimen

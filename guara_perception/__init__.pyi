@@ -8,6 +8,7 @@ from guara_perception.app.files.recording import Recording as Recording
 from guara_perception.app.files.recording import open_recording as open_recording
 from guara_perception.app.map_summary import MapRegions as MapRegions
 from guara_perception.app.map_summary import TerrainSummary as TerrainSummary
+from guara_perception.app.process import process_scan as process_scan
 from guara_perception.calibration.calibration import (
     Calibration as Calibration,
 )
@@ -43,10 +44,9 @@ from guara_perception.exceptions import (
 from guara_perception.exceptions import (
     UnsafeGrid as UnsafeGrid,
 )
-from guara_perception.process import process_scan as process_scan
 from guara_perception.scan import Scan as Scan
 from guara_perception.scan import ScanStripe as ScanStripe
-from guara_perception.scan_processor import ScanProcessor as ScanProcessor
+from guara_perception.scanning.scan_processor import ScanProcessor as ScanProcessor
 from guara_perception.settings import TraversabilityLimits as TraversabilityLimits
 from guara_perception.stripes.band import FramePair as FramePair
 from guara_perception.stripes.band import StripeProfile as StripeProfile

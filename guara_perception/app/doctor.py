@@ -22,8 +22,8 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
-from guara_perception.process import run_scan
-from guara_perception.scan_drift import scan_drift
+from guara_perception.scanning.process import run_scan
+from guara_perception.scanning.scan_drift import scan_drift
 from kinematics import KinematicsError, load_robot
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"

@@ -63,7 +63,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
 
 
 def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Moment:
-    from guara_perception.process import run_scan
+    from guara_perception.scanning.process import run_scan
 
     processor = run_scan(scan, calibration, robot)
     terrain = processor.finish()
@@ -145,7 +145,7 @@ def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> Callab
 
     @lru_cache(maxsize=1)
     def points() -> list[Float]:
-        from guara_perception.process import run_scan
+        from guara_perception.scanning.process import run_scan
 
         return [stripe.points for stripe in run_scan(scan, calibration, robot).points.values()]
 

@@ -60,7 +60,7 @@ def command(
     from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.summary import summary
-    from guara_perception.process import run_scan
+    from guara_perception.scanning.process import run_scan
     from guara_perception.terrain.layers.layered_grid import EXTENTS
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import load_robot

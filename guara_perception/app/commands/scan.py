@@ -63,8 +63,8 @@ def command(
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json
-    from guara_perception.process import with_pictures
-    from guara_perception.scan_processor import ScanProcessor
+    from guara_perception.scanning.process import with_pictures
+    from guara_perception.scanning.scan_processor import ScanProcessor
     from kinematics import Stance
 
     if folder is not None and out is not None:

@@ -14,7 +14,7 @@ from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.terrain.grid import TerrainGrid
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from drivers import DriverError, LightCheck, StripeCapture, timing
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 

@@ -21,8 +21,8 @@ from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
-from guara_perception.scan_drift import scan_drift
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_drift import scan_drift
+from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy

@@ -13,7 +13,7 @@ from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.app.node.recorder import ScanRecording
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.progress import Progress
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy

@@ -104,7 +104,7 @@ class _Counts:
 
     def walk(self, pauses: int, mode: str, progress: Callable[[int, int], None] | None) -> None:
         """Walk to the end, or until an error of the walk."""
-        from guara_perception.scan_processor import ScanProcessor
+        from guara_perception.scanning.scan_processor import ScanProcessor
         from guara_perception.terrain.map.terrain_map import TerrainMap
 
         robot, settings = self.robot, Settings.of(self.robot)

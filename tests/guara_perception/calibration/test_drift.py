@@ -10,8 +10,8 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch, check_drift
-from guara_perception.process import run_scan
-from guara_perception.scan_drift import scan_drift
+from guara_perception.scanning.process import run_scan
+from guara_perception.scanning.scan_drift import scan_drift
 from kinematics import RobotModel
 
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.arrays import Float
-from guara_perception.process import run_scan
 from guara_perception.ranging.paper.equations import ortho_u, ortho_v
 from guara_perception.ranging.range_images import COLUMNS, ROWS, RangeImages, range_images
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import surface_keys, surface_of
+from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics import RobotModel
 from tests.thorough import examples, further

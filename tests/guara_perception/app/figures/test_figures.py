@@ -22,7 +22,7 @@ from guara_perception.app.figures.figures import (
 )
 from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
 from guara_perception.app.main import run
-from guara_perception.process import run_scan, with_pictures
+from guara_perception.scanning.process import run_scan, with_pictures
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 pytestmark = pytest.mark.slow

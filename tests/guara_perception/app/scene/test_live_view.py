@@ -11,7 +11,7 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.app.scene.live_view import PICTURE_WIDTH_PX, THINNED, LiveView
 from guara_perception.app.scene.scene import cloud_points
-from guara_perception.process import run_scan
+from guara_perception.scanning.process import run_scan
 from kinematics import RobotModel
 from transport.messages.codec import read_time
 

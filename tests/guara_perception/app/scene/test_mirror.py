@@ -12,7 +12,7 @@ from guara_perception.app.main import run
 from guara_perception.app.publisher import publish_terrain
 from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.app.scene.scene import Scene
-from guara_perception.process import run_scan
+from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel

@@ -15,7 +15,7 @@ from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.scene import rerun_scene
 from guara_perception.app.scene.scene import Scene
-from guara_perception.process import run_scan
+from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel
 from transport.recording import RecordingWriter

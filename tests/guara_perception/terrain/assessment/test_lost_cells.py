@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.scan_surface import lost_cells
+from guara_perception.scanning.scan_surface import lost_cells
 from guara_perception.terrain.layers.hazard import Hazard
 
 # Laser planes that meet the floor at x = 0.5, 0.6, ... and lean forward: 0.1 m up they are 0.05 m further back.

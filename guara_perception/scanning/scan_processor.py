@@ -14,14 +14,14 @@ from guara_perception.arrays import Array, Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.light_diagnosis import LightSamples
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scan_report import Glances, scan_record
-from guara_perception.scan_surface import OwnBody, ScanSurface
+from guara_perception.scanning.light_diagnosis import LightSamples
+from guara_perception.scanning.scan_report import Glances, scan_record
+from guara_perception.scanning.scan_surface import OwnBody, ScanSurface
+from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.settings import RobotLike, Settings, robot_model
-from guara_perception.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -57,7 +57,7 @@ class ScanProcessor:
             robot: model, name or folder of the robot that carries it.
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
-            method: one of `guara_perception.stripe_finder.METHODS`.
+            method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.

@@ -10,9 +10,9 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.light_diagnosis import STEADY, LightSamples
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.scanning.light_diagnosis import STEADY, LightSamples
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
 from guara_perception.stripes.extract import brightest_rows

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.scan_report import advice, regional_coverage
-from guara_perception.scan_surface import OwnBody
-from guara_perception.stripe_finder import METHODS
+from guara_perception.scanning.scan_report import advice, regional_coverage
+from guara_perception.scanning.scan_surface import OwnBody
+from guara_perception.scanning.stripe_finder import METHODS
 from kinematics import RobotModel, Stance
 from testbed.grid_truth import figures, load_truth
 from tests.thorough import examples

@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from guara_perception.light_diagnosis import LightSamples
+from guara_perception.scanning.light_diagnosis import LightSamples
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.extract import extract_stripe

@@ -1,21 +1,18 @@
-"""`process_scan`: turns a whole recorded scan into terrain."""
+"""Processing of whole recorded scans."""
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-from pathlib import Path
 
 from guara_perception.calibration.calibration import Calibration, format_indices
-from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.progress import Progress
 from guara_perception.ranging.range_images import range_images
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.scan import FrameReader, Scan
-from guara_perception.scan_processor import ScanProcessor
-from guara_perception.scan_surface import check_area
-from guara_perception.settings import RobotLike, Settings, robot_model
+from guara_perception.scanning.scan_processor import ScanProcessor
+from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel
@@ -25,71 +22,6 @@ logger = logging.getLogger(__name__)
 
 # [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much turns the light by 1 mrad, half a millimetre.
 MIRROR_TOLERANCE = 5e-4
-
-
-def process_scan(
-    scan: Scan | str | Path,
-    calibration: Calibration | str | Path | None = None,
-    robot: RobotLike | None = None,
-    method: str = "precise",
-    resolution: float | None = None,
-    *,
-    area: str = "footprint",
-    pictures: bool = True,
-    strict: bool = False,
-    progress: Progress | None = None,
-) -> TerrainGrid:
-    """Process a recorded scan.
-
-    Args:
-        scan: the scan, as `open_scan` returns it, or the path of a folder or .mcap file with one scan.
-        calibration: calibration of the rangefinder that recorded it, or the path of its file; None = the one that the
-            folder or recording carries, where `scan` is a path.
-        robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
-        method: one of `guara_perception.stripe_finder.METHODS`.
-        resolution: cell edge [m]; None = the robot's default.
-        area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
-            ground with it.
-        pictures: also draw the range images (`terrain.pictures`).
-        strict: refuse a scan with a frame that cannot be used; otherwise such a stripe is left unknown.
-        progress: called with (stripes done, stripes in all).
-
-    Returns:
-        TerrainGrid of extent "footprint".
-
-    Raises:
-        CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
-        InvalidInput: no calibration; unknown method or area, bad resolution, a stance or a stripe index that does not
-            fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; a frame cannot be read
-            (with `strict`), or none can.
-        kinematics.KinematicsError: no such robot.
-    """
-    check_area(area)
-    if not isinstance(calibration, Calibration):
-        calibration = _calibration(scan, calibration)
-    if not isinstance(scan, Scan):
-        scan = _scan(scan)
-    robot = robot_model(scan.robot if robot is None else robot)
-    processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
-    terrain = processor.finish(area)
-    return with_pictures(terrain, processor) if pictures else terrain
-
-
-def _calibration(scan: Scan | str | Path, given: str | Path | None) -> Calibration:
-    from guara_perception.app.files.scan_calibration import calibration_for
-
-    if isinstance(scan, Scan):
-        if given is None:
-            raise InvalidInput(f"{scan.source}: give its calibration; only a path can be searched for one")
-        return load_calibration(given)
-    return calibration_for(scan, given)
-
-
-def _scan(path: str | Path) -> Scan:
-    from guara_perception.app.files.open_scan import open_scan
-
-    return open_scan(path)
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:
@@ -118,10 +50,13 @@ def run_scan(
     strict: bool = False,
     progress: Progress | None = None,
 ) -> ScanProcessor:
-    """Feed a recorded scan through a ScanProcessor and return it, for those who want points and profiles too.
+    """Feed a recorded scan through a ScanProcessor.
+
+    Returns:
+        The processor, for its grid, points and profiles.
 
     Raises:
-        See `process_scan`.
+        See `guara_perception.process_scan`.
     """
     _check_fit(scan, calibration, robot)
     _check_still(scan, calibration, robot)

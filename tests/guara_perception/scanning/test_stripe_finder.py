@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.stripe_finder import SHARED_FROM, StripeFinder, SweepBackground
+from guara_perception.scanning.stripe_finder import SHARED_FROM, StripeFinder, SweepBackground
 from tests.thorough import examples
 
 WIDTH, HEIGHT = 160, 120

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scan_processor import ScanProcessor
+from guara_perception.scanning.scan_processor import ScanProcessor
 
 # Neighbouring columns are smoothed over one another: every fourth says as much of the floor, in half of the time.
 COLUMNS_APART = 4

@@ -13,7 +13,7 @@ import guara_perception as gp
 from guara_perception.app.main import run
 from kinematics import RobotModel, Stance, load_robot
 
-TAPIR = Path(__file__).parent.parent / "robots" / "tapir"
+TAPIR = Path(__file__).parents[2] / "robots" / "tapir"
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ class StripeFinder:
         """Prepare a sweep.
 
         Args:
-            method: one of `guara_perception.stripe_finder.METHODS`.
+            method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's pictures [px].
             stride: index difference of neighbouring stripes.
         """
