@@ -14,6 +14,10 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+# Kernels of OpenBLAS differ in the last bit from processor to processor; frozen data were made with these. NumPy reads
+# it when it is imported.
+os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
+
 import guara_perception as gp
 from kinematics import RobotModel, load_robot
 from testbed.truth import truth_calibration
