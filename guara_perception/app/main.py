@@ -48,6 +48,7 @@ GROUPS = {
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
 # Earlier spellings, still accepted, and the module that holds each as a command.
 ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
 # costs a quarter of the processor time of a scan. OpenCV's own warnings repeat what our errors say in plain words.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
@@ -110,7 +111,7 @@ def _accept_verbose(command: click.Command) -> None:
         _accept_verbose(inner)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=LazyGroup, context_settings=CONTEXT)
 @click.version_option(package_name="guara-perception", prog_name="guara")
 @click.option("-v", "--verbose", is_flag=True, help="Log what is going on, to standard error.")
 def guara(verbose: bool) -> None:

@@ -12,6 +12,8 @@ import click
 
 from guara_perception.exceptions import FileFormatError, MissingFile
 
+# A file or folder that an argument or option names, as a Path.
+FILE = click.Path(path_type=Path)
 NODE_FORMAT = "guara-node/1"
 # A file of options has some twenty lines.
 LARGEST_BYTES = 64 * 1024
@@ -42,13 +44,12 @@ class DeviceOptions:
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the options of `DeviceOptions`, which it gets as its argument `chosen`."""
-    file = click.Path(path_type=Path)
     camera = "as `guara doctor --cameras` lists it; default: that of --devices, or 0"
     off_frames = click.Choice(["one", "per stripe", "none"])
     options = (
-        click.option("-c", "--calibration", type=file, help="calibration.json of this rangefinder"),
+        click.option("-c", "--calibration", type=FILE, help="calibration.json of this rangefinder"),
         click.option("--robot", help="name or folder of the robot; default: the calibration's"),
-        click.option("--devices", type=file, help="devices.toml as `guara record` writes it: camera and board"),
+        click.option("--devices", type=FILE, help="devices.toml as `guara record` writes it: camera and board"),
         click.option("--camera", help=camera),
         # Set once for a camera, so devices.toml is where they belong.
         click.option("--trigger", metavar="LINE", hidden=True, help="`trigger` of devices.toml"),
@@ -68,16 +69,15 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the options --board, --pattern, --square and --plates."""
     pattern = click.Choice(["checkerboard", "charuco"])
     options = (
-        click.option("--board", default="9x7", show_default=True, help="inner corners of the board, COLUMNSxROWS"),
+        click.option("--board", default="9x7", help="inner corners of the board, COLUMNSxROWS"),
         click.option(
             "--pattern",
             type=pattern,
             default="checkerboard",
-            show_default=True,
             help="pattern of the board; a charuco board need not be wholly in the picture",
         ),
-        click.option("--square", type=float, default=0.030, show_default=True, help="edge of the board's squares [m]"),
-        click.option("--plates", default="0,0.04,0.08", show_default=True, help="heights of the plates [m]"),
+        click.option("--square", type=float, default=0.030, help="edge of the board's squares [m]"),
+        click.option("--plates", default="0,0.04,0.08", help="heights of the plates [m]"),
     )
     return _with_options(command, options)
 

@@ -6,25 +6,25 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
 
 @click.command(name="calibrate")
-@click.argument("session", type=click.Path(path_type=Path))
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="calibration file to write, .json")
-@click.option("--report", type=click.Path(path_type=Path), help="folder for the report, report.html")
+@click.argument("session", type=FILE)
+@click.option("-o", "--out", required=True, type=FILE, help="calibration file to write, .json")
+@click.option("--report", type=FILE, help="folder for the report, report.html")
 @click.option("--force", is_flag=True, help="write the calibration even when its verdict is `refused`")
 @click.option("--robot", help="name or folder of the robot; default: the session's")
-@click.option("--distortion", default="k1k2", show_default=True, help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
+@click.option("--distortion", default="k1k2", help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
 @click.option(
     "--pattern",
     type=click.Choice(["measured", "coarse", "standard"]),
     default="measured",
-    show_default=True,
     help="stripes to write; those without pictures follow from the mirror model",
 )
-@click.option("--camera-info", type=click.Path(path_type=Path), help="also write the lens as ROS camera_info, .yaml")
+@click.option("--camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
 def command(
     session: Path,
     out: Path,

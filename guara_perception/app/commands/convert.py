@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.terrain.layers.layered_grid import EXTENTS
@@ -13,7 +14,7 @@ from guara_perception.terrain.layers.layered_grid import EXTENTS
 # Endings of a grid for other tools.
 GRID_ENDINGS = (".ply", ".pcd", ".csv")
 
-file_argument = click.argument("source", type=click.Path(path_type=Path))
+file_argument = click.argument("source", type=FILE)
 step_option = click.option("--step", type=int, help="which pause of a recording; default: its only scan, its last grid")
 extent_option = click.option(
     "--extent", type=click.Choice(EXTENTS), help="which grid of a recording; default: footprint"
@@ -22,7 +23,7 @@ extent_option = click.option(
 
 @click.command(name="convert")
 @file_argument
-@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("target", type=FILE)
 @step_option
 @extent_option
 def command(source: Path, target: Path, step: int | None, extent: str | None) -> None:
@@ -81,7 +82,7 @@ def repair(source: Path, target: Path) -> None:
 
 @click.command(name="export", hidden=True)
 @file_argument
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="file to write: .ply, .pcd or .csv")
+@click.option("-o", "--out", required=True, type=FILE, help="file to write: .ply, .pcd or .csv")
 @step_option
 @extent_option
 def export(source: Path, out: Path, step: int | None, extent: str | None) -> None:
@@ -96,7 +97,7 @@ def export(source: Path, out: Path, step: int | None, extent: str | None) -> Non
 
 @click.command(name="recover", hidden=True)
 @file_argument
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="new file; default: SOURCE-recovered.mcap")
+@click.option("-o", "--out", type=FILE, help="new file; default: SOURCE-recovered.mcap")
 def recover(source: Path, out: Path | None) -> None:
     """Copy all that is whole in a cut or damaged .mcap: `guara convert SOURCE OUT.mcap`.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
@@ -16,17 +17,11 @@ if TYPE_CHECKING:
 
 
 @click.command(name="demo")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("out/demo"),
-    show_default=True,
-    help="folder for pictures and recording",
-)
+@click.option("--out", type=FILE, default=Path("out/demo"), help="folder for pictures and recording")
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
-@click.option("--cycles", type=click.FloatRange(1, 12), default=10, show_default=True, help="gait cycles of 140 mm")
-@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
-@click.option("--world", default="demo", show_default=True, help="terrain and light: demo, sunlit or a world file")
+@click.option("--cycles", type=click.FloatRange(1, 12), default=10, help="gait cycles of 140 mm")
+@click.option("--robot", default="guara", help="name or folder of the robot")
+@click.option("--world", default="demo", help="terrain and light: demo, sunlit or a world file")
 @click.pass_context
 def command(context: click.Context, out: Path, view: bool, cycles: float, robot: str, world: str) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import note_new_spelling
+from guara_perception.app.options import FILE, note_new_spelling
 
 
 @click.command(name="doctor")
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json to check")
-@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera, settings and board to check")
+@click.option("-c", "--calibration", type=FILE, help="calibration.json to check")
+@click.option("--devices", type=FILE, help="devices.toml: camera, settings and board to check")
 @click.option("--camera", help="as --cameras lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
-@click.option("--listen", default="tcp/127.0.0.1:7447", show_default=True, help="where the node would listen")
-@click.option("--scan", type=click.Path(path_type=Path), help="recorded scan with floor in view, for the drift check")
-@click.option("--security", type=click.Path(path_type=Path), help="security folder whose certificates to check")
+@click.option("--listen", default="tcp/127.0.0.1:7447", help="where the node would listen")
+@click.option("--scan", type=FILE, help="recorded scan with floor in view, for the drift check")
+@click.option("--security", type=FILE, help="security folder whose certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option("--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with what each can prove")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")

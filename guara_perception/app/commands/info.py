@@ -8,12 +8,14 @@ from typing import Any
 
 import click
 
+from guara_perception.app.options import FILE
+
 # A walk holds hundreds of scans; --json names all of them.
 LONGEST_LIST = 8
 
 
 @click.command(name="info")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object instead")
 def command(file: Path, as_json: bool) -> None:
     """Say what FILE holds: a grid, recording, calibration, or the folder of a scan, session or robot.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import note_new_spelling
+from guara_perception.app.options import FILE, note_new_spelling
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from transport.keys import DEFAULT_ROBOT
@@ -32,17 +32,15 @@ COLUMNS = ("robot", "step", "age", "health", "links")
     "--extent",
     type=click.Choice(EXTENTS),
     default="footprint",
-    show_default=True,
     help="the grid of each scan alone, or the fused map",
 )
 @click.option(
     "--encoding",
     type=click.Choice(["lossless", "compact"]),
     default="lossless",
-    show_default=True,
     help="compact: an eighth of the bytes, for slow links",
 )
-@click.option("--security", type=click.Path(path_type=Path), help="folder of a role made by `guara security init`")
+@click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
 @click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for this many seconds")
 @click.option("--all", "lists_robots", is_flag=True, help="list the robots that are alive instead, once")
@@ -132,7 +130,7 @@ def _plain(state: RobotState) -> dict[str, object]:
 @click.command(name="fleet", hidden=True)
 @click.option("--connect", "endpoint", help="router of the site; default: tcp/127.0.0.1:7447")
 @click.option("--robot", "--name", "names", multiple=True, help="only this instance name; repeatable")
-@click.option("--security", type=click.Path(path_type=Path), help="folder of a member with the role fleet")
+@click.option("--security", type=FILE, help="folder of a member with the role fleet")
 @click.option("--timeout", type=click.FloatRange(min=0.1), default=ANSWER_SECONDS, help="seconds to wait")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON list instead")
 def fleet(endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool) -> None:

@@ -7,22 +7,22 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
 
 @click.command(name="process")
-@click.argument("scan", type=click.Path(path_type=Path))
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json; default: the scan's own")
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="grid file to write, .npz")
+@click.argument("scan", type=FILE)
+@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
+@click.option("-o", "--out", required=True, type=FILE, help="grid file to write, .npz")
 @click.option(
     "--method",
     default="precise",
-    show_default=True,
     help="precise, paper, paper-literal-lens or paper-literal-ortho; several with commas between",
 )
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
-@click.option("--figures", type=click.Path(path_type=Path), help="folder for pictures of every stage")
+@click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
 @click.option("--step", type=int, help="which scan of a recording that holds several")
 @click.option("--keep-going", is_flag=True, help="leave unknown what a bad frame should show, instead of refusing")

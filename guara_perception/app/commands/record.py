@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import board_options
+from guara_perception.app.options import FILE, board_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -16,21 +16,23 @@ RULER_MM = 150.0
 
 
 @click.command(name="record")
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option("--simulated", is_flag=True, help="simulated robot, devices and operator")
-@click.option("--devices", type=click.Path(path_type=Path), help="devices.toml: camera and board to use")
-@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot")
+@click.option("--devices", type=FILE, help="devices.toml: camera and board to use")
+@click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--camera", help="as `guara doctor --cameras` lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
 @board_options
+@click.option("--crosses", type=FILE, help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]")
+@click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
+@click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
 @click.option(
-    "--crosses",
-    type=click.Path(path_type=Path),
-    help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]",
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default=False,
+    help="port of the live page; default: any free one",
 )
-@click.option("--printed-150", type=float, default=RULER_MM, show_default=True, help="reading of the ruler [mm]")
-@click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="port of the live page; default: any free one")
 def command(
     session: Path,
     simulated: bool,

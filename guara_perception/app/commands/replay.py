@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -18,20 +19,16 @@ if TYPE_CHECKING:
 
 
 @click.command(name="replay")
-@click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=click.Path(path_type=Path))
-@click.option("-c", "--calibration", type=click.Path(path_type=Path), help="calibration.json; default: the scan's own")
-@click.option(
-    "--extent", default="footprint,map", show_default=True, help="which grids to give: footprint, map or both"
-)
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="folder for a grid file of each pause and extent")
+@click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=FILE)
+@click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
+@click.option("--extent", default="footprint,map", help="which grids to give: footprint, map or both")
+@click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh as the node does, stamped as if scanned now")
-@click.option(
-    "--interval", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="seconds between two pauses"
-)
+@click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="seconds between two pauses")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
-@click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
-@click.option("--method", default="precise", show_default=True, help="stripe extraction: precise or paper")
+@click.option("--security", type=FILE, help="folder made by `guara security init`")
+@click.option("--method", default="precise", help="stripe extraction: precise or paper")
 @click.option("--robot", help="name or folder of the robot; default: the scans'")
 def command(
     scans: tuple[Path, ...],

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.options import FILE
+
 
 @click.group(name="robot")
 def command() -> None:
@@ -20,8 +22,8 @@ def command() -> None:
 
 
 @command.command(name="new")
-@click.argument("urdf", type=click.Path(path_type=Path))
-@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="folder to make")
+@click.argument("urdf", type=FILE)
+@click.option("-o", "--out", type=FILE, required=True, help="folder to make")
 @click.option("--name", help="name of the robot; default: the folder's")
 @click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips over the soles in a scan [m]")
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
@@ -53,13 +55,11 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 
 
 @command.command(name="check")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--picture", type=click.Path(path_type=Path), help="draw robot, scanned area, camera and laser (.png)")
+@click.argument("folder", type=FILE)
+@click.option("--picture", type=FILE, help="draw robot, scanned area, camera and laser (.png)")
 @click.option("--walk", is_flag=True, help="also walk it for ten pauses in simulation, scanning")
 @click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
-@click.option(
-    "--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="port of the page of --view"
-)
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page of --view")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object with all findings instead")
 @click.pass_context
 def check(

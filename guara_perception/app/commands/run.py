@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from guara_perception.app.exit_codes import EXIT_THREAD_FAILED
-from guara_perception.app.options import DeviceOptions, device_options, earlier_option, read_node_file
+from guara_perception.app.options import FILE, DeviceOptions, device_options, earlier_option, read_node_file
 
 if TYPE_CHECKING:
     from guara_perception.terrain.grid import TerrainGrid
@@ -26,7 +26,7 @@ JPEG_QUALITY = 90
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
 @click.option(
     "--record",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="record every scan into this .mcap file, the next (w-2.mcap after w.mcap) where it is there already, or into "
     "files of 1 GB in this folder",
 )
@@ -35,24 +35,22 @@ JPEG_QUALITY = 90
     "--jpeg",
     type=click.IntRange(0, 100),
     default=JPEG_QUALITY,
-    show_default=True,
     help="quality of recorded frames; 0: every bit of them, nine times the size",
 )
 @earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
 @click.option("--ros2", is_flag=True, help="publish for ROS 2 too: grids, clouds, markers, camera and status")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
-@click.option("--security", type=click.Path(path_type=Path), help="folder made by `guara security init`")
+@click.option("--security", type=FILE, help="folder made by `guara security init`")
 @click.option("--name", help="instance name in the keys; default: the robot's")
 @click.option(
     "--mode",
     type=click.Choice(["adaptive", "standard", "coarse"]),
     default="adaptive",
-    show_default=True,
     help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
 )
 @click.option(
     "--node",
-    type=click.Path(path_type=Path),
+    type=FILE,
     is_eager=True,
     expose_value=False,
     callback=read_node_file,

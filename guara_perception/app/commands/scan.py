@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import DeviceOptions, device_options
+from guara_perception.app.options import FILE, DeviceOptions, device_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -18,18 +18,17 @@ if TYPE_CHECKING:
 
 
 @click.command(name="scan")
-@click.argument("folder", required=False, type=click.Path(path_type=Path))
+@click.argument("folder", required=False, type=FILE)
 @device_options
-@click.option("-o", "--out", type=click.Path(path_type=Path), hidden=True, help="the same as FOLDER")
+@click.option("-o", "--out", type=FILE, hidden=True, help="the same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
 @click.option(
     "--mode",
     type=click.Choice(["standard", "coarse"]),
     default="standard",
-    show_default=True,
     help="every stripe, or every n-th as robot.toml says",
 )
-@click.option("--stance", type=click.Path(path_type=Path), help="JSON with the stance; default: the scan posture")
+@click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
 @click.option(
     "--no-calibration",
     is_flag=True,

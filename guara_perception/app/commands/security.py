@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.options import FILE
+
 
 @click.group(name="security")
 def command() -> None:
@@ -20,10 +22,8 @@ def command() -> None:
 
 
 @command.command(name="init")
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--robot", "robots", multiple=True, default=["guara"], show_default=True, help="instance name; repeatable"
-)
+@click.argument("folder", type=FILE)
+@click.option("--robot", "robots", multiple=True, default=["guara"], help="instance name; repeatable")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach the node; repeatable")
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
     """Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
@@ -43,7 +43,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 
 
 @command.command(name="robot")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.argument("name")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach its node; repeatable")
 def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
@@ -60,13 +60,17 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 
 
 @command.command(name="router")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.option("--robot", "robots", multiple=True, required=True, help="instance name of a robot it serves; repeatable")
-@click.option("--name", default="router", show_default=True, help="name of the router and of its folder")
+@click.option("--name", default="router", help="name of the router and of its folder")
 @click.option("--host", "hosts", multiple=True, help="name or address by which others reach it; repeatable")
-@click.option("--listen", default="tls/0.0.0.0:7447", show_default=True, help="where it listens")
-@click.option("--uplink", default="", help="name of the router in FOLDER that it dials; default: none")
-@click.option("--uplink-host", default="", help="how it reaches that router; default: the first of its hosts")
+@click.option("--listen", default="tls/0.0.0.0:7447", help="where it listens")
+@click.option(
+    "--uplink", default="", show_default=False, help="name of the router in FOLDER that it dials; default: none"
+)
+@click.option(
+    "--uplink-host", default="", show_default=False, help="how it reaches that router; default: the first of its hosts"
+)
 @click.option("--scans", is_flag=True, help="planners behind it may request scans at nodes that dial it")
 @click.option("--summary-only", is_flag=True, help="the router above gets summaries, status and signs of life only")
 @click.option("--place", help="folder of its files where it will run; default: where they are made")
@@ -144,7 +148,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 
 
 @command.command(name="renew")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
     """Give all members of FOLDER, or those of NAMES, new keys and certificates by the same CA.
@@ -160,13 +164,12 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
 
 
 @command.command(name="add")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.argument("name")
 @click.option(
     "--role",
     type=click.Choice(["planner", "viewer", "gait", "fleet"]),
     default="planner",
-    show_default=True,
     help="whose rights it gets",
 )
 def add(folder: Path, name: str, role: str) -> None:
@@ -191,7 +194,7 @@ def add(folder: Path, name: str, role: str) -> None:
 
 
 @command.command(name="revoke")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=FILE)
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
     """Shut the member NAME out, as when its machine was stolen; its name is never used again.

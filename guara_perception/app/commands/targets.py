@@ -6,15 +6,13 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import board_options
+from guara_perception.app.options import FILE, board_options
 
 
 @click.command(name="targets")
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PDF to write")
-@click.option("--robot", default="guara", show_default=True, help="name or folder of the robot that stands on the mat")
-@click.option(
-    "--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", show_default=True, help="paper of the printer"
-)
+@click.option("-o", "--out", required=True, type=FILE, help="PDF to write")
+@click.option("--robot", default="guara", help="name or folder of the robot that stands on the mat")
+@click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", help="paper of the printer")
 @board_options
 def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
     """Print to scale what a calibration looks at: ruler, board, crosses, floor mat, labels of plates.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import earlier_option
+from guara_perception.app.options import FILE, earlier_option
 from guara_perception.exceptions import InvalidInput
 
 if TYPE_CHECKING:
@@ -23,21 +23,21 @@ TELLING = 1.0
 
 
 @click.command(name="view")
-@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.argument("file", type=FILE, required=False)
 @click.option(
     "-c",
     "--calibration",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="calibration to process the scans of FILE with; default: the recording's own",
 )
-@click.option("--robot", default="guara", show_default=True, help="name of a robot, or its folder")
+@click.option("--robot", default="guara", help="name of a robot, or its folder")
 @click.option("--connect", "endpoint", help="live: where the node listens; default: tcp/127.0.0.1:7447")
-@click.option("--name", default="guara", show_default=True, help="live: instance name of the robot")
+@click.option("--name", default="guara", help="live: instance name of the robot")
 @earlier_option("--instance", "name", "--name")
-@click.option("--security", type=click.Path(path_type=Path), help="live: folder of a role of `guara security init`")
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="port of the page")
+@click.option("--security", type=FILE, help="live: folder of a role of `guara security init`")
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page")
 @click.option("--rerun", is_flag=True, help="show a recording in the Rerun viewer instead (extra `rerun`)")
-@click.option("--save", type=click.Path(path_type=Path), help="with --rerun: write this .rrd file, and open nothing")
+@click.option("--save", type=FILE, help="with --rerun: write this .rrd file, and open nothing")
 def command(
     file: Path | None,
     calibration: Path | None = None,
