@@ -29,7 +29,7 @@ from transport.messages.regions_message import encode_regions
 from transport.messages.shuffle import decompress
 from transport.messages.summary_message import LAYERS as SUMMARY_LAYERS
 from transport.messages.terrain_codec import encode_terrain
-from transport.messages.typestore import SUMMARY
+from transport.messages.typestore import REGIONS, SUMMARY, TERRAIN
 from transport.recording.writer import RecordingWriter
 
 DATA = Path(__file__).parent / "data"
@@ -37,6 +37,8 @@ FROZEN = DATA / "frozen"
 RECORDING = FROZEN / "grids.mcap"
 SCANS = ("paper", "dark", "tilt")
 GRIDS = (*SCANS, "walk")
+# Type of what a grid's other encodings hold, by the ending of their file.
+KINDS = {".compact": TERRAIN, ".summary": SUMMARY, ".regions": REGIONS}
 # [m] A quarter of the cells: the data stay small.
 RESOLUTION = 0.010
 # [px] One grid has its range images, of which every so many pixels are kept.
