@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,17 @@ def read_only(array: npt.ArrayLike) -> Array:
     copy = np.array(given)
     copy.setflags(write=False)
     return copy
+
+
+class FrozenArrays:
+    """Base of frozen dataclasses that makes their array fields read-only."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):  # type: ignore[arg-type]
+            if isinstance(value := getattr(self, entry.name), np.ndarray):
+                object.__setattr__(self, entry.name, read_only(value))
 
 
 def _is_frozen(array: Array) -> bool:

@@ -32,9 +32,9 @@ class OdometryDrift:
         turn: variance of the heading [rad^2].
     """
 
-    rise: float
-    shift: float
-    turn: float
+    rise: float = 0.0
+    shift: float = 0.0
+    turn: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -157,7 +157,7 @@ class CheckedPose:
     transform: Float
     covariance: Float
     since_last: Float | None
-    own: Float
+    noise: Float
 
 
 def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:

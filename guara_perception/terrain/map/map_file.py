@@ -1,17 +1,17 @@
-"""The rolling map of a walk as one NumPy file: what `TerrainMap.save` writes and `TerrainMap.load` reads."""
+"""State of a rolling map besides its cells, and the NumPy file of a map."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Array
+from guara_perception.arrays import Array, Float
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.fields import Fields, parse_json
 from guara_perception.files import whole_file
@@ -19,14 +19,42 @@ from guara_perception.terrain.file import UNREADABLE
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.support_feet import HeightAnchor
-from guara_perception.terrain.map.walk_correction import SidewaysDrift, WalkCorrection
+from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MapState:
+    """State of a map besides its cells.
+
+    Attributes:
+        centre: (2,) position in odom at the centre of the window [m], None before the first pause.
+        pause: number of the newest pause, counted from the first scan.
+        step, time: step and time [ns] of the newest scan.
+        drift, sideways: drift of odometry in all, and sideways by pause.
+        anchor, walk: height and planar correction of odometry.
+        ground: declared patches of known ground, as in the map's record.
+        scans: number of scans fused.
+        reasons: faults of the map for the health of its grids.
+    """
+
+    centre: Float | None = None
+    pause: int = 0
+    step: int | None = None
+    time: int | None = None
+    drift: OdometryDrift = OdometryDrift()
+    sideways: SidewaysDrift = field(default_factory=SidewaysDrift)
+    anchor: HeightAnchor = HeightAnchor()
+    walk: WalkCorrection = field(default_factory=WalkCorrection)
+    ground: tuple[Mapping[str, Any], ...] = ()
+    scans: int = 0
+    reasons: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class SavedMap:
-    """What a file of a map holds.
+    """Contents of a map file.
 
     Attributes:
         robot: name of the robot.
@@ -34,7 +62,7 @@ class SavedMap:
         side: cells along each side of the window.
         first: lowest cell (cy, cx) of the window, or None.
         memory: every array of MEMORY.
-        state: attributes of the map by name.
+        state: state besides the cells.
     """
 
     robot: str
@@ -42,37 +70,29 @@ class SavedMap:
     side: int
     first: tuple[int, int] | None
     memory: Mapping[str, Array]
-    state: Mapping[str, Any]
+    state: MapState
 
 
-def write_map(path: str | Path, robot: str, cells: OdomCells, state: Mapping[str, Any]) -> None:
-    """Write a map, whole or not at all; `state` are its attributes by name.
+def write_map(path: str | Path, robot: str, cells: OdomCells, state: MapState) -> None:
+    """Write a map, whole or not at all.
 
     Raises:
         MissingFile: the folder does not exist.
     """
-    centre = state["_centre"]
-    plain = {
-        **state,
-        "_centre": None if centre is None else centre.tolist(),
-        "_drift": dataclasses.asdict(state["_drift"]),
-        "_sideways": state["_sideways"].to_fields(),
-        "_anchor": dataclasses.asdict(state["_anchor"]),
-        "_walk": state["_walk"].to_fields(),
-    }
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
-    fields = {name.removeprefix("_"): value for name, value in plain.items()}
-    text = json.dumps({**header, "first": cells.first, **fields})
+    fields = dataclasses.asdict(state)
+    fields["walk"] = {FILE_KEYS.get(name, name): value for name, value in fields["walk"].items()}
+    text = json.dumps({**header, "first": cells.first, **fields}, default=np.ndarray.tolist)
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, state=np.array(text), **cells.memory)
 
 
 def read_map(path: str | Path) -> SavedMap:
-    """What `write_map` wrote; types and shapes are checked.
+    """Read a file of `write_map`; types and shapes are checked.
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: not such a file, or one whose contents do not fit each other.
+        FileFormatError: not such a file, or one whose contents are inconsistent.
     """
     path = Path(path)
     if not path.is_file():
@@ -100,27 +120,25 @@ def read_map(path: str | Path) -> SavedMap:
     )
 
 
-def _state(fields: Fields) -> dict[str, Any]:
+def _state(fields: Fields) -> MapState:
     drift, anchor = fields.sub("drift"), fields.sub("anchor")
-    return {
-        "_centre": fields.array("centre", (2,)) if fields.has("centre") else None,
-        "_pause": fields.integer("pause", 0),
-        "_step": fields.integer("step") if fields.has("step") else None,
-        "_time": fields.integer("time") if fields.has("time") else None,
-        "_drift": OdometryDrift(*(drift.number(name, 0.0) for name in ("rise", "shift", "turn"))),
-        "_sideways": SidewaysDrift.of_fields(fields.sub("sideways")),
-        "_anchor": HeightAnchor(
+    return MapState(
+        centre=fields.array("centre", (2,)) if fields.has("centre") else None,
+        pause=fields.integer("pause", 0),
+        step=fields.integer("step") if fields.has("step") else None,
+        time=fields.integer("time") if fields.has("time") else None,
+        drift=OdometryDrift(*(drift.number(name, 0.0) for name in ("rise", "shift", "turn"))),
+        sideways=SidewaysDrift.of_fields(fields.sub("sideways")),
+        anchor=HeightAnchor(
             offset=anchor.number("offset"),
-            variance=anchor.number("variance", 0.0),
-            rise=anchor.number("rise", 0.0),
-            odometry=anchor.number("odometry", 0.0),
+            **{name: anchor.number(name, 0.0) for name in ("variance", "rise", "odometry")},
             rejected=tuple(str(leg) for leg in anchor.sequence("rejected")),
         ),
-        "_walk": WalkCorrection.of_fields(fields.sub("walk")),
-        "_ground": [dict(patch.data) for patch in fields.items("ground")],
-        "_scans": fields.integer("scans", 0),
-        "_reasons": [str(reason) for reason in fields.sequence("reasons")],
-    }
+        walk=WalkCorrection.of_fields(fields.sub("walk")),
+        ground=tuple(dict(patch.data) for patch in fields.items("ground")),
+        scans=fields.integer("scans", 0),
+        reasons=tuple(str(reason) for reason in fields.sequence("reasons")),
+    )
 
 
 def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
@@ -130,7 +148,7 @@ def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
                 f"{path}: {name} is {data[name].dtype} of shape {data[name].shape}, it must be {np.dtype(dtype)} "
                 f"of shape ({count},)"
             )
-    # What is unknown has a cause, what is known has none: a file that says otherwise could make unknown ground safe.
+    # Unknown cells have a cause and known cells have none: otherwise unknown ground could become safe.
     if (np.isfinite(data["height"]) != (data["cause"] == 0)).any():
         raise FileFormatError(f"{path}: heights and causes of unknown contradict each other, the file is damaged")
     if not all((data[name] >= 0).all() for name in ("variance", "other_variance", "below", "above", "steepness")):

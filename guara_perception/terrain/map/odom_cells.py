@@ -121,16 +121,10 @@ class OdomCells:
         return self._first
 
     def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
-        """Take over what was saved: every array of MEMORY in its type and shape, and the window's lowest cell."""
+        """Copy the memory of a window of the same size and its lowest cell."""
         for name, values in self.memory.items():
             np.copyto(values, memory[name])
         self._first = first
-
-    def remember(self, other: OdomCells) -> None:
-        """Take over all that another window of the same size remembers."""
-        for name, values in other.memory.items():
-            np.copyto(self.memory[name], values)
-        self._first = other._first
 
     def centre_on(self, x: float, y: float) -> None:
         """Move the window so that a point of `odom` is in its centre; forget the cells that leave it."""

@@ -1,8 +1,7 @@
-"""A view of the rolling map in base_footprint, and its report: nearest cell for values, all touched for flags."""
+"""Layers of the rolling map in base_footprint: values of the nearest cell, flags of all cells touched."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,16 +14,12 @@ from guara_perception.terrain.assessment.disc import LARGEST_DRIFT_CELLS, beyond
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
-from guara_perception.terrain.layers.record import POSE, Health, MapRecord
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance, tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
-from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
 NEVER_SEEN_AGE = 255
-# Fields of a scan's record that also hold for the map of the same pause.
-FROM_SCAN = (*POSE[1:], "pose_covariance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,65 +124,3 @@ def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings
     old |= (age > settings.validity_seconds * 1e9) | (age < 0)
     flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
     return flags
-
-
-def map_record(
-    *,
-    terrain: TerrainGrid,
-    robot: str,
-    settings: Settings,
-    layers: Mapping[str, Array],
-    transform_footprint_to_odom: Float,
-    covariance: Float,
-    scans: int,
-    rejected: int,
-    anchor: HeightAnchor,
-    residuals: Mapping[str, float | None],
-    known_ground: Sequence[Mapping[str, Any]],
-    reasons: Sequence[str] = (),
-) -> MapRecord:
-    """Record of a grid of extent "map".
-
-    Args:
-        terrain: the scan that was fused last.
-        robot: name of the robot.
-        settings: settings of the robot.
-        layers: layers of the map.
-        transform_footprint_to_odom, covariance: pose of this pause and its covariance.
-        scans: number of scans fused so far.
-        rejected: heights of the last scan that disagreed with the map.
-        anchor: filter that holds the walk's height to the map.
-        residuals: leg -> height of its sole over the map [m], None where the map does not know the ground there.
-        known_ground: patches that were declared, with the number of cells that each filled: all of this pause, and the
-            earlier ones that filled any and are not older than the validity.
-        reasons: faults of the map, besides those of the scan.
-    """
-    hazard = np.asarray(layers["hazard"], np.uint16)
-    unknown = (hazard & UNKNOWN_MASK) != 0
-    scan = terrain.record
-    all_reasons = [*(scan.health.reasons if scan.health else ()), *reasons]
-    for leg in anchor.rejected:
-        all_reasons.append(
-            f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used"
-        )
-    return MapRecord(
-        **{name: getattr(scan, name) for name in FROM_SCAN},
-        robot=robot,
-        limits=settings.limits,
-        validity_pauses=settings.validity_pauses,
-        validity_seconds=settings.validity_seconds,
-        transform_footprint_to_odom=transform_footprint_to_odom,
-        odometry_covariance=covariance,
-        scans=scans,
-        disagreeing_cells=rejected,
-        support_residuals=residuals,
-        height_correction=anchor.offset,
-        height_correction_sigma=float(np.sqrt(anchor.variance)),
-        known_ground=tuple(known_ground),
-        coverage=float((~unknown).mean()),
-        known=float((~unknown).mean()),
-        hazard_cells=cells_by_flag(hazard),
-        health=Health.of(tuple(all_reasons)),
-        # What the scan's own record could not read, and a text that may be null.
-        extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
-    )

@@ -1,12 +1,9 @@
-"""`TerrainMap`: what the scans of a walk saw, joined; it lives in `odom` and answers in base_footprint."""
+"""Rolling elevation map of a walk, kept in `odom` and queried in `base_footprint`."""
 
 from __future__ import annotations
 
-import copy
-import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +12,8 @@ from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
+from guara_perception.terrain.layers.record import POSE, Health, MapRecord
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.known_ground import (
     KnownGround,
@@ -23,36 +22,25 @@ from guara_perception.terrain.map.known_ground import (
     fuse_known_ground,
     fuse_scan,
 )
-from guara_perception.terrain.map.map_file import read_map, write_map
+from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.snapshot import MapPause, map_record, snapshot_layers
-from guara_perception.terrain.map.support_feet import HeightAnchor, fill_under_foot, sole_error, support_feet
-from guara_perception.terrain.map.walk_correction import SidewaysDrift, WalkCorrection
+from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
+from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
+from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import PoseInOdom, RobotModel
 
-# The window is moved when the robot has gone this far: seldom, and still little memory.
+# The window moves when the robot has gone this far [m]: rarely, and with little additional memory.
 MARGIN_M = 0.2
-# Attributes of a map besides its cells.
-STATE = (
-    "_centre",
-    "_pause",
-    "_step",
-    "_time",
-    "_drift",
-    "_sideways",
-    "_anchor",
-    "_walk",
-    "_ground",
-    "_scans",
-    "_reasons",
-)
+# Fields of a scan's record that also hold for the map of the same pause.
+FROM_SCAN = (*POSE[1:], "pose_covariance")
 
 
 class TerrainMap:
-    """The rolling map of one walk.
+    """Rolling elevation map of one walk.
 
-    Each pause's scan is fused into cells that stand still in `odom`; a snapshot of the `map` extent comes back. Same
-    input, same bytes. Memory does not grow: what lies further off than the map reaches (plus a margin) is forgotten.
+    `update` fuses the scan of a pause into cells that are fixed in `odom` and returns a grid of the `map` extent. The
+    result is deterministic to the byte. Memory is bounded: cells beyond the reach of the map (plus a margin) are
+    forgotten.
 
     Example:
         terrain_map = TerrainMap(robot)
@@ -63,7 +51,7 @@ class TerrainMap:
     """
 
     def __init__(self, robot: RobotLike, *, resolution: float | None = None) -> None:
-        """Start with nothing known.
+        """Create an empty map.
 
         Args:
             robot: model, name or folder; its robot.toml gives area, limits and validity; its kinematics the soles.
@@ -78,18 +66,8 @@ class TerrainMap:
         self._grid = GridGeometry.over(x, y, self._settings.resolution if resolution is None else float(resolution))
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, self._reach)
-        self._centre: Float | None = None
-        self._pause = 0
-        self._step: int | None = None
-        self._drift = OdometryDrift(0.0, 0.0, 0.0)
-        self._sideways = SidewaysDrift.none()
-        self._anchor = HeightAnchor()
-        self._walk = WalkCorrection.none()
-        self._ground: list[dict[str, Any]] = []
-        self._scans = 0
-        self._time: int | None = None
-        self._reasons: list[str] = []
-        self._kept: tuple[OdomCells, dict[str, Any]] | None = None
+        self._state = MapState()
+        self._kept: tuple[OdomCells, MapState] | None = None
 
     @property
     def grid(self) -> GridGeometry:
@@ -104,17 +82,17 @@ class TerrainMap:
     @property
     def pause(self) -> int:
         """Number of the newest pause, counted from the first scan."""
-        return self._pause
+        return self._state.pause
 
     @property
     def sideways_drift(self) -> SidewaysDrift:
-        """How far cells may have drifted sideways."""
-        return self._sideways
+        """Sideways drift of the cells since they were seen."""
+        return self._state.sideways
 
     @property
     def rise_variance(self) -> float:
-        """Variance of z that cells gain while not seen, summed since the start [m^2]."""
-        return self._drift.rise
+        """Variance of z that unseen cells have gained since the start [m^2]."""
+        return self._state.drift.rise
 
     def update(
         self,
@@ -124,66 +102,84 @@ class TerrainMap:
         known_ground: Sequence[KnownGround] = (),
         time: float | None = None,
     ) -> TerrainGrid:
-        """Fuse one scan and give the map as it is known now.
+        """Fuse one scan and return the map.
 
         Args:
             terrain: this pause's scan alone (extent "footprint").
-            pose: where leg odometry found the body, or a `PoseInOdom` of another odometry. With its
-                `covariance_since_last` the scan is laid onto the map first, which corrects sideways drift where the
-                ground shows it, and its `own_covariance` is used; without, the walk is taken as odometry gives it; at
-                every pause or at none.
-            known_ground: what the gait declares at this pause, in its base_footprint.
-            time: time of the scan by a clock that never jumps [s], by which cells grow old; None takes the grid's
-                stamp. Time that runs backwards makes all that was seen before STALE.
+            pose: pose by leg odometry, or a `PoseInOdom` of another odometry. With its `covariance_since_last` the
+                scan is first registered to the map, which corrects sideways drift where the ground shows it, and its
+                `own_covariance` is used; without it the pose of odometry is taken. Give it at every pause or at none.
+            known_ground: ground that the gait declares at this pause, in its base_footprint.
+            time: time of the scan by a clock that never jumps [s], which gives the age of cells; None = the grid's
+                stamp. If time runs backwards, everything seen before becomes STALE.
 
         Returns:
-            Grid of extent "map" in base_footprint of this pause. Ground that only a foot or the gait vouches for has
-            `looks` 0.
+            Grid of extent "map" in base_footprint of this pause. Ground known only from foot contacts or declared by
+            the gait has `looks` 0.
 
         Raises:
             InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause; a pose
                 that is not rigid or tilts by more than 0.2 rad; a covariance that is not (6, 6), symmetric and without
                 a negative eigenvalue; covariance_since_last at some pauses and not at others.
         """
-        check_scan(terrain, self._grid.resolution, self._step)
+        state, settings = self._state, self._settings
+        check_scan(terrain, self._grid.resolution, state.step)
         checked = checked_pose(terrain, pose)
-        transform, pose_covariance, since_last = checked.transform, checked.covariance, checked.since_last
-        self._walk.check_kind(self._scans, is_registered=since_last is not None, step=terrain.step)
-        self._pause += 1 if self._step is None else terrain.step - self._step
-        self._step = terrain.step
+        transform, since_last, walk = checked.transform, checked.since_last, state.walk
+        walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
         if since_last is not None:
-            offset = self._anchor.offset
-            self._walk = self._walk.after(self._cells, terrain, transform, offset, since_last, checked.own)
-        transform = self._walk.here @ transform
-        clock = self._ticked(terrain.stamp if time is None else round(time * 1e9))
-        position = transform[:2, 3]
-        if self._centre is None or np.abs(position - self._centre).max() > MARGIN_M:
+            walk = walk.after(self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise)
+        transform = walk.pause_transform @ transform
+        clock, reasons = _clock(terrain, time), state.reasons
+        if state.time is not None and clock < state.time:
+            memory = self._cells.memory
+            memory["stamp"][np.isfinite(memory["height"])] = clock - round(2e9 * settings.validity_seconds) - 1
+            reasons += (
+                f"the clock of the scans went back by {(state.time - clock) * 1e-9:.3g} s at step {terrain.step}: what "
+                "was seen before counts as stale",
+            )
+        position, centre = transform[:2, 3].copy(), state.centre
+        if centre is None or np.abs(position - centre).max() > MARGIN_M:
             self._cells.centre_on(float(position[0]), float(position[1]))
-            self._centre = position.copy()
-        transform[2, 3] += self._anchor.offset
-        feet = support_feet(self._cells, self._robot, terrain, transform, self._settings.limits)
+            centre = position
+        transform[2, 3] += state.anchor.offset
+        feet = support_feet(self._cells, self._robot, terrain, transform, settings.limits)
         errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
-        anchor = self._anchor.after(
-            float(pose_covariance[2, 2]), {leg: e for leg, e in errors.items() if e is not None}
-        )
-        correction, self._anchor = anchor.offset - self._anchor.offset, anchor
+        measured = {leg: error for leg, error in errors.items() if error is not None}
+        anchor = state.anchor.after(float(checked.covariance[2, 2]), measured)
+        correction = anchor.offset - state.anchor.offset
         transform[2, 3] += correction
-        by_odometry = pose_covariance if since_last is None else None
-        before, self._drift = self._drift, self._walk.drift(self._drift, self._anchor.rise, by_odometry)
-        shift, turn = self._drift.shift - before.shift, self._drift.turn - before.turn
-        growth = self._walk.growth if by_odometry is None else np.diag([shift, shift, turn])
-        self._sideways = self._sideways.after(self._pause, growth, transform[:2, 3])
-        now = MapPause(self._pause, clock, self._drift, self._sideways, transform)
+        shift, turn, growth = walk.shift, walk.turn, walk.growth
+        if since_last is None:
+            shift, turn = float(np.diag(checked.covariance)[:2].max()), float(checked.covariance[5, 5])
+        drift = OdometryDrift(anchor.rise, max(state.drift.shift, shift), max(state.drift.turn, turn))
+        if since_last is None:
+            shift, turn = drift.shift - state.drift.shift, drift.turn - state.drift.turn
+            growth = np.diag([shift, shift, turn])
+        pause = self._pause_of(terrain)
+        now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position), transform)
         rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
-            fill_under_foot(self._cells, foot.raised(correction), self._drift, self._pause, clock)
+            fill_under_foot(self._cells, foot.raised(correction), drift, pause, clock)
         # The record names earlier patches too, as long as cells that they filled may still be valid.
-        oldest = terrain.step - self._settings.validity_pauses
-        self._ground = [patch for patch in self._ground if patch["cells"] and patch["step"] >= oldest]
-        self._ground += [fuse_known_ground(self._cells, ground, now, terrain.step) for ground in known_ground]
-        self._scans += 1
+        oldest = terrain.step - settings.validity_pauses
+        ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]
+        ground += [fuse_known_ground(self._cells, patch, now, terrain.step) for patch in known_ground]
+        self._state = MapState(
+            centre=centre,
+            pause=pause,
+            step=terrain.step,
+            time=clock,
+            drift=drift,
+            sideways=now.sideways,
+            anchor=anchor,
+            walk=walk,
+            ground=tuple(ground),
+            scans=state.scans + 1,
+            reasons=reasons,
+        )
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
-        return self._snapshot(terrain, now, pose_covariance, rejected, residuals)
+        return self._snapshot(terrain, now, checked.covariance, rejected, residuals)
 
     def view(
         self,
@@ -192,36 +188,35 @@ class TerrainMap:
         *,
         time: float | None = None,
     ) -> TerrainGrid:
-        """The map seen from another pause, of which nothing is fused; arguments and errors as in `update`.
+        """The map in the base_footprint of another pause, without fusing its scan; arguments and errors as in `update`.
 
-        Of `terrain` only stamp, step and record count.
+        Only stamp, step and record of `terrain` are used.
         """
-        check_scan(terrain, self._grid.resolution, self._step)
+        state = self._state
+        check_scan(terrain, self._grid.resolution, state.step)
         checked = checked_pose(terrain, pose)
-        transform = self._walk.transform @ checked.transform
-        transform[2, 3] += self._anchor.offset
-        pause = self._pause + (1 if self._step is None else terrain.step - self._step)
-        clock = terrain.stamp if time is None else round(time * 1e9)
-        now = MapPause(pause, clock, self._drift, self._sideways, transform)
+        transform = state.walk.transform @ checked.transform
+        transform[2, 3] += state.anchor.offset
+        now = MapPause(self._pause_of(terrain), _clock(terrain, time), state.drift, state.sideways, transform)
         return self._snapshot(terrain, now, checked.covariance, 0, {})
 
     def save(self, path: str | Path) -> None:
-        """Write the whole map to an .npz file, from which `load` goes on as if there had been no break.
+        """Write the whole map to an .npz file; a map from `load` continues exactly where this one ends.
 
-        The map lies in the `odom` of its walk: go on with the same odometry.
+        The map is fixed in the `odom` of its walk: continue with the same odometry.
 
         Raises:
             MissingFile: the folder does not exist.
         """
-        write_map(path, self._robot.name, self._cells, {name: getattr(self, name) for name in STATE})
+        write_map(path, self._robot.name, self._cells, self._state)
 
     @classmethod
     def load(cls, path: str | Path, robot: RobotLike | None = None) -> TerrainMap:
-        """The map that `save` wrote.
+        """Read a map that `save` wrote.
 
         Args:
             path: path of the file.
-            robot: model, name or folder of its robot; None = the one of that name that comes with the package.
+            robot: model, name or folder of its robot; None = the robot of that name in the package.
 
         Raises:
             MissingFile: no such file.
@@ -239,40 +234,29 @@ class TerrainMap:
                 "it was saved with another robot.toml"
             )
         terrain_map._cells.restore(saved.memory, saved.first)
-        for name, value in saved.state.items():
-            setattr(terrain_map, name, value)
+        terrain_map._state = saved.state
         return terrain_map
 
     def keep(self) -> None:
-        """Keep what is fused by now: `take_back` restores it."""
+        """Save the present state in memory for `take_back`."""
         cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
-        cells.remember(self._cells)
-        self._kept = cells, {name: copy.copy(getattr(self, name)) for name in STATE}
+        cells.restore(self._cells.memory, self._cells.first)
+        self._kept = cells, self._state
 
     def take_back(self) -> None:
-        """Undo all that was fused since `keep`, bit for bit.
+        """Undo all updates since `keep`, bit for bit.
 
         Raises:
             InvalidInput: `keep` was never called.
         """
         if self._kept is None:
             raise InvalidInput("nothing was kept that could be restored; call keep() first")
-        cells, state = self._kept
-        self._cells.remember(cells)
-        for name, value in state.items():
-            setattr(self, name, copy.copy(value))
+        cells, self._state = self._kept
+        self._cells.restore(cells.memory, cells.first)
 
-    def _ticked(self, clock: int) -> int:
-        """Take note of the time [ns]; what was seen before it ran backwards is of unknown age."""
-        last, self._time = self._time, clock
-        if last is not None and clock < last:
-            memory = self._cells.memory
-            memory["stamp"][np.isfinite(memory["height"])] = clock - round(2e9 * self._settings.validity_seconds) - 1
-            self._reasons.append(
-                f"the clock of the scans went back by {(last - clock) * 1e-9:.3g} s at step {self._step}: what was "
-                "seen before counts as stale"
-            )
-        return clock
+    def _pause_of(self, terrain: TerrainGrid) -> int:
+        """Number of the pause of a scan."""
+        return self._state.pause + (1 if self._state.step is None else terrain.step - self._state.step)
 
     def _snapshot(
         self,
@@ -282,26 +266,48 @@ class TerrainMap:
         rejected: int,
         residuals: Mapping[str, float | None],
     ) -> TerrainGrid:
-        layers = snapshot_layers(self._cells, self._grid, terrain, now, self._settings)
-        record = map_record(
-            terrain=terrain,
+        state, scan, settings = self._state, terrain.record, self._settings
+        layers = snapshot_layers(self._cells, self._grid, terrain, now, settings)
+        hazard = np.asarray(layers["hazard"], np.uint16)
+        known = float(((hazard & UNKNOWN_MASK) == 0).mean())
+        correction, walk = state.walk.pause_transform, state.walk
+        reasons = (
+            *(scan.health.reasons if scan.health else ()),
+            *state.reasons,
+            *(
+                f"the sole of {leg} stands {1e3 * (residuals.get(leg) or 0.0):+.1f} mm off the map: not used"
+                for leg in state.anchor.rejected
+            ),
+        )
+        record = MapRecord(
+            **{name: getattr(scan, name) for name in FROM_SCAN},
             robot=self._robot.name,
-            settings=self._settings,
-            layers=layers,
+            limits=settings.limits,
+            validity_pauses=settings.validity_pauses,
+            validity_seconds=settings.validity_seconds,
             transform_footprint_to_odom=now.transform_footprint_to_odom,
-            covariance=pose_covariance,
-            scans=self._scans,
-            rejected=rejected,
-            anchor=self._anchor,
-            residuals=residuals,
-            known_ground=self._ground,
-            reasons=self._reasons,
+            odometry_covariance=pose_covariance,
+            scans=state.scans,
+            disagreeing_cells=rejected,
+            support_residuals=residuals,
+            height_correction=state.anchor.offset,
+            height_correction_sigma=float(np.sqrt(state.anchor.variance)),
+            known_ground=state.ground,
+            coverage=known,
+            known=known,
+            hazard_cells=cells_by_flag(hazard),
+            health=Health.of(reasons),
+            sideways_correction=(*correction[:2, 3].tolist(), float(np.arctan2(*correction[1::-1, 0]))),
+            sideways_correction_sigma=tuple(np.sqrt(np.diag(walk.pause_covariance)).tolist()),
+            registration_refused=walk.refused,
+            # Fields of the scan's record that cannot be read, and a text that may be null.
+            extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
         )
         return TerrainGrid(
-            layers=layers,
-            geometry=self._grid,
-            stamp=terrain.stamp,
-            step=terrain.step,
-            extent="map",
-            record=dataclasses.replace(record, **self._walk.report()),
+            layers=layers, geometry=self._grid, stamp=terrain.stamp, step=terrain.step, extent="map", record=record
         )
+
+
+def _clock(terrain: TerrainGrid, time: float | None) -> int:
+    """Time of a scan [ns]: by a clock that never jumps if given [s], else its stamp."""
+    return terrain.stamp if time is None else round(time * 1e9)

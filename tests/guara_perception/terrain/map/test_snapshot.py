@@ -51,7 +51,7 @@ def test_each_cell_holds_what_the_cells_that_it_touches_hold(
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     transform[:3, 3] = 1.003, -0.497, 0.01
-    now = MapPause(NOW, 0, OdometryDrift(0.0, 0.0, 0.0), SidewaysDrift.none(), transform)
+    now = MapPause(NOW, 0, OdometryDrift(), SidewaysDrift(), transform)
     layers = snapshot_layers(cells, GRID, make_scan(), now, settings)
 
     x, y = (a.ravel() for a in np.meshgrid(*GRID.centres()))
