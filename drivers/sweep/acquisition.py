@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import math
 import queue
@@ -15,12 +16,10 @@ from drivers.arrays import Image
 from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
 from drivers.errors import AcquisitionNotEntered, DriverError
-from drivers.frame import Frame
 from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import PlannedStripe, RowRangeOf, check_firing_order
 from drivers.sweep.options import AcquireOptions
 from drivers.sweep.proof import StripeProof
-from drivers.sweep.raw_stripe import RawStripe
 from drivers.sweep.scan_worker import ScanWorker
 from drivers.sweep.sweep_worker import SweepWorker
 
@@ -113,7 +112,7 @@ class StripeStream:
         self._proof = StripeProof(options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
-        self._waiting: deque[RawStripe] = deque()
+        self._waiting: deque[StripeCapture] = deque()
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
@@ -186,7 +185,7 @@ class StripeStream:
                 self._waiting.extend(group)
         return bool(self._waiting)
 
-    def _next_group(self) -> tuple[RawStripe, ...] | None:
+    def _next_group(self) -> tuple[StripeCapture, ...] | None:
         """The next stripes from the scan's thread, None at its end."""
         while True:
             try:
@@ -195,47 +194,32 @@ class StripeStream:
                 if not self._worker.is_alive() and self._worker.items.empty():
                     return None
 
-    def _judged(self, raw: RawStripe) -> StripeCapture:
-        verdict, evidence = self._verdict(raw)
-        self._verdicts.append((raw.stripe.index, verdict))
-        on = None if verdict is StripeVerdict.RESIZED else raw.on
-        if on is not None:
-            self._on_before = on.image
-        return StripeCapture(
-            index=raw.stripe.index,
-            mirror_angle=raw.stripe.mirror_angle,
-            mirror_angle_reached=raw.reached,
-            on=None if on is None else on.image,
-            off=None if raw.off is None else raw.off.image,
-            on_stamp=_stamp(on),
-            off_stamp=_stamp(raw.off),
-            verdict=verdict,
-            evidence=evidence,
-        )
+    def _judged(self, taken: StripeCapture) -> StripeCapture:
+        verdict, evidence = self._verdict(taken)
+        self._verdicts.append((taken.index, verdict))
+        if verdict is StripeVerdict.RESIZED:
+            taken = dataclasses.replace(taken, on=None, on_stamp=math.nan)
+        elif taken.on is not None:
+            self._on_before = taken.on
+        return dataclasses.replace(taken, verdict=verdict, evidence=evidence)
 
-    def _verdict(self, raw: RawStripe) -> tuple[StripeVerdict, StripeEvidence | None]:
-        if raw.on is None:
-            return StripeVerdict.LOST, None
-        image = raw.on.image
-        reference = self._on_before if raw.off is None else raw.off.image
-        if reference is None:
-            return StripeVerdict.UNPROVED, None
+    def _verdict(self, taken: StripeCapture) -> tuple[StripeVerdict, StripeEvidence | None]:
+        image = taken.on
+        reference = self._on_before if taken.off is None else taken.off
+        if image is None or reference is None:
+            return taken.verdict, None
         before = self._on_before if self._on_before is not None else reference
         if any(image.shape != other.shape or image.dtype != other.dtype for other in (reference, before)):
             return StripeVerdict.RESIZED, None
-        band = None if self._band is None else self._band(raw.stripe.index)
+        band = None if self._band is None else self._band(taken.index)
         verdict, evidence = self._proof.judge(
-            raw.stripe.mirror_angle, image, reference, reference_is_off=raw.off is not None, band=band
+            taken.mirror_angle, image, reference, reference_is_off=taken.off is not None, band=band
         )
         if verdict in (StripeVerdict.DARK, StripeVerdict.NOT_MOVED) and (
             np.array_equal(image, reference) or (before is not reference and np.array_equal(image, before))
         ):
             verdict = StripeVerdict.REPEATED
         return verdict, evidence
-
-
-def _stamp(frame: Frame | None) -> float:
-    return math.nan if frame is None else frame.stamp
 
 
 def write_report(

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 from drivers.arrays import Image
+from drivers.frame import Frame
+from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
@@ -66,7 +69,7 @@ class StripeEvidence:
 
 @dataclass(frozen=True, slots=True)
 class StripeCapture:
-    """One stripe as it arrives.
+    """One stripe: made by the scan's thread, judged when it is handed over.
 
     Attributes:
         index: index of the stripe in the standard pattern.
@@ -89,6 +92,21 @@ class StripeCapture:
     off_stamp: float
     verdict: StripeVerdict
     evidence: StripeEvidence | None
+
+    @classmethod
+    def of(cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None) -> StripeCapture:
+        """A stripe of some frames that has not been judged; `reached` as `mirror_angle_reached`."""
+        return cls(
+            index=stripe.index,
+            mirror_angle=stripe.mirror_angle,
+            mirror_angle_reached=reached,
+            on=None if on is None else on.image,
+            off=None if off is None else off.image,
+            on_stamp=math.nan if on is None else on.stamp,
+            off_stamp=math.nan if off is None else off.stamp,
+            verdict=StripeVerdict.LOST if on is None else StripeVerdict.UNPROVED,
+            evidence=None,
+        )
 
 
 @dataclass(frozen=True, slots=True)

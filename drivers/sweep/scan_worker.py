@@ -10,10 +10,10 @@ from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
+from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import AcquireOptions, OffFrames
-from drivers.sweep.raw_stripe import RawStripe
 from drivers.sweep.stripe_worker import StripeWorker
 
 # Seconds between two checks whether to stop, while the caller is slow.
@@ -39,7 +39,7 @@ class ScanWorker(StripeWorker):
         groups = -(-options.queue_size // options.together)
         super().__init__("scan", board, camera, firing_order, options, should_stop, groups)
         self._lost_in_row = 0
-        self._group: list[RawStripe] = []
+        self._group: list[StripeCapture] = []
         self._steps: list[int] = []
         self.grabber = FrameGrabber(camera, board, options, self._check)
 
@@ -70,7 +70,7 @@ class ScanWorker(StripeWorker):
             here, reached = reached, self._move_on(number, reached)
             # The off frame does not care where the mirror is, so the mirror turns meanwhile.
             off = self._off_frame(dark)
-            self._collect(number, RawStripe(stripe, here, on, off))
+            self._collect(number, StripeCapture.of(stripe, here, on, off))
 
     def _take_sweep(self) -> None:
         self.switch.off()
@@ -89,7 +89,7 @@ class ScanWorker(StripeWorker):
             here, reached = reached, self._move_on(number, reached)
             if number + 1 == len(self._firing_order):
                 self.switch.off()
-            self._collect(number, RawStripe(stripe, here, on, off))
+            self._collect(number, StripeCapture.of(stripe, here, on, off))
 
     def _move_on(self, number: int, reached: float) -> float:
         if number + 1 < len(self._firing_order):
@@ -119,7 +119,7 @@ class ScanWorker(StripeWorker):
             )
         return frame
 
-    def _collect(self, number: int, stripe: RawStripe) -> None:
+    def _collect(self, number: int, stripe: StripeCapture) -> None:
         """Hand a group over when it is full, or too large for what is still to come."""
         self._group.append(stripe)
         left = len(self._firing_order) - 1 - number
@@ -133,7 +133,7 @@ class ScanWorker(StripeWorker):
             if must_wait:
                 self.grabber.restart()
 
-    def _put(self, item: tuple[RawStripe, ...] | None) -> bool:
+    def _put(self, item: tuple[StripeCapture, ...] | None) -> bool:
         """Wait for room in the queue; False when the scan was cancelled instead."""
         while not self._cancelled.is_set():
             try:

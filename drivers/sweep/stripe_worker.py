@@ -12,9 +12,9 @@ from drivers import timing
 from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
 from drivers.errors import AcquisitionError, LaserRefused
+from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.options import AcquireOptions
-from drivers.sweep.raw_stripe import RawStripe
 
 logger = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class StripeWorker(threading.Thread, ABC):
         self._should_stop = should_stop
         self._cancelled = threading.Event()
         self.switch = LaserSwitch(board)
-        self.items: queue.Queue[tuple[RawStripe, ...] | None] = queue.Queue(groups)
+        self.items: queue.Queue[tuple[StripeCapture, ...] | None] = queue.Queue(groups)
         self.fired: list[int] = []
         self.failure: Exception | None = None
         self.stopped_early = False

@@ -18,9 +18,9 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
 from drivers.sweep.board_sweep import BoardSweep
+from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.options import AcquireOptions, OffFrames, SweepOptions
-from drivers.sweep.raw_stripe import RawStripe
 from drivers.sweep.stripe_worker import StripeWorker
 from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
@@ -113,7 +113,7 @@ class SweepWorker(StripeWorker):
             self.off_frames_lost += 1
         for stripe in missing:
             angle = self._board.identity.angle_of(self._board.step_at(stripe.mirror_angle))
-            self.items.put((RawStripe(stripe, angle, None, None),))
+            self.items.put((StripeCapture.of(stripe, angle, None, None),))
 
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
         """Take one sweep, hand over what is proved, return the stripes that are not."""
@@ -210,7 +210,7 @@ class SweepWorker(StripeWorker):
             sweep.done.add(record.place)
             self.grabber.used += 1
             ready.append(
-                RawStripe(
+                StripeCapture.of(
                     sweep.stripes[record.place - sweep.first], self._board.identity.angle_of(record.step), on, off
                 )
             )
