@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -95,24 +95,29 @@ def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> Non
         )
 
 
+def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> Iterator[tuple[str, Float]]:
+    """A link and all links fixed below it, each with its transform (4, 4) to the link, or where `transform` leads."""
+    open_links = [(link, np.eye(4) if transform is None else transform)]
+    while open_links:
+        name, to_link = open_links.pop()
+        yield name, to_link
+        fixed = (joint for joint in urdf.joints if joint.kind == "fixed" and joint.parent == name)
+        open_links += [(joint.child, to_link @ joint.transform_child_to_parent) for joint in fixed]
+
+
 def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]]:
     """The collision shapes that move rigidly with a sole, each with transform_shape_to_sole (4, 4)."""
-    fixed: dict[str, list[Joint]] = {}
-    for joint in tree.urdf.joints:
-        if joint.kind == "fixed":
-            fixed.setdefault(joint.parent, []).append(joint)
     # Up to the link that the last moving joint carries, then down to everything fixed to it.
     to_sole, link = np.eye(4), leg.sole
     for joint in reversed(tree.urdf.path_to(leg.sole)):
         if joint.kind != "fixed":
             break
         to_sole, link = to_sole @ np.linalg.inv(joint.transform_child_to_parent), joint.parent
-    found, open_links = [], [(link, to_sole)]
-    while open_links:
-        name, transform = open_links.pop()
-        found += [(shape, transform @ shape.transform_shape_to_link) for shape in tree.links[name].shapes]
-        open_links += [(joint.child, transform @ joint.transform_child_to_parent) for joint in fixed.get(name, [])]
-    return found
+    return [
+        (shape, transform @ shape.transform_shape_to_link)
+        for name, transform in frames_fixed_to(tree.urdf, link, to_sole)
+        for shape in tree.links[name].shapes
+    ]
 
 
 def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:

@@ -55,11 +55,7 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
         positions: Float | None = None
         for _ in range(ROUNDS):
             tip = np.array([leg.pitch_joint[0], leg.side, floor + below])
-            if positions is not None:
-                again = leg.solver(positions).solve(tip[None], np.zeros(1))[0]
-                positions = None if np.any(np.isnan(again)) else again
-            else:
-                positions = leg.stand_over(tip)
+            positions = leg.stand_over(tip) if positions is None else leg.solve(positions, tip)
             if positions is None:
                 return None
             found = leg.foot.lowest(leg.foot_rotation(positions))

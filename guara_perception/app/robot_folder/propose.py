@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guara_perception.app.robot_folder.find_legs import FoundLeg, find_legs
-from guara_perception.app.robot_folder.leg_solver import Foot, LegSolver, find_foot
+from guara_perception.app.robot_folder.leg_solver import Foot, LegSolver, find_foot, tree_of, with_frame
 from guara_perception.app.robot_folder.mounts import FoundMounts, find_mounts
 from guara_perception.app.robot_folder.postures import FoundPosture, choose_height, raised, stand
-from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from kinematics.robot_toml import LegConfig, RobotToml
+from kinematics.robot_toml import LegConfig
 from kinematics.scan_pattern import mirror_angle_for
-from kinematics.toml_table import Table
-from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint, Link, Urdf, rotation_from_rpy, rpy_from_rotation
+from kinematics.urdf import Urdf
 from kinematics.urdf_checks import root_link
 
 STANDING_HIGHER = (1.05, 1.03, 1.01)
@@ -66,7 +63,11 @@ class Proposal:
     @property
     def leg_configs(self) -> tuple[LegConfig, ...]:
         """The legs as robot.toml names them."""
-        return tuple(LegConfig(leg.leg.name, leg.hip, self.soles[leg.leg.name], leg.leg.joints) for leg in self.legs)
+        return _leg_configs(self.legs, self.soles)
+
+
+def _leg_configs(legs: tuple[LegSolver, ...], soles: dict[str, str]) -> tuple[LegConfig, ...]:
+    return tuple(LegConfig(leg.leg.name, leg.hip, soles[leg.leg.name], leg.leg.joints) for leg in legs)
 
 
 def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
@@ -94,15 +95,15 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
     scan = replace(scan, joint_positions={**scan.joint_positions, **rest})
     extended, soles = _with_soles(replace(urdf, name=name), legs, scan)
     sole = _sole([leg.foot for leg in legs])
-    tree = _tree(extended, legs, soles, sole)
+    tree = tree_of(extended, _leg_configs(legs, soles), sole)
     higher = (raised(tree, legs, scan, round(height * share - height, 3)) for share in STANDING_HIGHER)
     standing = next((posture for posture in higher if posture is not None), scan)
     mounts = find_mounts(tree, scan, sole, _half_swings(legs, scan))
     camera_frame, laser_frame = (_free(extended, wanted) for wanted in ("rangefinder_camera", "rangefinder_laser"))
     placed = np.eye(4)
     placed[:3, 3] = mounts.mirror
-    extended = _with_frame(extended, root_link(urdf), camera_frame, mounts.transform_camera_to_base)
-    extended = _with_frame(extended, root_link(urdf), laser_frame, placed)
+    extended = with_frame(extended, root_link(urdf), camera_frame, mounts.transform_camera_to_base)
+    extended = with_frame(extended, root_link(urdf), laser_frame, placed)
     mirror_height = float(mounts.mirror[2]) + scan.base_height
     first, last = (
         round(mirror_angle_for(float(mounts.mirror[0]), mirror_height, x), 5)
@@ -133,15 +134,6 @@ def _free(urdf: Urdf, wanted: str) -> str:
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
-def _with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
-    """The URDF with one more link fixed to another, its rotation as the written file will give it back."""
-    placed = np.array(transform)
-    placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
-    link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())
-    joint = Joint(f"{name}_joint", "fixed", parent, name, placed, np.array([1.0, 0.0, 0.0]), 0.0, 0.0)
-    return replace(urdf, links=(*urdf.links, link), joints=(*urdf.joints, joint))
-
-
 def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
     """Sole frames where each foot touches the ground in the scan posture, with the axes that the base has there."""
     names = {}
@@ -151,24 +143,23 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
         to_base = leg.transforms(positions)[-1]
         placed = np.eye(4)
         placed[:3, 3] = scan.soles[leg.leg.name]
-        urdf = _with_frame(urdf, leg.foot.link, name, np.linalg.inv(to_base) @ placed)
+        urdf = with_frame(urdf, leg.foot.link, name, np.linalg.inv(to_base) @ placed)
         names[leg.leg.name] = name
     return urdf, names
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
     """The rectangle that must lie on known ground: the whole of a round foot, seen from above."""
-    lengths = []
+    lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:
             lengths.append((UNKNOWN_SOLE_M, UNKNOWN_SOLE_M))
         elif foot.is_round:
-            lengths.append((float(foot.size.min()), float(foot.size.min())))
+            lengths.append((foot.size.min(), foot.size.min()))
         else:
-            across = np.sort(foot.size)[1:]
-            lengths.append((float(across[1]), float(across[0])))
-    length, width = np.array(lengths).min(axis=0)
-    return max(round(float(length) - 0.0005, 3), LEAST_SOLE_M), max(round(float(width) - 0.0005, 3), LEAST_SOLE_M)
+            lengths.append(tuple(np.sort(foot.size)[:0:-1]))
+    length, width = (max(round(float(side) - 0.0005, 3), LEAST_SOLE_M) for side in np.min(lengths, axis=0))
+    return length, width
 
 
 def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:
@@ -183,30 +174,11 @@ def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[
                 continue
             start = np.array([scan.joint_positions[joint] for joint in leg.leg.joints])
             tip = sole + (offset, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
-            moved = leg.solver(start).solve(tip[None], np.zeros(1))[0]
-            if not np.any(np.isnan(moved)):
+            moved = leg.solve(start, tip)
+            if moved is not None:
                 joints.update(zip(leg.leg.joints, moved.tolist(), strict=True))
         found.append(joints)
     return tuple(found)
-
-
-def _tree(urdf: Urdf, legs: tuple[LegSolver, ...], soles: dict[str, str], sole: tuple[float, float]) -> KinematicTree:
-    """The robot with its soles, before camera and laser are placed."""
-    root = root_link(urdf)
-    config = RobotToml(
-        path=urdf.path,
-        name=urdf.name,
-        sole=sole,
-        scan_posture="",
-        base_frame=root,
-        camera_frame=root,
-        laser_frame=root,
-        imu_frame=None,
-        legs=tuple(LegConfig(leg.leg.name, leg.hip, soles[leg.leg.name], leg.leg.joints) for leg in legs),
-        postures=(),
-        root=Table(urdf.path, "", {"self_filter": {"margin": 0.01, "ignore": []}}),
-    )
-    return KinematicTree(urdf, config)
 
 
 def kind_of(leg: FoundLeg, foot: Foot) -> str:
