@@ -10,8 +10,6 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-import re
-import tempfile
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -55,18 +53,22 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     Warns:
         RobotFileWarning: one warning that names what in the files is not used; one for each of `RobotModel.doubts`.
     """
-    folder = _find(name_or_path)
-    root = open_robot_toml(folder / "robot.toml")
+    return _load(_find(name_or_path), {})
+
+
+def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
+    """Load a robot from its folder, or from the texts of its files ("toml", "urdf", "srdf") where they are given."""
+    root = open_robot_toml(folder / "robot.toml", texts.get("toml"))
     toml = Findings(root.path)
     config = read_robot_toml(root, toml)
     is_config_read = not toml.is_wrong
     name = config.name or folder.name
-    urdf, refused = _read_urdf(folder / "urdf" / f"{name}.urdf", config)
+    urdf, refused = _read_urdf(folder / "urdf" / f"{name}.urdf", config, texts.get("urdf"))
     postures: Mapping[str, Posture] | None = None
     srdf = folder / "srdf" / f"{name}.srdf"
     if urdf is not None:
         try:
-            postures = {posture.name: posture for posture in read_srdf(srdf, urdf)}
+            postures = {posture.name: posture for posture in read_srdf(srdf, urdf, texts.get("srdf"))}
         except RobotFileError as error:
             refused += error.findings
         check_names(config, urdf, toml)
@@ -77,19 +79,21 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     settings = RobotSettings.from_table(root.gathering(toml), links)
     if toml.is_wrong or refused or tree is None or postures is None:
         raise RobotFileError(*toml.texts, *refused)
-    texts = ((folder / "robot.toml").read_text("utf-8"), srdf.read_text("utf-8"))
-    robot = RobotModel(folder, tree, postures, settings, texts, (*tree.urdf.notes, *toml.notes))
+    if not texts:
+        texts = {"toml": (folder / "robot.toml").read_text("utf-8"), "srdf": srdf.read_text("utf-8")}
+    sources = texts["toml"], texts["srdf"]
+    robot = RobotModel(folder, tree, postures, settings, sources, (*tree.urdf.notes, *toml.notes))
     if robot.notes:
-        warnings.warn(RobotFileWarning(f"{folder}: not used: {'; '.join(robot.notes)}"), stacklevel=2)
+        warnings.warn(RobotFileWarning(f"{folder}: not used: {'; '.join(robot.notes)}"), stacklevel=3)
     for doubt in robot.doubts:
-        warnings.warn(RobotFileWarning(f"{folder / 'robot.toml'}: {doubt}"), stacklevel=2)
+        warnings.warn(RobotFileWarning(f"{folder / 'robot.toml'}: {doubt}"), stacklevel=3)
     return robot
 
 
-def _read_urdf(path: Path, config: RobotToml) -> tuple[Urdf | None, tuple[str, ...]]:
+def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | None, tuple[str, ...]]:
     """A URDF and what is wrong with it."""
     try:
-        urdf = read_urdf(path)
+        urdf = read_urdf(path, text)
         if config.name and urdf.name != config.name:
             return None, (f"{path}: the robot is named {urdf.name!r}, in robot.toml {config.name!r}",)
         check_urdf(urdf, config.base_frame or None)
@@ -148,19 +152,12 @@ def robot_from_description(text: str) -> RobotModel:
         unpacker = zlib.decompressobj()
         content = unpacker.decompress(base64.b64decode(text, validate=True), LARGEST_UNPACKED)
         files = json.loads(content)
-        name, toml, urdf, srdf = (str(files[key]) for key in ("name", "toml", "urdf", "srdf"))
+        texts = {key: str(files[key]) for key in ("toml", "urdf", "srdf")}
     except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, RecursionError) as error:
         raise RobotFileError(f"{SOURCE}: is damaged, or longer than {LARGEST_UNPACKED} bytes: {error}") from error
-    if re.fullmatch(r"[A-Za-z0-9_-]+", name) is None or "<mesh" in urdf:
-        raise RobotFileError(
-            f"{SOURCE}: the robot's name is {name[:40]!r}, or its URDF names mesh files; neither is read"
-        )
-    with tempfile.TemporaryDirectory(prefix="robot-") as made:
-        folder = Path(made)
-        for file, content_of in (("robot.toml", toml), (f"urdf/{name}.urdf", urdf), (f"srdf/{name}.srdf", srdf)):
-            (folder / file).parent.mkdir(exist_ok=True)
-            (folder / file).write_text(content_of, encoding="utf-8")
-        return load_robot(folder)
+    if "<mesh" in texts["urdf"]:
+        raise RobotFileError(f"{SOURCE}: its URDF names mesh files; they are not read")
+    return _load(Path(SOURCE), texts)
 
 
 def plain_urdf(urdf: Urdf, *, with_shapes: bool = True) -> str:

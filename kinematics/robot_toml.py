@@ -11,7 +11,7 @@ from typing import cast
 from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
 from kinematics.toml_table import Table, frozen
-from kinematics.untrusted import key_lines, read_toml
+from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +85,23 @@ class RobotToml:
         return cast(Mapping[str, object], frozen(self.root.table(name).values))
 
 
-def open_robot_toml(path: Path) -> Table:
+def open_robot_toml(path: Path, text: str | None = None) -> Table:
     """The whole of robot.toml as a table; its values are not checked here.
+
+    Args:
+        path: the file.
+        text: text of the file; None = read it.
 
     Raises:
         RobotFileError: the file cannot be read, is too large, or is not valid TOML.
     """
     try:
-        return Table(path, "", read_toml(path), key_lines(path.read_text("utf-8")))
+        if text is None:
+            with path.open(encoding="utf-8") as file:
+                text = file.read(LARGEST_FILE + 1)
+        if len(text) > LARGEST_FILE:
+            raise ValueError(f"it has more than {LARGEST_FILE} characters")
+        return Table(path, "", parse_toml(text), key_lines(text))
     except OSError as error:
         raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from error
     except ValueError as error:

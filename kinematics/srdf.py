@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kinematics.findings import Findings
-from kinematics.untrusted import Element, read_xml
+from kinematics.untrusted import Element, parse_xml, read_xml
 from kinematics.urdf import Urdf
 
 # The name under which an SRDF gives the pose of the body: x y z [m] and quaternion x y z w.
@@ -24,18 +24,19 @@ class Posture:
     root: tuple[float, ...] | None
 
 
-def read_srdf(path: Path, urdf: Urdf) -> tuple[Posture, ...]:
+def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture, ...]:
     """Read the `group_state` elements of an SRDF file.
 
     Args:
         path: the file.
         urdf: the model whose joints and links the file may name.
+        text: text of the file; None = read it.
 
     Raises:
         RobotFileError: no XML; unknown joints or links; joints that are missing, given twice or without a finite value;
             postures of one name.
     """
-    root, _ = read_xml(path)
+    root = read_xml(path)[0] if text is None else parse_xml(text, path)
     findings = Findings(path)
     _check_links(root, urdf, findings)
     postures = tuple(_posture(state, urdf, findings) for state in root.findall("group_state"))  # type: ignore[arg-type]

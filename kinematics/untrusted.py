@@ -77,20 +77,12 @@ def parse_xml(text: str, path: Path) -> Element:
     return root
 
 
-def read_toml(path: Path) -> dict[str, object]:
-    """The content of a TOML file.
+def parse_toml(text: str) -> dict[str, object]:
+    """The content of a TOML text.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is no TOML, is larger than LARGEST_FILE, or is nested deeper than DEEPEST.
+        ValueError: the text is no TOML, or is nested deeper than DEEPEST.
     """
-    if path.stat().st_size > LARGEST_FILE:
-        raise ValueError(f"{path.stat().st_size} bytes; at most {LARGEST_FILE} are read")
-    return parse_toml(path.read_text(encoding="utf-8"))
-
-
-def parse_toml(text: str) -> dict[str, object]:
-    """The content of a TOML text; ValueError as in `read_toml`."""
     # Depth is counted in one pass: a regular expression that looks for it can be made to backtrack for hours.
     for line in text.splitlines():
         for part in BETWEEN_KEYS.split(line):

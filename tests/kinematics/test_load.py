@@ -176,9 +176,12 @@ def test_a_folder_that_is_added_to_robots_is_tested(tmp_path: Path) -> None:
     assert "test_scan_pattern_covers_the_area[mine]" in tested()
 
 
-def test_the_same_robot_comes_out(robot: RobotModel) -> None:
-    """Names, limits, postures, frames and shapes are those of the folder."""
-    other = robot_from_description(describe_robot(robot))
+def test_the_same_robot_comes_out(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names, limits, postures, frames and shapes are those of the folder; no file is opened."""
+    description = describe_robot(robot)
+    monkeypatch.setattr(Path, "open", None)
+    other = robot_from_description(description)
+    monkeypatch.undo()
     assert (other.name, other.legs, other.joint_names, other.sole) == (
         robot.name,
         robot.legs,
@@ -213,9 +216,12 @@ def packed(files: object) -> str:
         (base64.b64encode(b"no zlib").decode(), "is damaged"),
         (packed({"name": "x"}), "is damaged"),
         (packed([1, 2]), "is damaged"),
-        (packed({"name": "../x", "toml": "", "urdf": "", "srdf": ""}), "neither is read"),
-        (packed({"name": "x", "toml": "", "urdf": "<mesh filename='/etc/passwd'/>", "srdf": ""}), "neither is read"),
+        (
+            packed({"name": "x", "toml": "", "urdf": "<mesh filename='/etc/passwd'/>", "srdf": ""}),
+            "mesh files; they are not read",
+        ),
         (packed({"name": "x", "toml": "", "urdf": "", "srdf": ""}), "the table [frames] is missing"),
+        (packed({"name": "x", "toml": "#" * 1_100_000, "urdf": "", "srdf": ""}), "it has more than 1048576 characters"),
         (packed({"name": "x", "toml": "a" * 9_000_000, "urdf": "", "srdf": ""}), "longer than 8000000 bytes"),
         ("A" * 1_000_001, "at most 1000000 are read"),
     ],
