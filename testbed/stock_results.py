@@ -57,8 +57,8 @@ def stock_result(name: str, folder: Path) -> StockResult:
         new_robot(source, folder)
         seconds = time.process_time() - before
         notes = len(read_urdf(source).notes)
-        checked = check_robot(folder)
-        findings = tuple(str(finding) for finding in checked.findings if finding.weight is not Weight.NOTE)
+        _, found = check_robot(folder)
+        findings = tuple(str(finding) for finding in found if finding.weight is not Weight.NOTE)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             robot = load_robot(folder)

@@ -36,9 +36,9 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     Example:
       guara robot new a1.urdf -o robots/mine
     """
+    from guara_perception.app.robot_folder.folder_texts import assumed, camera_height
     from guara_perception.app.robot_folder.new_robot import new_robot
     from guara_perception.app.robot_folder.propose import kind_of
-    from guara_perception.app.robot_folder.toml_text import assumed, camera_height
 
     made = new_robot(urdf, out, name=name, hip_height=height)
     for leg, found in zip(made.leg_configs, made.legs, strict=True):
@@ -83,37 +83,36 @@ def check(
 
     if as_json and view:
         raise click.UsageError("--json and --view exclude each other: a page is served until Ctrl-C")
-    checked = check_robot(folder)
-    findings = list(checked.findings)
-    found: dict[str, object] = {"folder": str(folder), "robot": checked.robot.name if checked.robot else None}
-    if checked.robot is not None and checked.worst is not Weight.UNUSABLE:
-        if walk:
-            with progress("Walking") as advance:
-                walked = trial_walk(checked.robot, progress=advance)
-            say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
-            found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
-            findings += walk_findings(walked)
-        if picture is not None:
-            from guara_perception.app.robot_folder.show import draw_robot
+    robot, findings = check_robot(folder)
+    found: dict[str, object] = {"folder": str(folder), "robot": robot and robot.name}
+    usable = None if any(finding.weight is Weight.UNUSABLE for finding in findings) else robot
+    if usable is not None and walk:
+        with progress("Walking") as advance:
+            walked = trial_walk(usable, progress=advance)
+        say(f"simulated walk: {walked.pauses} pauses, {walked.feet} footholds, known {walked.known:.0%}")
+        found["walk"] = {"pauses": walked.pauses, "footholds": walked.feet, "known": walked.known}
+        findings += walk_findings(walked)
+    if usable is not None and picture is not None:
+        from guara_perception.app.robot_folder.show import draw_robot
 
-            draw_robot(checked.robot, picture)
-            say(f"picture: {picture}")
-    weights = [finding.weight for finding in findings]
-    bad = weights.count(Weight.UNUSABLE) + weights.count(Weight.WRONG)
+        draw_robot(usable, picture)
+        say(f"picture: {picture}")
     in_order = [finding for weight in Weight for finding in findings if finding.weight is weight]
+    worst = in_order[0].weight if in_order else Weight.NOTE
+    notes = sum(finding.weight is Weight.NOTE for finding in findings)
     if as_json:
-        verdict = "unusable" if Weight.UNUSABLE in weights else "wrong" if bad else "sound"
+        verdict = "sound" if worst is Weight.NOTE else worst.value
         click.echo(json.dumps({**found, "verdict": verdict, "findings": [finding.to_dict() for finding in in_order]}))
     else:
         for finding in in_order:
             click.echo(str(finding))
-        verdict = _count(bad, "finding") if bad else "sound"
-        click.echo(f"{folder}: {verdict}, {_count(weights.count(Weight.NOTE), 'note')}")
-    if view and checked.robot is not None and Weight.UNUSABLE not in weights:
+        verdict = "sound" if worst is Weight.NOTE else _count(len(findings) - notes, "finding")
+        click.echo(f"{folder}: {verdict}, {_count(notes, 'note')}")
+    if usable is not None and view:
         from guara_perception.app.robot_folder.show import show_robot
 
-        show_robot(checked.robot, port)
-    context.exit(2 if Weight.UNUSABLE in weights else 1 if bad else 0)
+        show_robot(usable, port)
+    context.exit({Weight.UNUSABLE: 2, Weight.WRONG: 1, Weight.NOTE: 0}[worst])
 
 
 def _count(number: int, what: str) -> str:

@@ -1,10 +1,9 @@
-"""Checks of a robot folder: all that is wrong or doubtful in it, and of the robot as it stands."""
+"""Checks of a robot folder: its files, the robot as it stands in its postures, and a simulated walk."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,37 +29,18 @@ from kinematics.srdf import allowed_pairs
 from kinematics.state import RobotState
 from kinematics.urdf import Link
 
-# If a sole frame is farther from the foot than this, footholds are too high or low by more than a cell's noise [m].
+# Largest distance of a sole frame from its foot [m]: more than this exceeds the noise of a cell's height.
 SOLE_OFF_M = 0.002
-# A joint nearer to its limit cannot follow the tilt of the body on uneven ground [rad].
+# Least distance of a joint from its limit, to follow the tilt of the body on uneven ground [rad].
 LIMIT_MARGIN = 0.05
-# The body's weight this far inside the polygon of the soles stands safely [m].
+# Least distance of the centre of mass from the edge of the support polygon [m].
 BALANCE_M = 0.020
 # Largest tilt of the body in its scan posture [rad].
 LARGEST_TILT = 0.0175
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotCheck:
-    """The robot of a folder and what is wrong or doubtful in it.
-
-    Attributes:
-        robot: the robot; None where it does not load.
-        findings: what was found, the gravest first.
-    """
-
-    robot: RobotModel | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def worst(self) -> Weight:
-        """The gravest weight of all findings; NOTE where there are none."""
-        weights = [finding.weight for finding in self.findings]
-        return next((weight for weight in Weight if weight in weights), Weight.NOTE)
-
-
-def check_robot(folder: Path) -> RobotCheck:
-    """Check a robot folder, or a robot by name."""
+def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
+    """Check a robot folder, or a robot by name: the robot, None where it does not load, and all findings."""
     findings: list[Finding] = []
     robot: RobotModel | None = None
     try:
@@ -72,14 +52,12 @@ def check_robot(folder: Path) -> RobotCheck:
         findings += [Finding(Weight.UNUSABLE, *_subject_and_text(text)) for text in error.findings]
     except (KinematicsError, PerceptionError) as error:
         findings.append(Finding(Weight.UNUSABLE, str(folder), str(error)))
-    if robot is None or findings:
-        return RobotCheck(robot, tuple(findings))
-    with warnings.catch_warnings():
-        # A joint beyond its limits is a finding of its own.
-        warnings.simplefilter("ignore")
-        findings += [*_file_findings(robot), *body_findings(robot), *scan_findings(robot)]
-    order = list(Weight)
-    return RobotCheck(robot, tuple(sorted(findings, key=lambda finding: order.index(finding.weight))))
+    else:
+        with warnings.catch_warnings():
+            # A joint beyond its limits is a finding of its own.
+            warnings.simplefilter("ignore")
+            findings += [*_file_findings(robot), *body_findings(robot), *scan_findings(robot)]
+    return robot, findings
 
 
 def _subject_and_text(text: str) -> tuple[str, str]:
@@ -99,7 +77,7 @@ def _file_findings(robot: RobotModel) -> Iterator[Finding]:
 
 
 def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
-    """What a simulated walk shows to be wrong."""
+    """Findings of a simulated walk."""
     if walk.ended is not None:
         yield wrong("simulated walk", f"ended after {walk.pauses} pauses: {walk.ended}")
     if walk.unknown_called_safe:
@@ -109,7 +87,7 @@ def walk_findings(walk: TrialWalk) -> Iterator[Finding]:
 
 
 def body_findings(robot: RobotModel) -> Iterator[Finding]:
-    """All findings of how the robot stands."""
+    """Findings of the robot in its postures."""
     for name in robot.posture_names:
         state = robot.state(robot.posture(name))
         yield from _collisions(robot, name, state)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,16 +42,14 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
         below.setdefault(joint.parent, []).append(joint)
-    ends = [joint for joint in urdf.joints if joint.kind != "fixed" and not _moving_below(joint.child, below)]
-    chains = []
-    for end in ends:
-        moving = tuple(joint for joint in urdf.path_to(end.child) if joint.kind != "fixed")
-        if len(moving) >= LEAST_JOINTS:
-            chains.append(moving)
-    counts: dict[str, int] = {}
-    for chain in chains:
-        for joint in chain:
-            counts[joint.name] = counts.get(joint.name, 0) + 1
+    paths = [
+        tuple(each for each in urdf.path_to(joint.child) if each.kind != "fixed")
+        for joint in urdf.joints
+        if joint.kind != "fixed"
+    ]
+    inner = {joint.name for path in paths for joint in path[:-1]}
+    chains = [path for path in paths if path[-1].name not in inner and len(path) >= LEAST_JOINTS]
+    counts = Counter(joint.name for chain in chains for joint in chain)
     shared = sorted(name for name, count in counts.items() if count > 1)
     if shared:
         raise InvalidInput(
@@ -66,10 +65,6 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
             f"it on the other side of the x axis); three are needed. Ends of chains: {names}"
         )
     return _named(paired)
-
-
-def _moving_below(link: str, below: dict[str, list[Joint]]) -> bool:
-    return any(joint.kind != "fixed" or _moving_below(joint.child, below) for joint in below.get(link, []))
 
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
@@ -103,4 +98,4 @@ def _named(legs: list[FoundLeg]) -> tuple[FoundLeg, ...]:
     """Front to hind, left before right; four legs get the usual names."""
     ordered = sorted(legs, key=lambda leg: (-round(leg.start[0], 2), -leg.start[1]))
     names = ("lf", "rf", "lh", "rh") if len(ordered) == 4 else tuple(leg.foot for leg in ordered)
-    return tuple(FoundLeg(name, leg.joints, leg.foot, leg.start) for name, leg in zip(names, ordered, strict=True))
+    return tuple(replace(leg, name=name) for name, leg in zip(names, ordered, strict=True))

@@ -16,21 +16,21 @@ from kinematics.scan_pattern import END_TOLERANCE_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
-# Shares of the area that may be hidden, and out of view, without a finding.
+# Shares of the area that may be hidden or out of view without a finding.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
-# The mirror's axis may be off the y axis by this much [rad].
+# Largest angle between the mirror's axis and the y axis [rad].
 AXIS = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """What camera and laser see of a flat floor, from the scan posture.
+    """Coverage of a flat floor by camera and laser, from the scan posture.
 
     Attributes:
         x, y: centres of the cells in base_footprint [m].
-        in_view: (ny, nx) the nominal camera sees the cell.
-        hidden: (ny, nx) the robot itself hides it from camera or laser.
-        lit: (ny, nx) between the first and the last laser plane.
+        in_view: (ny, nx) cells in view of the nominal camera.
+        hidden: (ny, nx) cells that the robot itself hides from camera or laser.
+        lit: (ny, nx) cells between the first and the last laser plane.
         inside: links whose shape encloses camera or laser.
     """
 
@@ -43,7 +43,7 @@ class Coverage:
 
 
 def coverage(robot: RobotModel) -> Coverage:
-    """What the nominal camera, lens and laser see of the scanned area."""
+    """Coverage of the scanned area by the nominal camera, lens and laser."""
     settings = Settings.of(robot)
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     x, y = np.linspace(*settings.footprint_x, CELLS[0]), np.linspace(*settings.footprint_y, CELLS[1])
@@ -58,20 +58,21 @@ def coverage(robot: RobotModel) -> Coverage:
     if not inside:
         hidden = body.blocks(camera[:3, 3], in_base) | body.blocks(laser, in_base)
     in_camera = (in_base - camera[:3, 3]) @ camera[:3, :3]
-    first, last = _floor_lines(robot)
+    mirror = pose.transform_base_to_footprint @ np.append(laser, 1.0)
+    first, last = (plane_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
     shape = every_x.shape
     return Coverage(
         x,
         y,
         _in_picture(robot, in_camera).reshape(shape),
         hidden.reshape(shape),
-        ((every_x >= first - END_TOLERANCE_M) & (every_x <= last + END_TOLERANCE_M)),
+        (every_x >= first - END_TOLERANCE_M) & (every_x <= last + END_TOLERANCE_M),
         inside,
     )
 
 
 def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
-    """Which points (n, 3) in the camera frame fall into the picture of the nominal camera."""
+    """Mask (n,) of the points (n, 3) in the camera frame that the nominal camera sees."""
     model = specimen(robot, PICTURE_PX, None).camera
     ahead = in_camera[:, 2] > 0.01
     pixels = np.full((len(in_camera), 2), -1.0)
@@ -80,17 +81,8 @@ def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
     return np.asarray(np.all((pixels >= 0) & (pixels <= np.array(PICTURE_PX) - 1), axis=1))
 
 
-def _floor_lines(robot: RobotModel) -> tuple[float, float]:
-    """Where the first and the last laser plane of the pattern meet the floor, x in base_footprint [m]."""
-    settings = Settings.of(robot)
-    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
-    mirror = pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0)
-    first, last = (plane_on_floor(float(mirror[0]), float(mirror[2]), angle) for angle in settings.mirror_angles)
-    return first, last
-
-
 def scan_findings(robot: RobotModel) -> Iterator[Finding]:
-    """All findings of camera and laser; `load_robot` itself doubts a pattern that misses the area."""
+    """Findings of camera and laser; `load_robot` itself doubts a pattern that misses the area."""
     axis = robot.transform_laser_to_base[:3, 1]
     if abs(axis[1]) < np.cos(AXIS):
         yield wrong("frames.laser", "its y axis, the mirror's, is not parallel to y of the base")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from guara_perception.app.robot_folder.scan_checks import PICTURE_PX
-from guara_perception.exceptions import InvalidInput, PerceptionError
+from guara_perception.exceptions import PerceptionError
+from guara_perception.progress import Progress
 from guara_perception.settings import Settings
 from guara_perception.simulation.features import Box, Patch, Pit, material_index
 from guara_perception.simulation.gait import WaveGait
@@ -17,7 +17,6 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import Choice, WalkPause, simulate_walk
 from guara_perception.simulation.world import World
-from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import KinematicsError, LegOdometry, RobotModel
 
@@ -27,7 +26,7 @@ SOLE_SAMPLES = 7
 
 @dataclass(frozen=True, slots=True)
 class TrialWalk:
-    """The result of a walk.
+    """Result of a trial walk.
 
     Attributes:
         pauses: number of pauses that were scanned.
@@ -72,7 +71,7 @@ def trial_world(robot: RobotModel) -> World:
 
 
 def trial_walk(
-    robot: RobotModel, *, pauses: int = PAUSES, mode: str = "coarse", progress: Callable[[int, int], None] | None = None
+    robot: RobotModel, *, pauses: int = PAUSES, mode: str = "coarse", progress: Progress | None = None
 ) -> TrialWalk:
     """Walk a robot over the trial ground with its own planner, map and odometry.
 
@@ -82,68 +81,51 @@ def trial_walk(
         mode: scan mode.
         progress: called after each pause with (pauses done, pauses in all).
     """
-    world = trial_world(robot)
-    counts = _Counts(robot, world)
+    from guara_perception.scanning.scan_processor import ScanProcessor
+    from guara_perception.terrain.map.terrain_map import TerrainMap
+
+    world, settings = trial_world(robot), Settings.of(robot)
+    calibration = specimen(robot, PICTURE_PX, 0)
+    rangefinder = SimulatedRangefinder(world, calibration, robot, 0)
+    odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
+    rolling = TerrainMap(robot)
+    known: list[float] = []
+    on_hazard: list[bool] = []
+    unknown_called_safe, ended = 0, None
+
+    def choose(pause: WalkPause) -> Choice:
+        found = plan_foothold(fused, pause.next_leg, pause.nominal, robot=robot)
+        if found is None:
+            return None
+        is_hazard = fused.hazard_at(found.x, found.y) != 0
+        on_hazard.append(is_hazard or _is_bad_ground(robot, world, *pause.to_world(found.x, found.y)))
+        return found.x, found.y
+
     try:
-        counts.walk(pauses, mode, progress)
-        ended = None
-    except (PerceptionError, KinematicsError) as error:
-        ended = f"{type(error).__name__}: {error}"
-    known = float(np.mean(counts.known)) if counts.known else 0.0
-    return TrialWalk(len(counts.known), counts.unknown_called_safe, counts.feet, counts.on_hazard, known, ended)
-
-
-class _Counts:
-    """Walks, and counts what the result of the walk reports."""
-
-    def __init__(self, robot: RobotModel, world: World) -> None:
-        self.robot, self.world = robot, world
-        self.known: list[float] = []
-        self.unknown_called_safe = self.feet = self.on_hazard = 0
-        self._map: TerrainGrid | None = None
-
-    def walk(self, pauses: int, mode: str, progress: Callable[[int, int], None] | None) -> None:
-        """Walk to the end, or until an error of the walk."""
-        from guara_perception.scanning.scan_processor import ScanProcessor
-        from guara_perception.terrain.map.terrain_map import TerrainMap
-
-        robot, settings = self.robot, Settings.of(self.robot)
-        calibration = specimen(robot, PICTURE_PX, 0)
-        rangefinder = SimulatedRangefinder(self.world, calibration, robot, 0)
-        odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
-        fused = TerrainMap(robot)
-        cycles = (pauses - 1) / len(robot.legs)
-        for pause in simulate_walk(self.world, robot, self._choose, cycles=cycles, seed=0):
+        for pause in simulate_walk(world, robot, choose, cycles=(pauses - 1) / len(robot.legs), seed=0):
             rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
             processor = ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
             for index, on, off in rangefinder.frames(settings.pattern(mode)):
                 processor.add(index, on, off)
             terrain = processor.finish()
             pose = odometry.update(pause.stance)
-            self._map = fused.update(processor.finish("wide"), pose, known_ground=pause.known_ground)
-            self.known.append(float(np.isfinite(terrain.elevation).mean()))
-            for grid in (terrain, self._map):
+            fused = rolling.update(processor.finish("wide"), pose, known_ground=pause.known_ground)
+            known.append(float(np.isfinite(terrain.elevation).mean()))
+            for grid in (terrain, fused):
                 unknown = (grid.hazard & UNKNOWN_MASK) != 0
-                self.unknown_called_safe += int(np.count_nonzero(unknown & (grid.traversability > 0)))
+                unknown_called_safe += int(np.count_nonzero(unknown & (grid.traversability > 0)))
             if progress is not None:
-                progress(len(self.known), pauses)
+                progress(len(known), pauses)
+    except (PerceptionError, KinematicsError) as error:
+        ended = f"{type(error).__name__}: {error}"
+    mean = float(np.mean(known)) if known else 0.0
+    return TrialWalk(len(known), unknown_called_safe, len(on_hazard), sum(on_hazard), mean, ended)
 
-    def _choose(self, pause: WalkPause) -> Choice:
-        if self._map is None:
-            raise InvalidInput("a foothold is asked for before the first scan")
-        found = plan_foothold(self._map, pause.next_leg, pause.nominal, robot=self.robot)
-        if found is None:
-            return None
-        self.feet += 1
-        is_hazard = self._map.hazard_at(found.x, found.y) != 0 or self._is_bad_ground(*pause.to_world(found.x, found.y))
-        self.on_hazard += int(is_hazard)
-        return found.x, found.y
 
-    def _is_bad_ground(self, x: float, y: float) -> bool:
-        """Whether the true ground under a sole absorbs the laser, or is more uneven than the limits allow."""
-        length, width = self.robot.sole
-        u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
-        heights = self.world.height(x + u, y + v)
-        limits = Settings.of(self.robot).limits
-        is_dark = bool(np.any(self.world.material_at(x + u, y + v) == material_index("dark")))
-        return is_dark or float(np.ptp(heights)) > min(limits.step, limits.drop)
+def _is_bad_ground(robot: RobotModel, world: World, x: float, y: float) -> bool:
+    """Whether the true ground under a sole absorbs the laser, or is more uneven than the limits allow."""
+    length, width = robot.sole
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
+    heights, limits = world.height(x + u, y + v), Settings.of(robot).limits
+    is_dark = bool(np.any(world.material_at(x + u, y + v) == material_index("dark")))
+    return is_dark or float(np.ptp(heights)) > min(limits.step, limits.drop)

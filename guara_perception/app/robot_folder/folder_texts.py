@@ -1,0 +1,128 @@
+"""Texts of robot.toml and README.md of a proposed robot: two templates beside this file, filled with its values."""
+
+from __future__ import annotations
+
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+from guara_perception.app.robot_folder.postures import FoundPosture
+from guara_perception.app.robot_folder.propose import Proposal, kind_of
+
+# The wave gait's: advance of a cycle, four pauses, and the time that they take at the slowest pace with scans of 7 s.
+CYCLE_M, PAUSES, CYCLE_S, SCAN_S = 0.140, 4, 18.7, 7.0
+SWING_HEIGHT_M = 0.060
+
+
+def assumed(proposal: Proposal) -> dict[str, str]:
+    """What the robot's owner must measure before it walks on it, by the field of robot.toml."""
+    legs = {
+        f"legs.{leg.leg.name}.sole": "in the scan posture the frame must lie where this foot touches the floor"
+        for leg in proposal.legs
+    }
+    return {
+        "sole": "measure what of a foot rests on the ground, along and across",
+        **legs,
+        "frames.camera": "mount the camera, measure where it sits, and calibrate: the calibration overrides it",
+        "frames.laser": "mount the mirror, measure where it sits, and calibrate: the calibration overrides it",
+        "traversability.slope_limit": "find the steepest ground on which a foot holds",
+        "traversability.step_limit": "half the height to which a swing lifts a foot",
+        "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
+        "traversability.roughness_limit": "the unevenness under one sole that the robot stands on",
+        "heights.minimum": "how deep a foot reaches below the plane it stands on, twice",
+        "heights.maximum": "twice the height to which a swing lifts a foot",
+        "stance.encoder_sigma": "set each joint to a known angle, and compare with what it reads",
+        "stance.encoder_noise": "read the joints of the standing robot for a minute: standard deviation of one joint",
+        "stance.centre_of_mass_sigma": "weigh the robot on its feet and compare with the masses of the URDF",
+    }
+
+
+def toml_text(proposal: Proposal, source: str) -> str:
+    """The text of robot.toml: every value with its reason, and which of them nobody has measured.
+
+    Args:
+        proposal: proposal of the robot.
+        source: name of the URDF that it was made from.
+    """
+    p, m = proposal, proposal.mounts
+    legs = (
+        f"""
+[legs.{leg.name}]
+hip = "{leg.hip}"    # of the first joint that swings the foot fore and aft
+sole = "{leg.sole}"    # under the foot where it touches the ground in the scan posture
+joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
+"""
+        for leg in p.leg_configs
+    )
+    hind = min(float(sole[0]) for sole in p.scan.soles.values())
+    cycles = ceil((m.area_x[1] - hind) / CYCLE_M) + 1
+    return _filled(
+        "robot.toml.template",
+        p,
+        source,
+        sole_reason=_sole_reason(p),
+        legs="".join(legs),
+        height_reason=_height_reason(p),
+        scan_camera=camera_height(p, p.scan),
+        standing_camera=camera_height(p, p.standing),
+        map_x=(round(hind - 0.30, 2), m.area_x[1] + 0.05),
+        map_y=(m.area_y[0] - 0.08, m.area_y[1] + 0.08),
+        maximum=2 * SWING_HEIGHT_M + 0.01,
+        step=SWING_HEIGHT_M / 2,
+        swing=1e3 * SWING_HEIGHT_M,
+        # The body tips by 3 degrees when a foot falls this far.
+        drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
+        disc=max(0.015, round(min(p.sole) / 2.0, 3)),
+        pauses=min(cycles * PAUSES, 255),
+        seconds=cycles * (CYCLE_S + PAUSES * SCAN_S),
+        cycle=CYCLE_S,
+        scan_time=SCAN_S,
+        assumed="\n".join(f'"{key}" = "{how}"' for key, how in assumed(p).items()),
+    )
+
+
+def readme_text(proposal: Proposal, source: str, notes: tuple[str, ...]) -> str:
+    """The text of README.md.
+
+    Args:
+        proposal: proposal of the robot.
+        source: name of the URDF that it was made from.
+        notes: parts of that URDF that are not used.
+    """
+    p = proposal
+    legs = (
+        f"| `{leg.name}` | {', '.join(leg.joints)} | `{leg.hip}` | {kind_of(found.leg, found.foot)} |"
+        for leg, found in zip(p.leg_configs, p.legs, strict=True)
+    )
+    return _filled(
+        "README.md.template",
+        p,
+        source,
+        unused="\n".join(f"- {note}" for note in notes) or "- nothing",
+        legs="\n".join(legs),
+        camera=camera_height(p, p.scan),
+        measure="\n".join(f"| `{key}` | {how} |" for key, how in assumed(p).items()),
+    )
+
+
+def _filled(template: str, proposal: Proposal, source: str, **values: Any) -> str:
+    text = Path(__file__).with_name(template).read_text(encoding="utf-8")
+    return text.format(p=proposal, m=proposal.mounts, source=source, **values)
+
+
+def camera_height(proposal: Proposal, posture: FoundPosture) -> float:
+    """Height of the optical centre over the plane of the soles in a posture [m]."""
+    return float(proposal.mounts.camera[2]) + posture.base_height
+
+
+def _sole_reason(p: Proposal) -> str:
+    foot = p.legs[0].foot
+    if not foot.shapes:
+        return "the URDF gives the foot no shape: a guess"
+    return "all of the round foot, seen from above" if foot.is_round else "the foot's collision shape"
+
+
+def _height_reason(p: Proposal) -> str:
+    if p.reach >= 1.0:
+        return "the highest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
+    return f"from no height a foot reaches all that the gait asks; from here {p.reach:.0%}"
