@@ -14,7 +14,12 @@ from guara_perception.settings import RobotLike, robot_model
 
 
 def calibrate(
-    session_folder: str | Path, robot: RobotLike | None = None, *, distortion: str = "k1k2", force: bool = False
+    session_folder: str | Path,
+    robot: RobotLike | None = None,
+    *,
+    distortion: str = "k1k2",
+    not_mirrored: bool = False,
+    force: bool = False,
 ) -> Calibration:
     """Calibrate camera, mount and laser from one session folder.
 
@@ -22,6 +27,7 @@ def calibrate(
         session_folder: a folder with `session.json` (docs/files.md).
         robot: its model, name or folder; None = the robot that the session names.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
+        not_mirrored: the user vouches that the pictures are not mirrored, whatever the colours of the board.
         force: return a calibration whose verdict is `refused` instead of raising.
 
     Raises:
@@ -30,7 +36,9 @@ def calibrate(
         MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
         kinematics.KinematicsError: no such robot, or the stance does not fit it.
     """
-    return calibrate_folder(session_folder, robot, distortion=distortion, force=force).calibration
+    return calibrate_folder(
+        session_folder, robot, distortion=distortion, not_mirrored=not_mirrored, force=force
+    ).calibration
 
 
 def calibrate_folder(
@@ -38,6 +46,7 @@ def calibrate_folder(
     robot: RobotLike | None = None,
     *,
     distortion: str = "k1k2",
+    not_mirrored: bool = False,
     force: bool = False,
     progress: Progress | None = None,
 ) -> CalibrationResult:
@@ -48,7 +57,7 @@ def calibrate_folder(
     """
     session = open_session(session_folder)
     model = robot_model(session.robot if robot is None else robot)
-    result = calibrate_session(session, model, distortion=distortion, progress=progress)
+    result = calibrate_session(session, model, distortion=distortion, not_mirrored=not_mirrored, progress=progress)
     if not force:
         refuse(result)
     return result

@@ -14,6 +14,9 @@ from guara_perception.exceptions import FileFormatError, MissingFile
 
 # A file or folder that an argument or option names, as a Path.
 FILE = click.Path(path_type=Path)
+NOT_MIRRORED = click.option(
+    "--not-mirrored", is_flag=True, help="you vouch that the driver does not mirror the pictures"
+)
 NODE_FORMAT = "guara-node/1"
 # A file of options has some twenty lines.
 LARGEST_BYTES = 64 * 1024

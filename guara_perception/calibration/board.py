@@ -14,6 +14,10 @@ from kinematics.arrays import read_only
 CHECKERBOARD: Final = "checkerboard"
 CHARUCO: Final = "charuco"
 PATTERNS: Final = (CHECKERBOARD, CHARUCO)
+BLACK: Final = "black"
+COLOURS: Final = (BLACK, "white")
+# Reason of a view that shows the board's mirror image.
+MIRRORED: Final = "the board is mirrored: the camera or its driver flips its pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +29,24 @@ class BoardSpec:
         square: edge of a square [m].
         pattern: "checkerboard", which must be seen whole, or "charuco", with a marker in each white square that tells
             the corners apart, so that a part of it is enough.
+        first_square: colour of a checkerboard's upper left square when `columns` run across, "black" or "white"
+            (`guara targets` prints "black"); None = not known.
     """
 
     columns: int
     rows: int
     square: float
     pattern: str = CHECKERBOARD
+    first_square: str | None = None
+
+    @property
+    def tells_mirrored(self) -> bool:
+        """True when no turn makes a mirrored picture of the board look like the board.
+
+        A checkerboard needs even and unequal numbers of squares, and a first square of known colour.
+        """
+        is_unlike = self.columns % 2 == 1 and self.rows % 2 == 1 and self.columns != self.rows
+        return self.pattern == CHARUCO or (is_unlike and self.first_square is not None)
 
     @property
     def points(self) -> Float:

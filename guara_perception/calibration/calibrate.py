@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Image
-from guara_perception.calibration.board import CHECKERBOARD, BoardView, to_grey
+from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView, to_grey
 from guara_perception.calibration.bundle import CameraFit, fit_camera
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.checkerboard import other_size
@@ -28,7 +29,15 @@ from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import DISTORTIONS, MIN_VIEWS, Intrinsics, calibrate_intrinsics
 from guara_perception.calibration.laser import fit_laser, height_sigmas
 from guara_perception.calibration.mirror_model import MirrorModel, nominal_mirror
-from guara_perception.calibration.mount import check_ground_board, locate_camera, measured_square
+from guara_perception.calibration.mount import (
+    ROLLED,
+    ROLLED_CAMERA,
+    TELL_HANDEDNESS,
+    check_ground_board,
+    locate_camera,
+    measured_square,
+    told_by,
+)
 from guara_perception.calibration.plates import LostLine, PlateLine, plate_lines
 from guara_perception.calibration.quality import (
     GOOD,
@@ -63,6 +72,7 @@ def calibrate_session(
     robot: RobotModel,
     *,
     distortion: str = "k1k2",
+    not_mirrored: bool = False,
     progress: Progress | None = None,
 ) -> CalibrationResult:
     """Compute everything that follows from a session, and judge it.
@@ -73,6 +83,7 @@ def calibrate_session(
         session: pictures and what is known of them.
         robot: model of the robot, with nominal mounts and the stance.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
+        not_mirrored: the user vouches that the pictures are not mirrored, whatever the colours of the board.
         progress: called with (pictures done, pictures in all).
 
     Raises:
@@ -90,6 +101,8 @@ def calibrate_session(
             "robot from its own pictures"
         )
     check_heights(session.plates)
+    if not_mirrored:
+        session = replace(session, board=replace(session.board, first_square=None))
     seconds: dict[str, float] = {}
     start = time.perf_counter()
     total, done = _pictures(session), itertools.count(1)
@@ -111,6 +124,9 @@ def calibrate_session(
     floor = locate_camera(to_grey(floor_picture), intrinsics.camera, session.fiducials, camera_nominal)
     advance()
     ground = next(view for view in intrinsics.views if view.name == session.ground_board_image)
+    handedness = told_by(session, not_mirrored)
+    if floor.mount == ROLLED and not handedness:
+        raise CalibrationRefused(f"{ROLLED_CAMERA}; these targets cannot tell which: {TELL_HANDEDNESS}")
     check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
     square = measured_square(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
     points = session.fiducials.points_in_footprint
@@ -139,7 +155,12 @@ def calibrate_session(
     checks += mount_checks(camera_to_base, robot.transform_camera_to_base, floor.mount)
     checks += stance_checks(robot, session.stance)
     checks += laser_checks(laser, near, far, len(missing), len(wanted))
-    verdict, reasons = verdict_of(checks, warnings(session, views, intrinsics, lost, missing))
+    faults = warnings(session, views, intrinsics, lost, missing)
+    if not handedness:
+        faults.append(f"the targets look the same in mirrored pictures: {TELL_HANDEDNESS}")
+    elif floor.mount == ROLLED and not not_mirrored:
+        faults.append(f"{ROLLED_CAMERA}: turn the camera's mount in the URDF, or switch off the turn in the driver")
+    verdict, reasons = verdict_of(checks, faults)
     if laser.leave_one_out and any(check.name == LEFT_OUT and check.verdict != GOOD for check in checks):
         reasons = (suspect_plate(laser.leave_one_out, session.plates), *reasons)
     surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
@@ -151,7 +172,7 @@ def calibrate_session(
         mirror=mirror_record(laser, fit, floor, missing),
         paper=paper_record(surface, fit, lines),
         covariance=covariance_record(fit, laser),
-        quality=quality_record(checks, verdict, reasons),
+        quality={**quality_record(checks, verdict, reasons), "handedness": handedness or None},
     )
     _lap(seconds, "quality", start)
     return CalibrationResult(
@@ -225,8 +246,15 @@ def calibrate_boards(
     """Lens from the usable views.
 
     Raises:
-        CalibrationRefused: too few usable views, all parallel, or the board on the floor cannot be used.
+        CalibrationRefused: mirrored or too few usable views, all parallel, or the board on the floor cannot be used.
     """
+    mirrored = [view.name for view in views if view.reason == MIRRORED]
+    if mirrored:
+        raise CalibrationRefused(
+            f"{session.source}: {len(mirrored)} of {len(views)} board pictures are mirrored ({mirrored[0]}): switch "
+            "off the flip in the camera's driver and record the session again, or pass --not-mirrored for a board "
+            "whose colours are exchanged against those of `guara targets`"
+        )
     usable = [view for view in views if view.is_usable]
     if len(usable) < MIN_VIEWS:
         raise CalibrationRefused(

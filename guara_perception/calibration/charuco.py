@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey, Index, Index32, Mask
-from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.calibration.board import MIRRORED, BoardSpec, BoardView
 from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
@@ -76,7 +76,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
     if belong.sum() < max(BELONGING_SHARE * len(ids), 1):
         mirrored = _on_board(layout, *_markers(np.ascontiguousarray(grey[:, ::-1]), layout))
         if mirrored.sum() > max(2, belong.sum()):
-            return BoardView.unusable(name, "the board's markers are mirrored: the camera flips its pictures")
+            return BoardView.unusable(name, MIRRORED)
         if not len(ids):
             return BoardView.unusable(
                 name, f"no marker of a ChArUco board of {size} was found (hidden, blurred, another?)"

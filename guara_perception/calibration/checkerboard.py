@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image
-from guara_perception.calibration.board import BoardSpec, BoardView, to_grey
+from guara_perception.calibration.board import BLACK, MIRRORED, BoardSpec, BoardView, to_grey
 
 # The sector-based detector loses boards that touch the picture's edge; a border brings them back.
 BORDER_PX = 40
@@ -46,8 +46,26 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
         return BoardView.unusable(
             name, f"the board has other inner corners than {board.columns}x{board.rows}: wrong corner count"
         )
+    if board.tells_mirrored and is_mirrored(grey, corners, board):
+        return BoardView.unusable(name, MIRRORED)
     width = edge_width(grey, corners, size)
     return BoardView(name, refine_corners(grey, corners, size), np.arange(len(corners)), width)
+
+
+def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
+    """Check the colours of the squares between the corners (n, 2) against those of a board that tells its mirror image.
+
+    The detectors count the corners from any of the four, clockwise or counterclockwise.
+    """
+    grid = corners.reshape(board.rows, board.columns, 2)
+    centres = ((grid[1:, 1:] + grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:]) / 4).astype(np.float32)
+    levels = cv2.remap(grey, centres[..., 0], centres[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    # The inner square at the first corner has the colour of the outer one across that corner.
+    is_first = np.indices(levels.shape).sum(axis=0) % 2 == 0
+    starts_black = bool(levels[is_first].mean() < levels[~is_first].mean())
+    across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    is_clockwise = bool(across[0] * down[1] > across[1] * down[0])
+    return (starts_black == (board.first_square == BLACK)) != is_clockwise
 
 
 def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:

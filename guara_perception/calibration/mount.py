@@ -11,15 +11,24 @@ import numpy as np
 from guara_perception.arrays import Float, Grey
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.crosses import Mark, find_crosses
+from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
-from guara_perception.calibration.session import Fiducials
+from guara_perception.calibration.session import CalibrationSession, Fiducials
 from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import read_only
 
 # Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
-MOUNTS = {"eq5": np.eye(4), "upright": HALF_TURN}
+ROLLED = "upright"
+MOUNTS = {"eq5": np.eye(4), ROLLED: HALF_TURN}
+ROLLED_CAMERA = (
+    "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
+    "is mounted upside down"
+)
+TELL_HANDEDNESS = (
+    "lay the five crosses of `guara targets` and take their picture again, give the board's first_square in "
+    "session.json, or pass --not-mirrored if the driver does not flip pictures"
+)
 # Crosses found by the program fit within 0.1 px; given by hand within one or two. Above these, points are wrong.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
@@ -115,6 +124,29 @@ def check_extent(points: Float) -> None:
             f"fiducials: the points are collinear (extent {extent[1] * 1e3:.0f} mm across a line of "
             f"{extent[0] * 1e3:.0f} mm): put them at the corners of the area"
         )
+
+
+def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
+    """Evidence that the pictures of a session are not mirrored; empty where there is none.
+
+    Args:
+        session: a session whose board and marks were found.
+        not_mirrored: the user vouches for it.
+    """
+    evidence = {
+        "the user": not_mirrored,
+        "board": session.board.tells_mirrored,
+        "points_px": session.fiducials.points_px is not None,
+        "crosses": not looks_mirrored(session.fiducials.points_in_footprint),
+    }
+    return next((name for name, holds in evidence.items() if holds), "")
+
+
+def looks_mirrored(points: Float) -> bool:
+    """True where the mirror image of the marks (n, 2) could be taken for the marks, as the search for them allows."""
+    centred = points - points.mean(axis=0)
+    apart = [np.linalg.norm(centred[:, None] * flip - centred, axis=2) for flip in ((1.0, -1.0), (-1.0, 1.0))]
+    return min(float(distance.min(axis=1).max()) for distance in apart) < SEARCH_M
 
 
 def measured_square(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import FILE
+from guara_perception.app.options import FILE, NOT_MIRRORED
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -16,6 +16,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("-o", "--out", required=True, type=FILE, help="calibration file to write, .json")
 @click.option("--report", type=FILE, help="folder for the report, report.html")
 @click.option("--force", is_flag=True, help="write the calibration even when its verdict is `refused`")
+@NOT_MIRRORED
 @click.option("--robot", help="name or folder of the robot; default: the session's")
 @click.option("--distortion", default="k1k2", help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
 @click.option(
@@ -30,6 +31,7 @@ def command(
     out: Path,
     report: Path | None,
     force: bool,
+    not_mirrored: bool,
     robot: str | None,
     distortion: str,
     pattern: str,
@@ -66,7 +68,7 @@ def command(
     opened = open_session(session)
     model = load_robot(robot if robot is not None else opened.robot)
     with progress("Calibrating") as show:
-        result = calibrate_session(opened, model, distortion=distortion, progress=show)
+        result = calibrate_session(opened, model, distortion=distortion, not_mirrored=not_mirrored, progress=show)
     click.echo(summary(result))
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")

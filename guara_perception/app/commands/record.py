@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from guara_perception.app.options import FILE, board_options
+from guara_perception.app.options import FILE, NOT_MIRRORED, board_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -23,6 +24,7 @@ RULER_MM = 150.0
 @click.option("--camera", help="as `guara doctor --cameras` lists it; default: that of --devices, or 0")
 @click.option("--trigger", metavar="LINE", help="line that the board will trigger in scans, kept in devices.toml")
 @board_options
+@NOT_MIRRORED
 @click.option("--crosses", type=FILE, help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]")
 @click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
 @click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
@@ -44,6 +46,7 @@ def command(
     pattern: str,
     square: float,
     plates: str,
+    not_mirrored: bool,
     crosses: Path | None,
     printed_150: float,
     stance: Path | None,
@@ -83,6 +86,7 @@ def command(
         raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
     scale = printed_150 / RULER_MM
     spec = parse_board(board, square * scale, pattern)
+    spec = replace(spec, first_square=None) if not_mirrored else spec
     model = load_robot(robot)
     if stance is not None:
         standing = Stance.from_dict(read_json(stance).data)
@@ -113,7 +117,7 @@ def command(
         stack.enter_context(rangefinder)
         record_session(writer, model, rangefinder, known, operator, tell=tell, watch=page.watch)
     with progress("Calibrating") as show:
-        result = calibrate_session(open_session(session), model, progress=show)
+        result = calibrate_session(open_session(session), model, not_mirrored=not_mirrored, progress=show)
     click.echo(summary(result))
     click.echo(f"report: {write_report(result, session / 'report')}")
     refuse(result)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder, read_picture
-from guara_perception.calibration.board import CHECKERBOARD, PATTERNS, BoardSpec
+from guara_perception.calibration.board import CHECKERBOARD, COLOURS, PATTERNS, BoardSpec
 from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
@@ -61,13 +61,15 @@ def _board(fields: Fields) -> BoardSpec:
     if columns != int(columns) or rows != int(rows):
         raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")
     pattern = fields.text("pattern", PATTERNS) if fields.has("pattern") else CHECKERBOARD
-    return BoardSpec(int(columns), int(rows), fields.number("square"), pattern)
+    first = fields.text("first_square", COLOURS) if fields.has("first_square") else None
+    return BoardSpec(int(columns), int(rows), fields.number("square"), pattern, first)
 
 
 def board_to_dict(board: BoardSpec) -> dict[str, Any]:
     """The `board` object of `session.json`."""
     pattern = {} if board.pattern == CHECKERBOARD else {"pattern": board.pattern}
-    return {**pattern, "inner_corners": [board.columns, board.rows], "square": board.square}
+    first = {} if board.first_square is None else {"first_square": board.first_square}
+    return {**pattern, "inner_corners": [board.columns, board.rows], "square": board.square, **first}
 
 
 def _fiducials(fields: Fields, folder: Path) -> Fiducials:

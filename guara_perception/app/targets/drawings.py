@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.app.targets.sheet import Sheet
 from guara_perception.arrays import Float, Mask
-from guara_perception.calibration.board import CHARUCO, CHECKERBOARD, BoardSpec
+from guara_perception.calibration.board import BLACK, CHARUCO, CHECKERBOARD, BoardSpec
 from guara_perception.calibration.crosses import ARM_M, BAR_M
 from guara_perception.calibration.find_board import board_ink
 from guara_perception.exceptions import InvalidInput
@@ -30,12 +30,21 @@ GUIDE = "#888888"
 
 
 def cross_points(robot: RobotModel) -> Float:
-    """Where the crosses belong, (4, 2) in base_footprint [m]: near the corners of the scanned area."""
+    """Where the crosses belong, (5, 2) in base_footprint [m]: near the corners of the scanned area and one within.
+
+    The fifth makes the mirror image of all of them differ from them.
+    """
     settings = Settings.of(robot)
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
     inset = CROSS_INSET_M
     return np.array(
-        [[x0 + inset, y1 - inset], [x0 + inset, y0 + inset], [x1 - inset, y0 + inset], [x1 - inset, y1 - inset]]
+        [
+            [x0 + inset, y1 - inset],
+            [x0 + inset, y0 + inset],
+            [x1 - inset, y0 + inset],
+            [x1 - inset, y1 - inset],
+            [0.75 * x0 + 0.25 * x1, 0.25 * y0 + 0.75 * y1],
+        ]
     )
 
 
@@ -80,12 +89,12 @@ def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
 
 
 def crosses() -> Sheet:
-    """Four crosses to cut out, each with a thin outline and centre lines to lay it on a measured point."""
+    """Six crosses to cut out, one to spare, each with a thin outline and centre lines to lay it on a measured point."""
     cell = 60.0
 
     def draw(axes: Axes) -> None:
         for column in range(2):
-            for row in range(2):
+            for row in range(3):
                 x, y = (column + 0.5) * cell, (row + 0.5) * cell
                 _cross(axes, x, y)
                 for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -94,7 +103,7 @@ def crosses() -> Sheet:
                 _outline(axes, column * cell, row * cell, cell, cell)
 
     arm, bar = 2e3 * ARM_M, 2e3 * BAR_M
-    return Sheet(f"Crosses, {arm:g} mm from tip to tip, bars {bar:g} mm wide", 2 * cell, 2 * cell, draw)
+    return Sheet(f"Crosses, {arm:g} mm from tip to tip, bars {bar:g} mm wide", 2 * cell, 3 * cell, draw)
 
 
 def mat(robot: RobotModel) -> Sheet:
@@ -206,7 +215,7 @@ def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -
 
 
 def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
-    """A board from "COLUMNSxROWS" of inner corners, the edge of a square [m] and its pattern.
+    """A board as `calibration_board` draws it, from "COLUMNSxROWS" of inner corners, a square's edge [m], its pattern.
 
     Raises:
         InvalidInput: not of this form, or a size that no board has.
@@ -214,7 +223,7 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
     columns, between, rows = size.partition("x")
     if not (between and columns.isdigit() and rows.isdigit()):
         raise InvalidInput(f"--board is {size!r}, it must be COLUMNSxROWS of inner corners, such as 9x7")
-    board = BoardSpec(int(columns), int(rows), square, pattern)
+    board = BoardSpec(int(columns), int(rows), square, pattern, BLACK if pattern == CHECKERBOARD else None)
     if not (3 <= board.columns <= 40 and 3 <= board.rows <= 40 and 0.005 <= square <= 0.1):
         raise InvalidInput(
             f"board has {board.columns}x{board.rows} inner corners of {square:g} m; allowed: 3 ... 40 each way, "

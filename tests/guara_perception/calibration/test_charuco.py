@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.board import CHARUCO, BoardSpec
+from guara_perception.calibration.board import CHARUCO, MIRRORED, BoardSpec
 from guara_perception.calibration.charuco import CELLS_PER_SQUARE, MIN_CORNERS, MIN_LINES
 from guara_perception.calibration.find_board import board_ink, find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
@@ -118,8 +118,8 @@ def test_reasons(pictures):
     whole = pictures[0]
     checkerboard = dataclasses.replace(BOARD, pattern="checkerboard")
     assert find_board(np.full_like(whole, 100), BOARD).reason.startswith("the picture is blank")
-    assert find_board(whole[:, ::-1], BOARD).reason == "the board's markers are mirrored: the camera flips its pictures"
-    assert find_board(whole[::-1], BOARD).reason == "the board's markers are mirrored: the camera flips its pictures"
+    assert find_board(whole[:, ::-1], BOARD).reason == MIRRORED
+    assert find_board(whole[::-1], BOARD).reason == MIRRORED
     assert find_board(whole[:120, :160], BOARD).reason.startswith("no marker of a ChArUco board of 9x7 inner corners")
     assert (
         find_board(whole[:150, :250], BOARD).reason == "1 marker found, no corner between them: show more of the board"

@@ -22,7 +22,7 @@ from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_orde
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
 from guara_perception.app.record.simulated import SimulatedWorkshop
-from guara_perception.app.targets.drawings import cross_points
+from guara_perception.app.targets.drawings import cross_points, parse_board
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
@@ -171,7 +171,8 @@ def test_doctor_checks_camera_and_board_of_the_session(
 
 def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
     """Go on with a session in a workshop; returns its writer."""
-    plan = SessionPlan("guara", BoardSpec(9, 7, 0.03), cross_points(workshop.robot), (0.0, 0.04, 0.08), workshop.stance)
+    board, crosses = parse_board("9x7", 0.03), cross_points(workshop.robot)
+    plan = SessionPlan("guara", board, crosses, (0.0, 0.04, 0.08), workshop.stance)
     writer = SessionWriter(session, plan)
     with workshop.rangefinder:
         record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda text: None)

@@ -97,7 +97,8 @@ def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
             if stats[k, cv2.CC_STAT_WIDTH] > 20 * DOTS_PER_MM:
                 assert np.allclose(stats[k, 2:4] / DOTS_PER_MM, 2e3 * ARM_M, atol=0.2)
                 area = 4e6 * ARM_M * BAR_M * 2 - (2e3 * BAR_M) ** 2
-                assert stats[k, cv2.CC_STAT_AREA] / DOTS_PER_MM**2 == pytest.approx(area, rel=0.03)
+                # Bars are rastered to whole dots, 24 across.
+                assert stats[k, cv2.CC_STAT_AREA] / DOTS_PER_MM**2 == pytest.approx(area, rel=0.05)
                 found.append(sheet_position(page, picture, centres[k]))
     sheet = mat(robot)
     points = cross_points(robot)
@@ -105,7 +106,7 @@ def test_crosses_of_the_mat_lie_where_they_are_said_to_lie(printed, robot):
     expected = np.column_stack((-points[:, 1], points[:, 0])) * 1e3
     offset = np.mean(found, axis=0) - expected.mean(axis=0)
     nearest = [np.abs(np.array(found) - offset - e).max(axis=1).min() for e in expected]
-    assert len({tuple(np.rint(f / 5)) for f in found}) == 4 and max(nearest) < 0.1
+    assert len({tuple(np.rint(f / 5)) for f in found}) == 5 and max(nearest) < 0.1
     assert sheet.height_mm > sheet.width_mm
 
 

@@ -1,0 +1,97 @@
+"""Mirrored pictures: what tells them, and what a session comes out as whose targets cannot tell."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from guara_perception.app.record.simulated import SimulatedWorkshop
+from guara_perception.app.targets.drawings import cross_points, parse_board
+from guara_perception.calibration.board import MIRRORED, BoardSpec
+from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.find_board import find_board
+from guara_perception.calibration.mount import looks_mirrored
+from guara_perception.calibration.session import CalibrationSession
+from guara_perception.exceptions import CalibrationRefused
+from kinematics import RobotModel
+from tests.guara_perception.calibration.breaking import Picture, with_frames, with_pictures
+
+Flip = Callable[[Picture], Picture]
+LEFT_RIGHT, UP_DOWN = (lambda p: np.ascontiguousarray(p[:, ::-1])), (lambda p: np.ascontiguousarray(p[::-1]))
+HALF_TURN, QUARTER = (lambda p: np.ascontiguousarray(p[::-1, ::-1])), (lambda p: np.ascontiguousarray(np.rot90(p)))
+
+
+def flipped(session: CalibrationSession, flip: Flip) -> CalibrationSession:
+    """The session as a driver that flips all pictures records it."""
+    for number in range(len(session.plates)):
+        session = with_frames(session, number, flip)
+    return with_pictures(session, lambda name, picture: flip(picture))
+
+
+def undeclared(session: CalibrationSession) -> CalibrationSession:
+    """The session without the colour of its board's first square: nothing in it tells a mirrored picture."""
+    return dataclasses.replace(session, board=dataclasses.replace(session.board, first_square=None))
+
+
+@pytest.mark.parametrize("columns", [9, 7])
+def test_the_printed_board_tells_mirrored_pictures(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the board as `guara targets` prints it every turn is found, every mirror image refused."""
+    workshop = SimulatedWorkshop()
+    seen: list[Picture] = []
+    board = parse_board(f"{columns}x{16 - columns}", 0.03)
+    workshop.use_board(board)
+    monkeypatch.setattr(workshop, "_still", seen.append)
+    workshop.show_board("")
+    for turns in range(4):
+        turned = np.ascontiguousarray(np.rot90(seen[0], turns))
+        assert find_board(turned, board).is_usable
+        assert find_board(LEFT_RIGHT(turned), board).reason == MIRRORED
+        other = dataclasses.replace(board, first_square="white")
+        assert find_board(turned, other).reason == MIRRORED and find_board(LEFT_RIGHT(turned), other).is_usable
+
+
+@pytest.mark.parametrize(("columns", "rows", "tells"), [(9, 7, True), (7, 9, True), (8, 7, False), (7, 7, False)])
+def test_boards_that_look_like_their_mirror_image_tell_nothing(columns: int, rows: int, tells: bool) -> None:
+    """Both numbers of squares must be even and unequal, and the colours must be known."""
+    assert parse_board(f"{columns}x{rows}", 0.03).tells_mirrored is tells
+    assert not BoardSpec(columns, rows, 0.03).tells_mirrored
+    assert parse_board(f"{columns}x{rows}", 0.03, "charuco").tells_mirrored
+
+
+def test_five_crosses_tell_mirrored_pictures(session: CalibrationSession, robot: RobotModel) -> None:
+    """The crosses that are printed differ from their mirror image; four in the corners of a rectangle do not."""
+    assert not looks_mirrored(cross_points(robot))
+    assert looks_mirrored(session.fiducials.points_in_footprint)
+
+
+@pytest.mark.parametrize("flip", [LEFT_RIGHT, UP_DOWN])
+def test_a_mirrored_session_is_refused(session: CalibrationSession, robot: RobotModel, flip: Flip) -> None:
+    """By name, with the remedy."""
+    with pytest.raises(CalibrationRefused, match=r"14 of 14 board pictures are mirrored \(board_00.jpg\): switch"):
+        calibrate_session(flipped(session, flip), robot)
+
+
+@pytest.mark.slow
+def test_a_session_that_cannot_tell_is_usable(few_stripes: CalibrationSession, robot: RobotModel) -> None:
+    """At most, mirrored or not, with one line of remedy; the user's word makes it good."""
+    old = undeclared(few_stripes)
+    for told in (old, flipped(old, LEFT_RIGHT)):
+        found = calibrate_session(told, robot)
+        assert found.verdict == "usable" and found.calibration.quality["handedness"] is None
+        (reason,) = found.reasons
+        assert reason.startswith("the targets look the same in mirrored pictures: lay the five crosses")
+    vouched = calibrate_session(few_stripes, robot, not_mirrored=True)
+    assert (vouched.verdict, vouched.calibration.quality["handedness"]) == ("good", "the user")
+
+
+@pytest.mark.slow
+def test_a_rolled_camera_is_told(few_stripes: CalibrationSession, robot: RobotModel) -> None:
+    """Bottom-up pictures of targets that cannot tell are refused; a turn by 180 degrees is usable, or vouched for."""
+    rolled = "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures"
+    for flip in (UP_DOWN, HALF_TURN):
+        with pytest.raises(CalibrationRefused, match=rolled):
+            calibrate_session(flipped(undeclared(few_stripes), flip), robot)
+    found = calibrate_session(flipped(few_stripes, HALF_TURN), robot)
+    assert found.verdict == "usable" and found.reasons[0].startswith(rolled)
+    assert calibrate_session(flipped(few_stripes, HALF_TURN), robot, not_mirrored=True).verdict == "good"
