@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def facts(terrain: TerrainGrid) -> dict[str, Any]:
         "known": float(np.mean((hazard & UNKNOWN_MASK) == 0)),
         "traversable": float(np.mean(terrain.traversability > 0)),
         "hazards": {name: count for name, count in cells_by_flag(hazard).items() if count},
-        "health": record.health.to_json() if record.health else {},
+        "health": asdict(record.health) if record.health else {},
         "calibration_hash": record.calibration_hash,
     }
 

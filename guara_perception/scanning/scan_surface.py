@@ -147,9 +147,7 @@ class ScanArea:
     def layers(self, raster: Raster, marks: Flags, pair_usable: Mask) -> dict[str, Array]:
         """All layers of the area; arguments as of `UnknownCauses.flags`, raster and marks of the widest area."""
         own = raster.window((self._rows, slice(None)))
-        layers = self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
-        seen = np.isfinite(own.elevation)
-        return {**layers, "age": np.where(seen, 0, 255).astype(np.uint8), "looks": seen.astype(np.uint8)}
+        return self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
 
     def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> tuple[Run, ...]:
         """Cells over which stripes without a usable frame (s,) passed, as `lost_cells` gives them."""

@@ -57,8 +57,7 @@ def assess_layers(
             layers do not have them.
 
     Returns:
-        Layers by name, read-only, in the types of `LAYERS`: elevation, variance, elevation_min, elevation_max,
-        slope, step_height, roughness, clearance, traversability, hazard.
+        All layers by name, read-only, in the types of `LAYERS`; age and looks are those of a single scan.
     """
     flags = flags_of(raster, hazard)
     # Beyond the outermost known cells all is unknown and judged like the outside of the grid: it can be left out.
@@ -89,8 +88,14 @@ def flags_of(raster: Raster, hazard: Flags) -> Flags:
 
 
 def completed(layers: Mapping[str, Array], resolution: float) -> dict[str, Array]:
-    """The layers that `judge_soles` gives and the clearance, read-only."""
-    whole = {**layers, "clearance": clearance(layers["hazard"], resolution).astype(np.float32)}
+    """The layers of `judge_soles` with clearance, age and looks of a single scan, read-only."""
+    known = np.isfinite(layers["elevation"])
+    whole = {
+        **layers,
+        "clearance": clearance(layers["hazard"], resolution).astype(np.float32),
+        "age": np.where(known, 0, 255).astype(np.uint8),
+        "looks": known.astype(np.uint8),
+    }
     for layer in whole.values():
         # Frozen here they need not be copied when a grid is made of them.
         layer.setflags(write=False)

@@ -1,4 +1,4 @@
-"""Hazard flags of a cell and reasons of a refusal, values that never change; the invariant: what no grid may claim."""
+"""Hazard flags of cells, the safety invariant of terrain grids, and reasons of a refusal."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
-    """Flags of one cell. The lower byte says why a cell is unknown, the upper why a known cell is bad.
+    """Flags of a cell: the lower byte gives causes of unknown cells, the upper byte hazards of known ones.
 
-    Unknown: DROPOUT, the laser should have returned here and did not; OCCLUDED, hidden by something nearer; UNSCANNED,
-    not looked at; OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, a return that may not be
-    trusted; SELF, hidden by the robot itself.
-    Known but bad: STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here would reach something unknown, bad
-    or off the grid; UNCERTAIN, height known too poorly; CONFLICT, looks disagree; STALE, seen too long ago.
+    Unknown: DROPOUT, no return where one was expected; OCCLUDED, hidden by something nearer; UNSCANNED, not observed;
+    OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, an unreliable return; SELF, hidden by the
+    robot itself.
+    Known: STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here would reach something unknown, hazardous or off
+    the grid; UNCERTAIN, large standard deviation of the height; CONFLICT, observations disagree; STALE, observed too
+    long ago.
     """
 
     NONE = 0
@@ -43,7 +44,7 @@ class Hazard(IntFlag):
     STALE = 32768
 
     def __str__(self) -> str:
-        """Names, for people: "EDGE|STEP"; a number says nothing."""
+        """Names of the flags, as in "EDGE|STEP"."""
         return self.name or str(int(self))
 
 
@@ -71,27 +72,23 @@ MEANING = {
 
 def names(flags: int | Hazard) -> list[str]:
     """Names of the flags that are set, lowest first."""
-    return [flag.name for flag in Hazard if flag and flag & Hazard(int(flags)) and flag.name]
+    return [str(flag.name) for flag in Hazard(int(flags))]
 
 
 def cells_by_flag(hazard: Flags) -> dict[str, int]:
     """Name of each flag -> number of cells of a grid that carry it."""
-    # Few of all combinations occur in one grid.
+    # A grid has few of all combinations of flags.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
-    return {
-        flag.name: int(cells[combinations[(combinations & int(flag)) != 0]].sum())
-        for flag in Hazard
-        if flag and flag.name
-    }
+    return {str(flag.name): int(cells[combinations[(combinations & int(flag)) != 0]].sum()) for flag in Hazard}
 
 
 def check_invariant(layers: Mapping[str, Array]) -> None:
-    """Refuse a grid that could call something safe that was not seen (docs/safety.md).
+    """Refuse a grid that violates the safety invariant (docs/safety.md).
 
     Raises:
-        UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message says which rule,
-            in how many cells and where the first is.
+        UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message names the rule, the
+            number of cells and the first of them.
     """
     shape = layers["elevation"].shape if "elevation" in layers else None
     for layer in LAYERS:
@@ -105,7 +102,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
 
 
 def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:
-    """The rules of `check_invariant` for the three layers that say where a foot may go.
+    """Check the rules of `check_invariant` for the three layers that decide where a foot may be set.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -123,13 +120,13 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     _refuse((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
     occupancy = occupancy_values(traversability, hazard)
     _refuse((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # A safe cell has a window of known cells around it; the nearest ring of it can be judged without any limits.
+    # A safe cell lies in a window of known cells; its nearest ring can be checked without the limits.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     _refuse((hazard == 0) & beside, "a cell beside an unknown one is traversable")
 
 
 def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:
-    """Occupancy as nav_msgs/OccupancyGrid counts it: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
+    """Occupancy as in nav_msgs/OccupancyGrid: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
     free = np.rint(99 * (1 - traversability.astype(np.float64))).astype(np.int8)
     values = np.where(hazard == 0, free, np.int8(100))
     if unknown != 100:
@@ -149,8 +146,8 @@ class Reason:
 
     Attributes:
         test: name of the test, for instance "slope".
-        value: what was found, in `unit`.
-        limit: what is allowed, in `unit`.
+        value: measured value, in `unit`.
+        limit: allowed value, in `unit`.
         unit: "m", "rad", "cells", "share" ...
         detail: further text, such as where; may be empty.
     """
@@ -162,10 +159,9 @@ class Reason:
     detail: str = ""
 
     def __str__(self) -> str:
-        """Text for people, in millimetres, degrees and per cent."""
-        units = {"m": (1e3, "mm"), "rad": (57.29577951308232, "deg"), "share": (1e2, "%")}
+        """Text in millimetres, degrees and per cent."""
+        units = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg"), "share": (1e2, "%")}
         scale, unit = units.get(self.unit, (1.0, self.unit))
-        if math.isnan(self.value):
-            return f"{self.test} impossible" + (f" ({self.detail})" if self.detail else "")
-        text = f"{self.test} {self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
+        found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
+        text = f"{self.test} {'impossible' if math.isnan(self.value) else found}"
         return f"{text} ({self.detail})" if self.detail else text

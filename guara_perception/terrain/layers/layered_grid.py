@@ -1,11 +1,11 @@
-"""Look-up of cells (`Gridded`), the immutable layers of a terrain (`LayeredGrid`), bounds of its unknown ground."""
+"""Cell look-up (`Gridded`), the immutable layers of a terrain (`LayeredGrid`), upper bounds of unknown ground."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,15 @@ from guara_perception.terrain.layers.layers import LAYER_NAMES
 from guara_perception.terrain.layers.record import RECORDS, MapRecord, ScanRecord
 from kinematics.arrays import read_only
 
+A = TypeVar("A")
 G = TypeVar("G", bound="LayeredGrid")
 EXTENTS = ("footprint", "map")
 
 
 class Gridded:
-    """Base of classes that hold layers; at least `elevation`, `hazard` and `traversability`.
+    """Base of classes with layers, at least `elevation`, `hazard` and `traversability`.
 
-    Questions to a stale grid raise `transport.StaleTerrain` unless they are told to `allow_stale`.
+    Queries of a stale grid raise `transport.StaleTerrain` unless `allow_stale` is set.
     """
 
     __slots__ = ()
@@ -39,7 +40,7 @@ class Gridded:
 
         @property
         def stale_because(self) -> tuple[str, ...]:
-            """Why a client would not have handed it out without `allow_stale`; empty otherwise."""
+            """Reasons why a client returns the grid only with `allow_stale`; empty otherwise."""
 
     @property
     def resolution(self) -> float:
@@ -87,28 +88,38 @@ class Gridded:
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Mask: ...
 
     def is_traversable(self, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Any:
-        """Whether a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
+        """Test if a sole may be centred on the cell under each point. Scalars give a bool; False outside."""
         refuse_stale(self.stale_because, allow_stale)
         score = look_up(self, "traversability", x, y, np.float32(0))
         return score > 0 if score.ndim else bool(score > 0)
 
 
+class LayerAttribute(Generic[A]):
+    """A layer of a grid as a read-only attribute."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, grid: LayeredGrid, owner: type) -> A:
+        return cast(A, self if grid is None else grid.layers[self._name])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LayeredGrid(Gridded):
-    """What is known of the terrain, by layer and cell; questions about more than one cell are built on it.
+    """Immutable layers of a terrain, on which the queries are built.
 
-    Made only from layers that satisfy the safety invariant. All arrays are (ny, nx), a[iy, ix], read-only.
+    The layers satisfy the safety invariant. All arrays are (ny, nx), a[iy, ix], read-only; each layer is an attribute.
 
     Attributes:
         layers: every layer of `LAYERS` by name.
         geometry: origin, resolution and shape.
-        record: what the scan or the map says of itself; one for the other extent is turned into it.
+        record: record of the scan or the map; one for the other extent is converted.
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
         extent: "footprint" (this scan alone) or "map" (fused).
-        pictures: range images by name, (512, 640) float32 [mm], where the scan was processed with them.
-        stale_because: why a client would not have handed it out without `allow_stale`; empty otherwise.
+        pictures: range images by name, (512, 640) float32 [mm], if the scan was processed with them.
+        stale_because: reasons why a client returns the grid only with `allow_stale`; empty otherwise.
     """
 
     layers: Mapping[str, Array]
@@ -120,6 +131,19 @@ class LayeredGrid(Gridded):
     extent: str = "footprint"
     pictures: Mapping[str, Float32] = field(default_factory=dict)
     stale_because: tuple[str, ...] = ()
+
+    elevation = LayerAttribute[Float32]()
+    variance = LayerAttribute[Float32]()
+    elevation_min = LayerAttribute[Float32]()
+    elevation_max = LayerAttribute[Float32]()
+    slope = LayerAttribute[Float32]()
+    step_height = LayerAttribute[Float32]()
+    roughness = LayerAttribute[Float32]()
+    clearance = LayerAttribute[Float32]()
+    traversability = LayerAttribute[Float32]()
+    hazard = LayerAttribute[Flags]()
+    age = LayerAttribute[Codes]()
+    looks = LayerAttribute[Codes]()
 
     def __post_init__(self) -> None:
         check_invariant(self.layers)
@@ -136,66 +160,9 @@ class LayeredGrid(Gridded):
             object.__setattr__(self, "record", kind.from_json(self.record.to_json()))
 
     if not TYPE_CHECKING:
-        # Type checkers know the layers one by one, below, and refuse a misspelt one.
+        # Hidden from type checkers, which would take any attribute for one that exists.
         def __getattr__(self, name: str) -> Array:
-            """Layers as attributes: `terrain.elevation`, `terrain.hazard` ..."""
-            if name in LAYER_NAMES:
-                return self.layers[name]
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
-
-    def __dir__(self) -> list[str]:
-        """Layers too, for completion."""
-        return sorted({*object.__dir__(self), *LAYER_NAMES})
-
-    if TYPE_CHECKING:
-        # The layers as type checkers and editors see them; at run time they are looked up by name.
-        @property
-        def elevation(self) -> Float32:
-            """Height [m], NaN where unknown."""
-
-        @property
-        def variance(self) -> Float32:
-            """Variance of the height [m^2]."""
-
-        @property
-        def elevation_min(self) -> Float32:
-            """Lowest sample [m]."""
-
-        @property
-        def elevation_max(self) -> Float32:
-            """Highest sample [m]."""
-
-        @property
-        def slope(self) -> Float32:
-            """Slope [rad]."""
-
-        @property
-        def step_height(self) -> Float32:
-            """Largest step beside the cell [m]."""
-
-        @property
-        def roughness(self) -> Float32:
-            """Deviation from the plane around the cell [m]."""
-
-        @property
-        def clearance(self) -> Float32:
-            """Distance to the nearest hazard other than EDGE [m]."""
-
-        @property
-        def traversability(self) -> Float32:
-            """0 never ... 1 ideal."""
-
-        @property
-        def hazard(self) -> Flags:
-            """Flags of `Hazard`."""
-
-        @property
-        def age(self) -> Codes:
-            """Pauses since last seen."""
-
-        @property
-        def looks(self) -> Codes:
-            """Scans that saw the cell."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Plain containers, for pickling and copying."""
@@ -227,11 +194,11 @@ class LayeredGrid(Gridded):
 
     @property
     def is_provisional(self) -> bool:
-        """Whether the pause has yet to confirm that the robot stood still: usable while it stands, may be withdrawn."""
+        """True until the pause confirms that the robot stood still; the grid may still be withdrawn."""
         return bool(self.record.provisional)
 
     def restated(self: G, **changes: Any) -> G:
-        """The same grid with other values in fields of its record."""
+        """Copy of the grid with other values in fields of its record."""
         return replace(self, record=replace(self.record, **changes))
 
     def layer(self, name: str) -> Array:
@@ -245,10 +212,10 @@ class LayeredGrid(Gridded):
         return self.layers[name]
 
     def to_occupancy(self, unknown: int = 100) -> npt.NDArray[np.int8]:
-        """Occupancy (ny, nx) int8 as nav_msgs/OccupancyGrid counts it; its data are `.ravel()` of this.
+        """Occupancy (ny, nx) int8 as in nav_msgs/OccupancyGrid, whose data are `.ravel()` of this.
 
         Args:
-            unknown: value of cells that were not seen, 100 (as a hazard) or -1.
+            unknown: value of unknown cells, 100 (as a hazard) or -1.
 
         Raises:
             InvalidInput: any other value for `unknown`.
@@ -259,10 +226,10 @@ class LayeredGrid(Gridded):
 
 
 def asked(terrain: G, allow_stale: bool) -> G:
-    """The grid as a question sees it: one that is stale, and allowed to be, no longer says so.
+    """The grid for a query; one that is stale and allowed to be is no longer marked so.
 
     Raises:
-        transport.StaleTerrain: it is stale, and that is not allowed.
+        transport.StaleTerrain: the grid is stale and `allow_stale` is not set.
     """
     if not terrain.stale_because:
         return terrain
@@ -271,7 +238,7 @@ def asked(terrain: G, allow_stale: bool) -> G:
 
 
 def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
-    """Coordinates that a user gave as numbers or arrays, as arrays of one shape [m].
+    """Convert coordinates given as numbers or arrays to arrays of one shape [m].
 
     Raises:
         InvalidInput: not numbers, or arrays of different shapes.
@@ -284,7 +251,7 @@ def coordinates(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Float, Float]:
 
 
 def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outside: np.generic) -> Array:
-    """Values of a layer in the cells of points, in the points' shape.
+    """Values of a layer in the cells under points, in the shape of the points.
 
     Args:
         grid: grid that holds the layer.
@@ -303,13 +270,24 @@ def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outsi
     return values
 
 
+def numbers(values: npt.ArrayLike, name: str) -> Float:
+    """Convert an argument to an array of float64 of its own.
+
+    Raises:
+        InvalidInput: not an array of numbers.
+    """
+    try:
+        return np.array(values, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInput(f"{name}: an array of numbers is needed") from None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Ceiling:
-    """Upper bounds of the ground for one grid, as `LinesOfSight.ceiling` gives them.
+    """Upper bounds of the ground in a grid, by `LinesOfSight.ceiling`.
 
     Attributes:
-        height: (ny, nx) upper bound of the ground's height in each cell, in base_footprint [m]; NaN where there is
-            none.
+        height: (ny, nx) upper bound of the ground's height in each cell, in base_footprint [m]; NaN where unbounded.
         sigma: standard deviation of each bound [m].
     """
 

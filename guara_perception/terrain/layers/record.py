@@ -1,13 +1,13 @@
-"""What a grid says of itself: the record of a scan, and that of the map of a walk."""
+"""Records of grids: metadata of a scan and of the map of a walk."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -19,14 +19,14 @@ from kinematics import Stance, StanceError
 from kinematics.arrays import read_only
 
 R = TypeVar("R", bound="GridRecord")
-Reader: TypeAlias = Callable[[object], object]
+Reader: TypeAlias = Callable[[object], Any]
 # Arrays of float64, read-only: (4, 4), (6, 6) and (3,).
 Transform: TypeAlias = Float
 Covariance: TypeAlias = Float
 Point: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
-# Fields in the order of their JSON text: of the pose, which a map takes from its scan, and of the node and its message.
+# Order of the fields in JSON: those of the pose, which a map copies from its scan, and those of the node and its message.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "support_feet_used", "transform_base_to_footprint", "transform_camera_to_base"),
@@ -49,19 +49,15 @@ class Health:
     level: str = "ok"
     reasons: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, object]:
-        """The JSON object."""
-        return {"level": self.level, "reasons": list(self.reasons)}
-
     @staticmethod
     def of(reasons: tuple[str, ...]) -> Health:
-        """Degraded where there are reasons, ok otherwise."""
+        """Degraded if there are reasons, ok otherwise."""
         return Health("degraded" if reasons else "ok", reasons)
 
 
 @dataclass(frozen=True, slots=True)
 class Rounding:
-    """How far the layers that are not rounded to one safe side may be from what was computed.
+    """Bounds of the rounding errors of the layers that are not rounded to a safe side.
 
     Attributes:
         elevation: largest error of an elevation [m].
@@ -72,38 +68,36 @@ class Rounding:
     variance: float = 0.0
 
 
-EXACT = Rounding()
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridRecord:
-    """What a scan and a map both say; None where it is not said.
+    """Fields common to scans and maps; None where a value is absent.
 
-    `to_json` gives docs/files.md's fields, and what came in by `from_json` goes out as it came, unknown fields too.
+    `to_json` gives the fields of docs/files.md. A record from `from_json` gives back what it was made of, unknown fields
+    included.
 
     Attributes:
-        robot, robot_description: name of the robot, and its files as `kinematics.describe_robot` packs them.
-        mode, method: pattern of the scan, and method of finding stripes.
-        calibration_hash, calibration_verdict: which calibration, and its verdict.
-        stance, attitude_source, support_feet_used: how the robot stood, and what its pose was computed from.
+        robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
+        mode, method: pattern of the scan, and method of stripe extraction.
+        calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
+        stance, attitude_source, support_feet_used: stance of the robot, and the inputs of its pose.
         transform_base_to_footprint, transform_camera_to_base: (4, 4) each.
         pose_covariance: (6, 6) of the pose in the footprint.
-        limits: limits by which cells were judged.
+        limits: traversability limits of the assessment.
         newer_limits, limit_flags: limits that this version does not know, and the flags that they set, by name.
-        validity_pauses, validity_seconds: how long a look may be used.
-        coverage, known: share of the expected cells, and of all cells, that are known.
+        validity_pauses, validity_seconds: validity of an observation.
+        coverage, known: fraction of the expected cells, and of all cells, that are known.
         hazard_cells: number of cells by flag.
         health: verdict on the grid.
-        rounding: by how much a compact encoding rounded it.
+        rounding: rounding of a compact encoding.
         refinement_follows: a finer scan follows in this pause.
         epoch: identity of the walk.
         provisional: the pause has yet to confirm that the robot stood still.
-        withdrawn: it takes another grid back.
+        withdrawn: it withdraws another grid.
         run, instance, sequence: run and name of the node that sent it, and number of its message.
-        scan_start, scan_end: first and last frame [ns since the epoch].
-        scan_end_clock: the last frame by the node's clock [s].
+        scan_start, scan_end: time of the first and last frame [ns since the epoch].
+        scan_end_clock: time of the last frame by the node's clock [s].
         extra: fields of other programs and versions, null fields, and known fields whose values cannot be read.
-        keys: names of the fields in the order in which they came.
+        keys: names of the fields in the order of the JSON object that was read.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = ()
@@ -158,7 +152,7 @@ class GridRecord:
 
     @classmethod
     def from_json(cls: type[R], data: Mapping[str, object]) -> R:
-        """The record of a JSON object, of any version: a value that cannot be read is refused when it is asked for."""
+        """Read the JSON object of any version; a value that cannot be read is refused by `check` where it is used."""
         known: dict[str, object] = {}
         extra: dict[str, object] = {}
         for name, value in data.items():
@@ -167,22 +161,22 @@ class GridRecord:
             except (KeyError, TypeError, ValueError, OverflowError, InvalidInput, StanceError):
                 extra[name] = value
         if "limits" in known:
-            known["newer_limits"] = _newer_limits(data["limits"])
+            known["newer_limits"] = {k: v for k, v in OBJECT(data["limits"]).items() if k not in LIMITS}
         record = cls(**known, extra=extra, keys=tuple(data))  # type: ignore[arg-type]
         record.__dict__["_json"] = MappingProxyType(dict(data))
         return record
 
     @classmethod
     def form_of(cls, name: str) -> str:
-        """Type of a field that is in the JSON object.
+        """Type of a field of the JSON object.
 
         Raises:
-            KeyError: it has no such field.
+            KeyError: no such field.
         """
         return str(cls.__dataclass_fields__[name].type)
 
     def to_json(self) -> Mapping[str, object]:
-        """The JSON object, read-only; fields in the order in which they came, further ones in that of `ORDER`."""
+        """The JSON object, read-only; fields in the order in which they were read, others in that of `ORDER`."""
         return self._json
 
     @cached_property
@@ -196,15 +190,15 @@ class GridRecord:
                 found[name] = self.extra[name]
         if self.limits is not None:
             found["limits"] = {**limits_to_dict(self.limits), **self.newer_limits}
-        # A field that is said replaces what could not be read.
+        # A field that has a value replaces what could not be read.
         found = {**found, **{name: value for name, value in self.extra.items() if name not in found}}
         return MappingProxyType({**{name: found[name] for name in self.keys if name in found}, **found})
 
     def check(self, *names: str) -> None:
-        """Refuse fields whose values could not be read, all of them where none is named; what is not there passes.
+        """Refuse values that could not be read, of the named fields or of all; absent fields pass.
 
         Raises:
-            InvalidInput: such a field.
+            InvalidInput: such a value.
         """
         for name in names or self.ORDER:
             if getattr(self, name, None) is None and (said := self.extra.get(name)) is not None:
@@ -214,10 +208,10 @@ class GridRecord:
 
     @property
     def required_limits(self) -> TraversabilityLimits:
-        """The limits by which cells were judged, those that this version knows.
+        """Traversability limits of the assessment, as far as this version knows them.
 
         Raises:
-            InvalidInput: there are none, or not all of them.
+            InvalidInput: limits are absent or incomplete.
         """
         if self.limits is None:
             raise InvalidInput(
@@ -227,10 +221,10 @@ class GridRecord:
         return self.limits
 
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
-        """Limits of a newer version by which the grid was judged too: name -> the flag that it sets, and its value.
+        """Limits of a newer version: name -> the flag that it sets, and its value.
 
-        A new limit has no flag of its own, since all bits for known ground are taken: it sets the nearest one and says
-        which in `limit_flags`. What it flagged is a hazard here like any other.
+        All bits for known ground are taken, so a new limit sets the nearest existing flag and names it in
+        `limit_flags`. A cell that it flagged is a hazard like any other.
         """
         self.check("limit_flags")
         return {
@@ -241,28 +235,28 @@ class GridRecord:
 
     @property
     def checked_rounding(self) -> Rounding:
-        """The rounding; zeros where the grid is as computed.
+        """The rounding, zero if the grid was not rounded.
 
         Raises:
-            InvalidInput: it cannot be read.
+            InvalidInput: the value cannot be read.
         """
         self.check("rounding")
-        return self.rounding or EXACT
+        return self.rounding or Rounding()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ScanRecord(GridRecord):
-    """What a scan says of itself.
+    """Record of a scan.
 
     Attributes:
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
-        stripes_missing: those that were not fired.
+        stripes_missing: stripes that were not fired.
         frames_bad, off_pictures_unused: reasons by number of the stripe.
-        points, points_used: number of image columns by status, and of those used.
+        points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area.
         seconds: processor time by stage [s].
-        lost_cells: cells whose frame was lost, runs (ix, first iy, end iy).
+        lost_cells: cells whose frame was lost, as runs (ix, first iy, end iy).
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (
@@ -288,18 +282,18 @@ class ScanRecord(GridRecord):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MapRecord(GridRecord):
-    """What the map of a walk says of itself.
+    """Record of the map of a walk.
 
     Attributes:
         transform_footprint_to_odom, odometry_covariance: (4, 4) and (6, 6), pose of this pause.
         scans: number of scans fused.
-        disagreeing_cells: heights of the last scan that disagreed with the map.
-        support_residuals: leg -> height of its sole over the map [m], None where the map knows too little.
-        height_correction, height_correction_sigma: of the walk [m].
-        known_ground: patches that were declared.
-        sideways_correction, sideways_correction_sigma: (x, y, yaw) of the walk [m, m, rad].
-        registration_refused: why the scan was not laid onto the map.
-        slipped_feet, odometry_residual, restarts: what leg odometry found.
+        disagreeing_cells: number of heights of the last scan that disagreed with the map.
+        support_residuals: leg -> height of its sole above the map [m], None where the map knows too little.
+        height_correction, height_correction_sigma: correction of the walk's height [m].
+        known_ground: declared patches.
+        sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
+        registration_refused: reason why the registration of the scan was not used.
+        slipped_feet, odometry_residual, restarts: findings of leg odometry.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (
@@ -335,10 +329,8 @@ def _plain(value: object) -> object:
         return value.tolist()
     if isinstance(value, Stance):
         return value.to_dict()
-    if isinstance(value, Health):
-        return value.to_json()
-    if isinstance(value, Rounding):
-        return {"elevation": value.elevation, "variance": value.variance}
+    if isinstance(value, Health | Rounding):
+        value = asdict(value)
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}
     return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value
@@ -355,14 +347,14 @@ def _is(*kinds: type) -> Reader:
 
 def _each(read: Reader) -> Reader:
     def read_all(value: object) -> object:
-        return tuple(read(entry) for entry in _list(value))
+        return tuple(read(entry) for entry in LIST(value))
 
     return read_all
 
 
 def _named(read: Reader) -> Reader:
     def read_all(value: object) -> object:
-        return {str(TEXT(name)): read(entry) for name, entry in _object(value).items()}
+        return {TEXT(name): read(entry) for name, entry in OBJECT(value).items()}
 
     return read_all
 
@@ -377,79 +369,57 @@ def _array(*shape: int) -> Reader:
     return read
 
 
-def _list(value: object) -> Sequence[object]:
-    if not isinstance(value, list | tuple):
-        raise TypeError(value)
-    return value
-
-
-def _object(value: object) -> Mapping[str, object]:
-    if not isinstance(value, Mapping):
-        raise TypeError(value)
-    return value
-
-
 def _run(value: object) -> object:
-    ix, first, end = (WHOLE(entry) for entry in _list(value))
+    ix, first, end = map(WHOLE, LIST(value))
     return ix, first, end
 
 
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(value)
-    return value
-
-
-def _number_or_null(value: object) -> object:
-    return None if value is None else _number(value)
-
-
 def _health(value: object) -> Health:
-    data = _object(value)
-    return Health(str(data.get("level", "ok")), tuple(str(reason) for reason in _list(data.get("reasons", ()))))
+    data = OBJECT(value)
+    return Health(str(data.get("level", "ok")), tuple(str(reason) for reason in LIST(data.get("reasons", ()))))
 
 
 def _rounding(value: object) -> Rounding:
-    data = _object(value)
-    rounding = Rounding(_number(data["elevation"]), _number(data["variance"]))
+    data = OBJECT(value)
+    rounding = Rounding(NUMBER(data["elevation"]), NUMBER(data["variance"]))
     if not (0 <= rounding.elevation < math.inf and 0 <= rounding.variance < math.inf):
         raise ValueError(value)
     return rounding
 
 
 def _limits(value: object) -> TraversabilityLimits:
-    return TraversabilityLimits(**known_limits(_object(value), TraversabilityLimits))  # type: ignore[arg-type]
+    return TraversabilityLimits(**known_limits(OBJECT(value), TraversabilityLimits))
 
 
-def known_limits(limits: Mapping[str, object], kind: type) -> dict[str, object]:
-    """Those of the limits that a class of limits has; a grid of a newer version may hold more."""
+def known_limits(limits: Mapping[str, Any], kind: type) -> dict[str, Any]:
+    """The limits that a class of limits has; a grid of a newer version may hold more."""
     return {entry.name: limits[entry.name] for entry in fields(kind) if entry.name in limits}
 
 
-def _newer_limits(value: object) -> dict[str, object]:
-    return {name: limit for name, limit in _object(value).items() if name not in LIMITS}
-
-
-TEXT, WHOLE, FLAG = _is(str), _is(int), _is(bool)
-# How a field of each type is read, and what it may be.
+TEXT, WHOLE, FLAG, NUMBER = _is(str), _is(int), _is(bool), _is(int, float)
+LIST, OBJECT = _is(list, tuple), _is(Mapping)
+# Reader of the fields of each type, and the allowed values for messages.
 FORMS: Mapping[str, tuple[Reader, str]] = {
     "str | None": (TEXT, "text"),
     "bool | None": (FLAG, "true and false"),
     "int | None": (WHOLE, "a whole number"),
-    "float | None": (_number, "a number"),
+    "float | None": (NUMBER, "a number"),
     "tuple[str, ...] | None": (_each(TEXT), "a list of texts"),
     "tuple[int, ...] | None": (_each(WHOLE), "a list of whole numbers"),
-    "tuple[float, ...] | None": (_each(_number), "a list of numbers"),
+    "tuple[float, ...] | None": (_each(NUMBER), "a list of numbers"),
     "tuple[Run, ...] | None": (_each(_run), "a list of runs [ix, first iy, end iy]"),
-    "tuple[Mapping[str, object], ...] | None": (_each(_object), "a list of objects"),
+    "tuple[Mapping[str, object], ...] | None": (_each(OBJECT), "a list of objects"),
     "Mapping[str, str] | None": (_named(TEXT), "an object of texts"),
     "Mapping[str, int] | None": (_named(WHOLE), "an object of whole numbers"),
-    "Mapping[str, float] | None": (_named(_number), "an object of numbers"),
-    "Mapping[str, float | None] | None": (_named(_number_or_null), "an object of numbers"),
+    "Mapping[str, float] | None": (_named(NUMBER), "an object of numbers"),
+    "Mapping[str, float | None] | None": (
+        _named(lambda value: None if value is None else NUMBER(value)),
+        "an object of numbers",
+    ),
     "Transform | None": (_array(4, 4), "4 x 4 finite numbers"),
     "Covariance | None": (_array(6, 6), "6 x 6 finite numbers"),
     "Point | None": (_array(3), "three finite numbers"),
-    "Stance | None": (lambda value: Stance.from_dict(_object(value)), "a stance"),
+    "Stance | None": (lambda value: Stance.from_dict(OBJECT(value)), "a stance"),
     "TraversabilityLimits | None": (_limits, f"an object of {', '.join(LIMITS)}"),
     "Health | None": (_health, "an object of level and reasons"),
     "Rounding | None": (_rounding, "an object of elevation [m] and variance, each 0 or more"),

@@ -15,6 +15,7 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import ScanRecord
 from kinematics import load_robot
 
@@ -29,14 +30,14 @@ def assess_terrain(
     variance: npt.ArrayLike | None = None,
     limits: TraversabilityLimits | None = None,
 ) -> TerrainGrid:
-    """Judge any elevation array as if the rangefinder had measured it.
+    """Assess any elevation array as if the rangefinder had measured it.
 
     Args:
         elevation: (ny, nx) heights [m], a[iy, ix], x fastest; NaN = unknown (becomes UNSCANNED).
         resolution: cell edge [m].
         origin: corner of cell (0, 0) [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
-        limits: what the feet can bear; None = those of the Guara's robot.toml.
+        limits: traversability limits; None = those of the Guara's robot.toml.
 
     Raises:
         InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance.
@@ -51,27 +52,25 @@ def assess_terrain(
     if limits is None:
         limits = default_limits()
     layers = assess_layers(Raster(heights, variances, heights, heights), hazard, geometry.resolution, limits)
-    layers["age"] = np.where(known, 0, 255).astype(np.uint8)
-    layers["looks"] = known.astype(np.uint8)
     return TerrainGrid(layers=layers, geometry=geometry, record=ScanRecord(limits=limits))
 
 
 @cache
 def default_limits() -> TraversabilityLimits:
-    """The limits of the Guara; read once, since reading them takes longer than judging a grid."""
+    """Limits of the Guara, cached: reading them takes longer than assessing a grid."""
     from guara_perception.settings import Settings
 
     return Settings.of(load_robot("guara")).limits
 
 
 def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> tuple[Float, Float]:
-    """Elevation and variance as float64 grids, or a clear refusal.
+    """Convert elevation and variance to float64 grids and check them.
 
     Raises:
         InvalidInput: no numbers, wrong shape, infinite or absurd heights, negative or missing variance at a known
             height.
     """
-    heights = _numbers(elevation, "elevation")
+    heights = numbers(elevation, "elevation")
     if heights.ndim != 2 or heights.size == 0:
         raise InvalidInput(f"elevation has shape {heights.shape}, it must be (ny, nx) with one cell or more")
     if np.isinf(heights).any():
@@ -82,16 +81,9 @@ def check_heights(elevation: npt.ArrayLike, variance: npt.ArrayLike | None) -> t
             f"elevation reaches {np.abs(heights[known]).max():.4g} m, at most {HIGHEST_M:.0f} m is allowed: "
             "heights are in metres, subtract a common height first"
         )
-    variances = np.where(known, 0.0, np.nan) if variance is None else _numbers(variance, "variance")
+    variances = np.where(known, 0.0, np.nan) if variance is None else numbers(variance, "variance")
     if variances.shape != heights.shape:
         raise InvalidInput(f"variance has shape {variances.shape}, elevation has {heights.shape}: they must be alike")
     if (~np.isfinite(variances[known])).any() or (variances[known] < 0).any():
         raise InvalidInput("variance is NaN, infinite or negative at a known height, it must be 0 or more [m^2]")
     return heights, np.where(known, variances, np.nan)
-
-
-def _numbers(values: npt.ArrayLike, name: str) -> Float:
-    try:
-        return np.array(values, dtype=np.float64)
-    except (ValueError, TypeError):
-        raise InvalidInput(f"{name} is no array of numbers, it must be (ny, nx)") from None

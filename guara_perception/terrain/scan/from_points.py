@@ -16,6 +16,7 @@ from guara_perception.terrain.assessment.raster import Raster, merge, rasterise,
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
+from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import Health, ScanRecord
 
 # A line of sight passes over a cell that reaches no higher than this much above it.
@@ -63,11 +64,11 @@ def terrain_from_points(
     cell = settings.resolution if resolution is None else float(resolution)
     geometry = GridGeometry.over(settings.footprint_x, settings.footprint_y, cell)
     cloud = _rows(points, "points")
-    sigmas = _numbers(sigma, "sigma")
+    sigmas = numbers(sigma, "sigma")
     if sigmas.shape not in ((), (len(cloud),)) or not (np.isfinite(sigmas) & (sigmas >= 0)).all():
         raise InvalidInput("sigma must be one number or one for each point, finite and 0 or more [m]")
     sigmas = np.broadcast_to(sigmas, (len(cloud),))
-    origin = _numbers(sensor_origin, "sensor_origin")
+    origin = numbers(sensor_origin, "sensor_origin")
     if origin.shape != (3,) or not np.isfinite(origin).all():
         raise InvalidInput(f"sensor_origin has shape {origin.shape}, it must be three finite numbers [m]")
     finite = np.isfinite(cloud).all(axis=1)
@@ -82,8 +83,6 @@ def terrain_from_points(
     raster = without_cells(raster, (hazard & UNKNOWN_MASK) != 0)
     layers = assess_layers(raster, hazard, geometry.resolution, settings.limits)
     seen = np.isfinite(layers["elevation"])
-    layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
-    layers["looks"] = seen.astype(np.uint8)
     record = ScanRecord(
         robot=robot.name,
         method="points",
@@ -150,14 +149,7 @@ def _cells_of(points: Float, geometry: GridGeometry) -> Mask:
 
 
 def _rows(values: npt.ArrayLike, name: str) -> Float:
-    array = _numbers(values, name)
+    array = numbers(values, name)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InvalidInput(f"{name} have shape {array.shape}, (n, 3) is needed")
     return array
-
-
-def _numbers(values: npt.ArrayLike, name: str) -> Float:
-    try:
-        return np.array(values, dtype=np.float64)
-    except (ValueError, TypeError):
-        raise InvalidInput(f"{name}: an array of numbers is needed") from None

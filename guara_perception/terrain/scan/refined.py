@@ -1,4 +1,4 @@
-"""`refined`: a coarse scan and some of the stripes between, as one grid."""
+"""Combination of a coarse scan with some of the stripes between into one grid."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from guara_perception.terrain.map.fuse_heights import scan_flags
 
 
 def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
-    """The grid of a scan of which only some of the stripes between were fired.
+    """Combine a coarse scan with a standard scan of which only some stripes were fired.
 
-    Where the standard scan looked, its answer counts, heights and unknowns alike; where it lacks a stripe that was
-    never fired, the coarse scan's does. A stripe that was fired and lost leaves its cells unknown.
+    Cells that the standard scan observed are taken from it, unknown ones included; cells of stripes that were never
+    fired are taken from the coarse scan. A stripe that was fired and lost leaves its cells unknown.
 
     Args:
         coarse: grid of the coarse stripes.
@@ -41,8 +41,5 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
 
     raster = Raster(*(either(name) for name in ("elevation", "variance", "elevation_min", "elevation_max")))
     layers = assess_layers(raster, flags, coarse.resolution, standard.record.required_limits)
-    seen = np.isfinite(layers["elevation"])
-    layers["age"] = np.where(seen, 0, 255).astype(np.uint8)
-    layers["looks"] = seen.astype(np.uint8)
-    known = float(seen.mean())
+    known = float(np.isfinite(layers["elevation"]).mean())
     return dataclasses.replace(standard, layers=layers, record=dataclasses.replace(standard.record, known=known))
