@@ -26,7 +26,7 @@ Covariance: TypeAlias = Float
 Point: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
-# Order of the fields in JSON: those of the pose, which a map copies from its scan, and those of the node and its message.
+# Order of the fields in JSON: those of the pose, which a map copies from its scan; those of the node and its message.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "support_feet_used", "transform_base_to_footprint", "transform_camera_to_base"),
@@ -72,8 +72,8 @@ class Rounding:
 class GridRecord:
     """Fields common to scans and maps; None where a value is absent.
 
-    `to_json` gives the fields of docs/files.md. A record from `from_json` gives back what it was made of, unknown fields
-    included.
+    `to_json` gives the fields of docs/files.md. A record from `from_json` gives back all fields that it was made of,
+    unknown ones too.
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
@@ -372,6 +372,10 @@ def _array(*shape: int) -> Reader:
 def _run(value: object) -> object:
     ix, first, end = map(WHOLE, LIST(value))
     return ix, first, end
+
+
+def _number_or_null(value: object) -> object:
+    return None if value is None else NUMBER(value)
 
 
 def _health(value: object) -> Health:
