@@ -2,132 +2,78 @@
 
 from __future__ import annotations
 
-from transport.client import PerceptionClient
-from transport.configuration import DEFAULT_ENDPOINT
-from transport.exceptions import (
-    ConfigurationError,
-    ConnectionFailed,
-    KeyNameError,
-    MessageError,
-    NameTaken,
-    ReceiveTimeout,
-    RecordingError,
-    ScanBusy,
-    ScanFailed,
-    ScannerGone,
-    ScannerUnavailable,
-    ScanTimeout,
-    SecurityError,
-    SessionClosed,
-    StaleTerrain,
-    TransportError,
-    UnknownPhase,
-    VersionError,
-)
-from transport.keys import DEFAULT_ROBOT
-from transport.links.liveliness import AliveToken, AliveWatcher
-from transport.links.outbox import Outbox
-from transport.links.publisher import Publisher
-from transport.links.received import Received
-from transport.links.receiver import NewestReceiver
-from transport.links.ros2 import Ros2Mirror
-from transport.links.session import Session, open_client, open_node
-from transport.messages.camera_info import camera_info_message
-from transport.messages.codec import decode, encode
-from transport.messages.frames import frames_message
-from transport.messages.grids import grid_map_message, occupancy_message
-from transport.messages.markers import markers_message
-from transport.messages.point_cloud import point_cloud_message
-from transport.messages.scan_messages import QueryRequest, Refusal, ScanReply, ScanRequest, ScanState
-from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
-from transport.messages.status_message import Status, StatusItem, decode_status, encode_status
-from transport.messages.submessages import GroundPatch, ObstacleMessage, StanceMessage, TransformMessage
-from transport.messages.terrain_codec import decode_terrain, encode_terrain
-from transport.messages.terrain_message import LAYERS, Health, TerrainMessage
-from transport.messages.text import text_message
-from transport.queries.query import QueryServer, query_terrain
-from transport.queries.scan_client import request_scan
-from transport.queries.scan_server import ScanJob, ScanServer
-from transport.queries.status_reporter import StatusReporter
-from transport.security.folder import init_security
-from transport.security_check import Permission, check_security, format_matrix
-from transport.server import PerceptionServer
-from transport.stance_link import StancePublisher, StanceReceiver
-
-__all__ = [
-    "DEFAULT_ENDPOINT",
-    "DEFAULT_ROBOT",
-    "LAYERS",
-    "AliveToken",
-    "AliveWatcher",
-    "ConfigurationError",
-    "ConnectionFailed",
-    "GroundPatch",
-    "Health",
-    "KeyNameError",
-    "MessageError",
-    "NameTaken",
-    "NewestReceiver",
-    "ObstacleMessage",
-    "Outbox",
-    "PausePhase",
-    "PerceptionClient",
-    "PerceptionServer",
-    "Permission",
-    "Publisher",
-    "QueryRequest",
-    "QueryServer",
-    "ReceiveTimeout",
-    "Received",
-    "RecordingError",
-    "Refusal",
-    "Ros2Mirror",
-    "ScanBusy",
-    "ScanFailed",
-    "ScanJob",
-    "ScanReply",
-    "ScanRequest",
-    "ScanServer",
-    "ScanState",
-    "ScanTimeout",
-    "ScannerGone",
-    "ScannerUnavailable",
-    "SecurityError",
-    "Session",
-    "SessionClosed",
-    "StaleTerrain",
-    "StanceMessage",
-    "StancePause",
-    "StancePublisher",
-    "StanceReceiver",
-    "Status",
-    "StatusItem",
-    "StatusReporter",
-    "TerrainMessage",
-    "TransformMessage",
-    "TransportError",
-    "UnknownPhase",
-    "VersionError",
-    "camera_info_message",
-    "check_security",
-    "decode",
-    "decode_stance_pause",
-    "decode_status",
-    "decode_terrain",
-    "encode",
-    "encode_stance_pause",
-    "encode_status",
-    "encode_terrain",
-    "format_matrix",
-    "frames_message",
-    "grid_map_message",
-    "init_security",
-    "markers_message",
-    "occupancy_message",
-    "open_client",
-    "open_node",
-    "point_cloud_message",
-    "query_terrain",
-    "request_scan",
-    "text_message",
-]
+from transport.client import PerceptionClient as PerceptionClient
+from transport.configuration import DEFAULT_ENDPOINT as DEFAULT_ENDPOINT
+from transport.exceptions import ConfigurationError as ConfigurationError
+from transport.exceptions import ConnectionFailed as ConnectionFailed
+from transport.exceptions import KeyNameError as KeyNameError
+from transport.exceptions import MessageError as MessageError
+from transport.exceptions import NameTaken as NameTaken
+from transport.exceptions import ReceiveTimeout as ReceiveTimeout
+from transport.exceptions import RecordingError as RecordingError
+from transport.exceptions import ScanBusy as ScanBusy
+from transport.exceptions import ScanFailed as ScanFailed
+from transport.exceptions import ScannerGone as ScannerGone
+from transport.exceptions import ScannerUnavailable as ScannerUnavailable
+from transport.exceptions import ScanTimeout as ScanTimeout
+from transport.exceptions import SecurityError as SecurityError
+from transport.exceptions import SessionClosed as SessionClosed
+from transport.exceptions import StaleTerrain as StaleTerrain
+from transport.exceptions import TransportError as TransportError
+from transport.exceptions import UnknownPhase as UnknownPhase
+from transport.exceptions import VersionError as VersionError
+from transport.keys import DEFAULT_ROBOT as DEFAULT_ROBOT
+from transport.links.liveliness import AliveToken as AliveToken
+from transport.links.liveliness import AliveWatcher as AliveWatcher
+from transport.links.outbox import Outbox as Outbox
+from transport.links.publisher import Publisher as Publisher
+from transport.links.received import Received as Received
+from transport.links.receiver import NewestReceiver as NewestReceiver
+from transport.links.ros2 import Ros2Mirror as Ros2Mirror
+from transport.links.session import Session as Session
+from transport.links.session import open_client as open_client
+from transport.links.session import open_node as open_node
+from transport.messages.camera_info import camera_info_message as camera_info_message
+from transport.messages.codec import decode as decode
+from transport.messages.codec import encode as encode
+from transport.messages.frames import frames_message as frames_message
+from transport.messages.grids import grid_map_message as grid_map_message
+from transport.messages.grids import occupancy_message as occupancy_message
+from transport.messages.markers import markers_message as markers_message
+from transport.messages.point_cloud import point_cloud_message as point_cloud_message
+from transport.messages.scan_messages import QueryRequest as QueryRequest
+from transport.messages.scan_messages import Refusal as Refusal
+from transport.messages.scan_messages import ScanReply as ScanReply
+from transport.messages.scan_messages import ScanRequest as ScanRequest
+from transport.messages.scan_messages import ScanState as ScanState
+from transport.messages.stance_pause import PausePhase as PausePhase
+from transport.messages.stance_pause import StancePause as StancePause
+from transport.messages.stance_pause import decode_stance_pause as decode_stance_pause
+from transport.messages.stance_pause import encode_stance_pause as encode_stance_pause
+from transport.messages.status_message import Status as Status
+from transport.messages.status_message import StatusItem as StatusItem
+from transport.messages.status_message import decode_status as decode_status
+from transport.messages.status_message import encode_status as encode_status
+from transport.messages.submessages import GroundPatch as GroundPatch
+from transport.messages.submessages import ObstacleMessage as ObstacleMessage
+from transport.messages.submessages import StanceMessage as StanceMessage
+from transport.messages.submessages import TransformMessage as TransformMessage
+from transport.messages.terrain_codec import decode_terrain as decode_terrain
+from transport.messages.terrain_codec import encode_terrain as encode_terrain
+from transport.messages.terrain_message import LAYERS as LAYERS
+from transport.messages.terrain_message import Health as Health
+from transport.messages.terrain_message import TerrainMessage as TerrainMessage
+from transport.messages.text import text_message as text_message
+from transport.queries.query import QueryServer as QueryServer
+from transport.queries.query import query_terrain as query_terrain
+from transport.queries.scan_client import request_scan as request_scan
+from transport.queries.scan_server import ScanJob as ScanJob
+from transport.queries.scan_server import ScanServer as ScanServer
+from transport.queries.status_reporter import StatusReporter as StatusReporter
+from transport.security.folder import init_security as init_security
+from transport.security_check import Permission as Permission
+from transport.security_check import check_security as check_security
+from transport.security_check import format_matrix as format_matrix
+from transport.server import PerceptionServer as PerceptionServer
+from transport.stance_link import StancePublisher as StancePublisher
+from transport.stance_link import StanceReceiver as StanceReceiver

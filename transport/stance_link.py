@@ -8,10 +8,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from transport import clock, zenoh_api
+from transport import clock
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
-from transport.links.outbox import MAXIMUM_PENDING, Outbox
+from transport.links.answerer import Answerer
+from transport.links.outbox import Outbox
 from transport.links.publisher import URGENT, Publisher
 from transport.links.receiver import NewestReceiver
 from transport.links.session import Resource, Session
@@ -45,18 +46,14 @@ class StancePublisher(Resource):
         self, session: Session, *, robot: str = DEFAULT_ROBOT, clock: Callable[[], int] = time.time_ns
     ) -> None:
         """Declare the keys."""
-        self._is_closed = False
-        self._robot, self._clock, self._clock_key = robot, clock, gait_clock_key(robot)
+        self._robot, self._clock = robot, clock
         encoding = cdr(STANCE_PAUSE)
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
         # Not kept for those who join later: they need the BEGIN.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._outbox = Outbox()
-        self._count = self._questions = 0
-        self._raw: Any = session.attempt(
-            lambda: zenoh_api.declare_queryable(session.raw, self._clock_key, self._on_question),
-            f"cannot serve {self._clock_key!r}",
-        )
+        self._count = 0
+        self._answerer = Answerer(session, gait_clock_key(robot), self._answer)
         super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
@@ -75,33 +72,18 @@ class StancePublisher(Resource):
             self._outbox.post(f"{self._holds.key} hold", lambda: self._holds.put(encode_stance_pause(pause)))
             return
         self._count += 1
-        self._outbox.post(f"{self._publisher.key} {self._count}", lambda: self._send(pause))
+        key = f"{self._publisher.key} {self._count}"
+        self._outbox.post(key, lambda: self._publisher.put(encode_stance_pause(pause)))
 
-    def _send(self, pause: StancePause) -> None:
-        self._publisher.put(encode_stance_pause(pause))
-
-    def _on_question(self, query: Any) -> None:
-        # Zenoh's thread: read the clock and hand over.
-        now = self._clock()
-        self._questions += 1
-        if self._is_closed or self._outbox.pending >= MAXIMUM_PENDING:
-            query.drop()
-            return
-
-        def answer() -> None:
-            query.reply(self._clock_key, encode(make_time(now)), encoding=cdr(TIME))
-            query.drop()
-
-        lane = f"{self._clock_key} {self._questions}"
-        self._outbox.post(lane, answer, lane=lane)
+    def _answer(self, query: Any) -> None:
+        query.reply(self._answerer.key, encode(make_time(self._clock())), encoding=cdr(TIME))
 
     def flush(self, timeout: float) -> None:
         """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def _release(self) -> None:
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._answerer.close()
         self._outbox.close()
         self._holds.close()
         self._publisher.close()
@@ -116,11 +98,6 @@ class GaitClock(RemoteClock):
         self._bound: ClockBound | None = None
         self._heard = math.inf
         super().__init__(session, gait_clock_key(robot), period=CLOCK_PERIOD)
-
-    @property
-    def key(self) -> str:
-        """Key that is asked."""
-        return self._key
 
     @property
     def state(self) -> str:
@@ -203,8 +180,8 @@ class StanceReceiver(NewestReceiver[StancePause]):
     def _follow(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._is_closed)
-                if self._is_closed:
+                self._changed.wait_for(lambda: self._waiting or self.is_closed)
+                if self.is_closed:
                     return
                 announcement = self._waiting.popleft()
             try:

@@ -38,22 +38,21 @@ class ClockOffset:
 
 
 class NodeClock(RemoteClock):
-    """Asks the node for its status now and then; the answer gives its clock, as exactly as the answer was quick."""
+    """Clock of the node, from its status; the quicker the answer, the smaller the uncertainty.
+
+    Attributes:
+        offset: offset of the two wall clocks; None while the node has not answered.
+    """
 
     def __init__(self, session: Session, robot: str, hear: Callable[[Status, float], str]) -> None:
         """Begin to ask, on a thread of its own; `hear` gets each answer, with the instant [s] at which it was asked."""
         self._lock = threading.Lock()
         self._bounds: dict[str, ClockBound] = {}
         self._hear = hear
-        self._offset: ClockOffset | None = None
+        self.offset: ClockOffset | None = None
         self._jumps = 0
         self._detector = clock.JumpDetector()
         super().__init__(session, status_key(robot), period=PERIOD)
-
-    @property
-    def offset(self) -> ClockOffset | None:
-        """Offset of the two wall clocks; None while the node has not answered."""
-        return self._offset
 
     def age(self, run: str, reading: float) -> float | None:
         """[s] since the clock of a run of the node showed `reading`; None when that clock is not known.
@@ -101,8 +100,8 @@ class NodeClock(RemoteClock):
             self._jumps += 1
             logger.warning("this machine's clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
         offset = (node - here) * 1e-9 - took / 2
-        last = self._offset
-        self._offset = ClockOffset(offset, took / 2, self._jumps)
+        last = self.offset
+        self.offset = ClockOffset(offset, took / 2, self._jumps)
         if abs(offset) - took > WORTH_TELLING and (last is None or abs(offset - last.offset) > WORTH_TELLING):
             logger.warning(
                 "the node's clock is %.1f s %s of this machine's; the ages of grids do not depend on it",

@@ -61,7 +61,11 @@ class Patience:
 
 
 class Fetcher:
-    """Knows which message each publisher of a key sent last, and fetches it when it did not come by itself."""
+    """Fetches the last message of each publisher of a key when it did not come by itself.
+
+    Attributes:
+        fetched: messages that were fetched.
+    """
 
     def __init__(
         self,
@@ -89,18 +93,13 @@ class Fetcher:
         self._announced: dict[str, int] = {}
         self._is_closed = False
         self._size = FIRST_PIECE
-        self._fetched = 0
+        self.fetched = 0
         self._patience = Patience()
         # When the number of each publisher was announced that has not come yet.
         self._heard: dict[str, tuple[int, float]] = {}
         self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
         self._thread = session.thread(f"transport-fetch {key}", self._run)
         self._thread.start()
-
-    @property
-    def fetched(self) -> int:
-        """Messages that did not come by themselves and were fetched."""
-        return self._fetched
 
     def take(self, source: str, number: int, payload: bytes) -> None:
         """Hand over a message that came by itself, unless a later one of its publisher came before."""
@@ -132,8 +131,7 @@ class Fetcher:
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._session.undeclare(self._raw)
         if self._thread is not threading.current_thread():
             self._thread.join(CLOSE_TIMEOUT)
 
@@ -220,7 +218,7 @@ class Fetcher:
             if len(buffer) >= head[1]:
                 if fetched >= FIRST_PIECE:
                     self._judge(fetched / took)
-                self._fetched += 1
+                self.fetched += 1
                 self._hand_over(source, number, bytes(buffer))
                 return
         with self._changed:

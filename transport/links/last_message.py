@@ -19,11 +19,8 @@ from typing import Any
 
 from transport import zenoh_api
 from transport.exceptions import TransportError
-from transport.links.outbox import Outbox
+from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
-from transport.messages.encodings import cdr
-from transport.messages.scan_messages import Refusal, encode_refusal
-from transport.messages.typestore import REFUSAL
 
 logger = logging.getLogger(__name__)
 # Questions that are answered at a time; more are dropped, and asked again.
@@ -87,23 +84,16 @@ class LastMessage:
             answers: whether a query of the key itself gets the last message too.
         """
         self._session, self._key, self._encoding = session, key, encoding
-        self._announcement_key, self._pieces = announcement_key(key, source), pieces_key(key, source)
+        self._pieces = pieces_key(key, source)
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[MadeOnce, bytes | None, float]] = OrderedDict()
         self._last = -1
-        self._questions = 0
-        self._outbox = Outbox()
         self._is_closing = False
-        raw = session.raw
-        self._raw: list[Any] = [
-            zenoh_api.declare_queryable(raw, self._announcement_key, self._on_history),
-            zenoh_api.declare_queryable(raw, self._pieces, self._on_piece),
-            zenoh_api.declare_token(raw, self._announcement_key),
-        ]
-        if answers:
-            self._raw.append(zenoh_api.declare_queryable(raw, key, self._on_get))
-        self._beat = zenoh_api.declare_publisher(raw, self._announcement_key, "INTERACTIVE_LOW")
-        self._raw.append(self._beat)
+        announcements, served = announcement_key(key, source), {self._pieces: self._answer_piece}
+        served |= {announcements: self._answer_history} | ({key: self._answer_get} if answers else {})
+        self._answerers = [Answerer(session, own, take, limit=MAXIMUM_ANSWERS) for own, take in served.items()]
+        self._token = zenoh_api.declare_token(session.raw, announcements)
+        self._beat = zenoh_api.declare_publisher(session.raw, announcements, "INTERACTIVE_LOW")
         # Repeated, so that the loss of a message is noticed though nothing follows it.
         session.pulse.add(self, self._repeat)
 
@@ -138,34 +128,11 @@ class LastMessage:
             if not self._is_closing and not self._session.is_closed:
                 logger.error("%s", error)
 
-    def _on_history(self, query: Any) -> None:
-        self._hand_over(query, self._answer_history)
-
-    def _on_get(self, query: Any) -> None:
-        self._hand_over(query, self._answer_get)
-
-    def _on_piece(self, query: Any) -> None:
-        # Advanced subscribers ask `KEY/@adv/**`: theirs is the other queryable.
-        if query.parameters.get("piece") is None:
-            query.drop()
-        else:
-            self._hand_over(query, self._answer_piece)
-
-    def _hand_over(self, query: Any, answer: Any) -> None:
-        with self._lock:
-            self._questions += 1
-            lane = str(self._questions)
-        if self._is_closing or self._outbox.pending >= MAXIMUM_ANSWERS:
-            query.drop()
-        else:
-            self._outbox.post(self._key, lambda: answer(query), lane=lane)
-
     def _answer_history(self, query: Any) -> None:
         with self._lock:
             number, (payload, attachment, _) = self._last, self._kept.get(self._last, NOTHING)
         if number >= 0 and _is_within(number, query.parameters.get("_sn")):
             query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
-        query.drop()
 
     def _answer_get(self, query: Any) -> None:
         with self._lock:
@@ -173,12 +140,12 @@ class LastMessage:
         if number >= 0:
             query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
         else:
-            message = f"nothing was published on {self._key!r} yet"
-            refusal = encode_refusal(Refusal(id="", code="no_terrain", message=message))
-            query.reply_err(refusal, encoding=cdr(REFUSAL))
-        query.drop()
+            refuse(query, "no_terrain", f"nothing was published on {self._key!r} yet")
 
     def _answer_piece(self, query: Any) -> None:
+        if query.parameters.get("piece") is None:
+            # Advanced subscribers ask `KEY/@adv/**`: theirs is the other queryable.
+            return
         begin, size = _whole(query.parameters.get("piece"), 0), _whole(query.parameters.get("size"), 0)
         with self._lock:
             number = _whole(query.parameters.get("number"), -1)
@@ -191,16 +158,14 @@ class LastMessage:
             whole = payload()
             piece = bytes(memoryview(whole)[begin : begin + max(0, min(size, MAXIMUM_PIECE))])
             query.reply(self._pieces, piece, attachment=PIECE.pack(number, len(whole), begin))
-        query.drop()
 
     def close(self) -> None:
         """Undeclare all keys."""
         self._is_closing = True
         self._session.pulse.remove(self)
-        self._outbox.close()
-        if not self._session.raw_is_closed:
-            for declared in self._raw:
-                declared.undeclare()
+        for answerer in self._answerers:
+            answerer.close()
+        self._session.undeclare(self._token, self._beat)
 
 
 def _whole(text: str | None, default: int) -> int:

@@ -20,20 +20,23 @@ class AliveToken(Resource):
         super().__init__(session)
 
     def _release(self) -> None:
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._session.undeclare(self._raw)
 
 
 class AliveWatcher(Resource):
-    """Knows whether the token on one key is there."""
+    """Watcher of the token on one key.
+
+    Attributes:
+        key: key of the token.
+        is_alive: whether the token is there now.
+        was_seen: whether the token was there at any time.
+    """
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] | None = None) -> None:
         """Watch `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
         self.key = key
         self._changed = threading.Condition()
-        self._alive = False
-        self._seen = False
-        self._is_closed = False
+        self.is_alive = self.was_seen = False
         self._on_change = on_change
         self._raw: Any = session.attempt(
             lambda: zenoh_api.watch_tokens(session.raw, key, self._on_token), f"cannot watch {key!r}"
@@ -42,60 +45,47 @@ class AliveWatcher(Resource):
 
     def _on_token(self, key: str, alive: bool) -> None:
         with self._changed:
-            self._alive = alive
-            self._seen = self._seen or alive
+            self.is_alive = alive
+            self.was_seen |= alive
             self._changed.notify_all()
         if self._on_change is not None:
             self._on_change(alive)
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether the token is there now."""
-        return self._alive
-
-    @property
-    def was_seen(self) -> bool:
-        """Whether the token was there at any time."""
-        return self._seen
-
     def wait(self, alive: bool, timeout: float) -> bool:
         """Wait until the token is there (or gone); False when `timeout` [s] passed before."""
         with self._changed:
-            self._changed.wait_for(lambda: self._alive == alive or self._is_closed, timeout)
-            return self._alive == alive
+            self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
+            return self.is_alive == alive
 
     def _release(self) -> None:
         with self._changed:
             self._changed.notify_all()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._session.undeclare(self._raw)
 
 
 class TokenWatcher(Resource):
-    """Knows which tokens of a group are there, by the last chunk of their keys."""
+    """Watcher of a group of tokens.
+
+    Attributes:
+        names: last chunks of the keys of all tokens that are there now.
+    """
 
     def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None] | None = None) -> None:
         """Watch `keys`, a key expression; `on_change(names)` runs on Zenoh's thread and must not block."""
         self._lock = threading.Lock()
-        self._names: frozenset[str] = frozenset()
+        self.names: frozenset[str] = frozenset()
         self._on_change = on_change
         self._raw: Any = session.attempt(
             lambda: zenoh_api.watch_tokens(session.raw, keys, self._on_token), f"cannot watch {keys!r}"
         )
         super().__init__(session)
 
-    @property
-    def names(self) -> frozenset[str]:
-        """Last chunks of the keys of all tokens that are there now."""
-        return self._names
-
     def _on_token(self, key: str, alive: bool) -> None:
         name = key.rpartition("/")[2]
         with self._lock:
-            self._names = names = self._names | {name} if alive else self._names - {name}
+            self.names = names = self.names | {name} if alive else self.names - {name}
         if self._on_change is not None:
             self._on_change(names)
 
     def _release(self) -> None:
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._session.undeclare(self._raw)

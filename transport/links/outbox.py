@@ -11,9 +11,6 @@ from transport.exceptions import ReceiveTimeout, SessionClosed
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
-MAXIMUM_PENDING = 64
-
 # [s] How long closing waits for messages that are being sent.
 CLOSE_TIMEOUT = 2.0
 
@@ -23,6 +20,13 @@ class Outbox:
 
     In a lane at most one action of a key waits: a newer one of the same key replaces it, which is counted. A lane's
     thread lives while there is something to do.
+
+    Attributes:
+        sent: actions that were run without error.
+        superseded: actions that were replaced by a newer one before they ran.
+        failed: actions that raised.
+        last_error: text of the last error, empty when there was none.
+        longest: time that the slowest action took [s].
     """
 
     def __init__(self) -> None:
@@ -31,42 +35,15 @@ class Outbox:
         self._lanes: dict[str, dict[str, Callable[[], None]]] = {}
         self._threads: dict[str, threading.Thread] = {}
         self._closed = False
-        self._sent = 0
-        self._superseded = 0
-        self._failed = 0
-        self._last_error = ""
-        self._longest = 0.0
-
-    @property
-    def sent(self) -> int:
-        """Actions that were run without error."""
-        return self._sent
+        self.sent = self.superseded = self.failed = 0
+        self.last_error = ""
+        self.longest = 0.0
 
     @property
     def pending(self) -> int:
         """Actions that wait, and those that run."""
         with self._changed:
             return sum(map(len, self._lanes.values())) + len(self._threads)
-
-    @property
-    def superseded(self) -> int:
-        """Actions that were replaced by a newer one before they ran."""
-        return self._superseded
-
-    @property
-    def failed(self) -> int:
-        """Actions that raised."""
-        return self._failed
-
-    @property
-    def last_error(self) -> str:
-        """Text of the last error, empty when there was none."""
-        return self._last_error
-
-    @property
-    def longest(self) -> float:
-        """[s] Time that the slowest action took."""
-        return self._longest
 
     def post(self, key: str, action: Callable[[], None], *, lane: str = "") -> None:
         """Hand over an action; returns at once.
@@ -84,7 +61,7 @@ class Outbox:
                 raise SessionClosed(f"cannot send on {key!r}: the outbox is closed")
             waiting = self._lanes.setdefault(lane, {})
             if waiting.pop(key, None) is not None:
-                self._superseded += 1
+                self.superseded += 1
             waiting[key] = action
             if lane not in self._threads:
                 # A daemon: a put that a broken link holds must not keep the interpreter; close() joins it.
@@ -126,8 +103,8 @@ class Outbox:
             with self._changed:
                 self._lanes.pop(lane, None)
                 self._threads.pop(lane, None)
-                self._failed += 1
-                self._last_error = str(failure)
+                self.failed += 1
+                self.last_error = str(failure)
                 self._changed.notify_all()
 
     def _run(self, lane: str) -> None:
@@ -148,7 +125,7 @@ class Outbox:
                 error = f"{key}: {failure}"
                 logger.error("sending on %s failed: %s", key, failure)
             with self._changed:
-                self._longest = max(self._longest, time.monotonic() - start)
-                self._sent += not error
-                self._failed += bool(error)
-                self._last_error = error or self._last_error
+                self.longest = max(self.longest, time.monotonic() - start)
+                self.sent += not error
+                self.failed += bool(error)
+                self.last_error = error or self.last_error

@@ -21,6 +21,10 @@ class Publisher(Resource):
 
     What the link of a reader cannot carry now is dropped for that reader alone. A latched publisher keeps it, and
     `NewestReceiver` fetches it in pieces.
+
+    Attributes:
+        key: key on which it publishes.
+        count: payloads that were put.
     """
 
     def __init__(
@@ -49,7 +53,7 @@ class Publisher(Resource):
         """
         self.key = key
         self._lock = threading.Lock()
-        self._count = 0
+        self.count = 0
         what = f"cannot publish on {key!r}"
         self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
         self._last: LastMessage | None = None
@@ -57,11 +61,6 @@ class Publisher(Resource):
             source = zenoh_api.source_of(self._raw)
             self._last = session.attempt(lambda: LastMessage(session, key, source, encoding, answers=answers), what)
         super().__init__(session)
-
-    @property
-    def count(self) -> int:
-        """Payloads that were put."""
-        return self._count
 
     def put(self, payload: Payload | Callable[[], Payload], attachment: bytes | None = None) -> None:
         """Send one payload. Returns without error when nobody listens or the link is down.
@@ -75,7 +74,7 @@ class Publisher(Resource):
             SessionClosed: the session is closed.
         """
         with self._lock:
-            number = self._count
+            number = self.count
             made = MadeOnce(payload if callable(payload) else lambda: payload)
             if self._last is not None:
                 self._last.keep(number, made, attachment)
@@ -84,12 +83,11 @@ class Publisher(Resource):
                 self._session.attempt(
                     lambda: zenoh_api.put(self._raw, content, attachment, number), f"cannot send on {self.key!r}"
                 )
-            self._count += 1
+            self.count += 1
             if self._last is not None:
                 self._last.announce()
 
     def _release(self) -> None:
         if self._last is not None:
             self._last.close()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        self._session.undeclare(self._raw)

@@ -28,6 +28,14 @@ class NewestReceiver(Resource, Generic[T]):
     Zenoh's thread copies each payload, which replaces the one before; decoding happens in the thread that asks. A slow
     reader therefore never sees an old message, and never holds anybody up. What was published before, or lost on a
     slow link, is fetched.
+
+    Attributes:
+        key: key that it receives.
+        received: samples that arrived.
+        superseded: samples that a newer one replaced before anybody asked for them.
+        missed: samples that were published and lost on the way.
+        rejected: samples that were not a valid message.
+        refused: samples from another sender, or out of order.
     """
 
     def __init__(
@@ -58,8 +66,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._refusals = Seldom(logger)
         self._changed = threading.Condition()
         self._sample: Sample[T] | None = None
-        self._received = self._superseded = self._missed = self._rejected = self._refused = 0
-        self._is_closed = False
+        self.received = self.superseded = self.missed = self.rejected = self.refused = 0
         self._threads: list[threading.Thread] = []
         self._listening = threading.Lock()
         self._raw: Any = None
@@ -75,42 +82,16 @@ class NewestReceiver(Resource, Generic[T]):
     def _listen(self, wanted: bool) -> None:
         """Subscribe, or unsubscribe: what is published is then fetched piece by piece."""
         with self._listening:
-            if wanted and self._raw is None and not self._is_closed:
+            if wanted and self._raw is None and not self.is_closed:
                 self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)
             elif not wanted and self._raw is not None:
                 raw, self._raw = self._raw, None
-                if not self._session.raw_is_closed:
-                    raw.undeclare()
-
-    @property
-    def received(self) -> int:
-        """Samples that arrived."""
-        return self._received
-
-    @property
-    def superseded(self) -> int:
-        """Samples that a newer one replaced before anybody asked for them."""
-        return self._superseded
-
-    @property
-    def missed(self) -> int:
-        """Samples that were published and lost on the way."""
-        return self._missed
+                self._session.undeclare(raw)
 
     @property
     def fetched(self) -> int:
         """Samples that did not come by themselves and were fetched, at the beginning or after a loss on the way."""
         return 0 if self._fetcher is None else self._fetcher.fetched
-
-    @property
-    def refused(self) -> int:
-        """Samples that were of somebody else, or out of order."""
-        return self._refused
-
-    @property
-    def rejected(self) -> int:
-        """Samples that were no valid message."""
-        return self._rejected
 
     def _on_sample(self, sample: Any) -> None:
         # Copied here, not when it is read: the payload may lie in memory shared with the publisher, and a
@@ -123,26 +104,26 @@ class NewestReceiver(Resource, Generic[T]):
             self._fetcher.take(*number, payload)
 
     def _take(self, payload: bytes) -> None:
-        sample = Sample(payload, self._received + 1, self._decode)
+        sample = Sample(payload, self.received + 1, self._decode)
         if self._refusal is not None:
             try:
                 refusal = self._refusal(sample.peek())
             except MessageError:
                 refusal = ""
             if refusal:
-                self._refused += 1
+                self.refused += 1
                 self._refusals.say("message on %s not taken: %s", self.key, refusal)
                 return
         with self._changed:
             if self._sample is not None and not self._sample.taken:
-                self._superseded += 1
-            self._received += 1
+                self.superseded += 1
+            self.received += 1
             self._sample = sample
             self._changed.notify_all()
 
     def _on_miss(self, count: int) -> None:
         with self._changed:
-            self._missed += count
+            self.missed += count
 
     def _open(self, sample: Sample[T]) -> Received[T]:
         first = not sample.taken
@@ -150,7 +131,7 @@ class NewestReceiver(Resource, Generic[T]):
             return sample.open()
         except MessageError:
             if first:
-                self._rejected += 1
+                self.rejected += 1
             raise
 
     def latest(self) -> Received[T] | None:
@@ -197,7 +178,7 @@ class NewestReceiver(Resource, Generic[T]):
 
     def has_newer(self, received: Received[T]) -> bool:
         """Whether a message has arrived after a received one."""
-        return self._received > received.number
+        return self.received > received.number
 
     def nothing(self, timeout: float) -> str:
         """Message about a wait of `timeout` seconds that ended without a message."""
@@ -209,7 +190,7 @@ class NewestReceiver(Resource, Generic[T]):
     def _next(self, after: int, deadline: float | None) -> Sample[T] | None:
         with self._changed:
             while True:
-                if self._is_closed:
+                if self.is_closed:
                     raise SessionClosed(f"the receiver of {self.key!r} is closed")
                 if self._sample is not None and self._sample.number > after:
                     return self._sample
@@ -233,7 +214,7 @@ class NewestReceiver(Resource, Generic[T]):
         Raises:
             SessionClosed: the receiver is closed.
         """
-        if self._is_closed:
+        if self.is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
         # A daemon: a callback that never returns must not keep the interpreter from ending.
         thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback, on_refused))

@@ -52,8 +52,9 @@ class Session:
     it, at the end of the main thread at the latest, so that a script that crashes does not hang.
 
     Attributes:
-        endpoints: where it listens or connects.
-        pulse: sends what is repeated twice a second.
+        endpoints: addresses at which it listens or to which it connects.
+        pulse: sender of what is repeated twice a second.
+        is_closed: whether `close` was called.
     """
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
@@ -62,7 +63,7 @@ class Session:
         self._raw: Any = zenoh_api.open_raw(configuration)
         self._lock = threading.RLock()
         self._resources: list[Closable] = []
-        self._closed = False
+        self.is_closed = False
         self._cause = "open a new one"
         self.endpoints = endpoints
         self.pulse = Pulse()
@@ -85,19 +86,9 @@ class Session:
         Raises:
             SessionClosed: it is closed.
         """
-        if self._closed:
+        if self.is_closed:
             raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
         return self._raw
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether `close` was called."""
-        return self._closed
-
-    @property
-    def raw_is_closed(self) -> bool:
-        """Whether Zenoh itself has closed; resources then need not be undeclared."""
-        return bool(self._raw.is_closed())
 
     @property
     def zenoh_id(self) -> str:
@@ -106,7 +97,7 @@ class Session:
 
     def links(self) -> tuple[str, ...]:
         """Addresses of the other ends of all links that are up now; empty when nobody is connected."""
-        return () if self._closed else tuple(str(link.dst) for link in self._raw.info.links())
+        return () if self.is_closed else tuple(str(link.dst) for link in self._raw.info.links())
 
     def own(self, resource: Closable) -> None:
         """Close `resource` together with this session, before it.
@@ -115,7 +106,7 @@ class Session:
             SessionClosed: the session is closed already.
         """
         with self._lock:
-            if self._closed:
+            if self.is_closed:
                 raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
             self._resources.append(resource)
 
@@ -125,12 +116,18 @@ class Session:
             if resource in self._resources:
                 self._resources.remove(resource)
 
+    def undeclare(self, *declared: Any) -> None:
+        """Withdraw what was declared in Zenoh, which has done so itself when it is closed."""
+        if not self._raw.is_closed():
+            for entry in declared:
+                entry.undeclare()
+
     def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
         """A supervised thread, not started yet; the session closes when it fails for good, and what uses it raises."""
         return supervised(name, target, on_failure=self._on_failure)
 
     def _on_failure(self, failure: Failure) -> None:
-        if failure.is_final and not self._closed:
+        if failure.is_final and not self.is_closed:
             self._cause = f"{failure}. Open a new one"
             self.close()
 
@@ -144,16 +141,16 @@ class Session:
         try:
             return action()
         except zenoh_api.zenoh_error() as error:
-            if self._closed or self._raw.is_closed():
+            if self.is_closed or self._raw.is_closed():
                 raise SessionClosed(f"{what}: the Zenoh session is closed") from error
             raise TransportError(f"{what}: {zenoh_api.error_text(error)}") from error
 
     def close(self) -> None:
         """Close all that was declared, newest first, then the session; safe to call twice."""
         with self._lock:
-            if self._closed:
+            if self.is_closed:
                 return
-            self._closed = True
+            self.is_closed = True
             resources, self._resources = self._resources[::-1], []
         for resource in resources:
             try:
@@ -280,29 +277,29 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
 
 
 class Resource(ABC):
-    """Something declared in a session. Subclasses say in `_release` what to do when it is closed."""
+    """Something declared in a session, which closes it at the latest with itself.
+
+    Attributes:
+        is_closed: whether `close` was called.
+    """
+
+    is_closed = False
 
     def __init__(self, session: Session) -> None:
-        """Belong to `session`, which closes it at the latest with itself."""
+        """Belong to `session`."""
         self._session = session
         self._close_lock = threading.Lock()
-        self._is_closed = False
         session.own(self)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether `close` was called."""
-        return self._is_closed
 
     def close(self) -> None:
         """Withdraw it; safe to call twice, from any thread, and after the session."""
         with self._close_lock:
-            if self._is_closed:
+            if self.is_closed:
                 return
-            self._is_closed = True
+            self.is_closed = True
         self._session.disown(self)
         self._release()
 
     @abstractmethod
     def _release(self) -> None:
-        """Take back what was declared; called once."""
+        """Withdraw what was declared; called once."""

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailable, StaleTerrain, TransportError
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
-from transport.links.outbox import Outbox
-from transport.links.session import Resource, Session
+from transport.links.answerer import Answerer, refuse
+from transport.links.session import Session
 from transport.messages.compact import encode_compact
 from transport.messages.crop import crop_terrain
 from transport.messages.encodings import cdr, compact
 from transport.messages.scan_messages import (
     QueryRequest,
-    Refusal,
     decode_query_request,
     decode_refusal,
     encode_query_request,
-    encode_refusal,
 )
 from transport.messages.terrain_codec import decode_terrain, encode_terrain
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import QUERY_REQUEST, REFUSAL, TERRAIN
+from transport.messages.typestore import QUERY_REQUEST, TERRAIN
 from transport.queries.asking import ask
 
 # Questions that are answered at a time; more are dropped.
@@ -33,59 +29,29 @@ MAXIMUM_ANSWERS = 16
 Provider = Callable[[str], TerrainMessage | None]
 
 
-class QueryServer(Resource):
+class QueryServer(Answerer):
     """Answers queries for the newest grid of one robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the queryable; `provider(extent)` returns the newest message or None, and must be quick."""
         self._provider = provider
-        self._key = query_key(robot)
-        self._lock = threading.Lock()
-        self._count = 0
-        self._is_closed = False
-        self._outbox = Outbox()
-        self._raw = session.attempt(
-            lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
-            f"cannot serve {self._key!r}",
-        )
-        super().__init__(session)
+        super().__init__(session, query_key(robot), self._reply, limit=MAXIMUM_ANSWERS)
 
-    def _on_query(self, query: Any) -> None:
-        with self._lock:
-            self._count += 1
-            if self._is_closed or self._outbox.pending >= MAXIMUM_ANSWERS:
-                query.drop()
-            else:
-                # A lane for each query: whoever asks over a slow link delays nobody else.
-                self._outbox.post("query", lambda: self._answer(query), lane=str(self._count))
-
-    def _answer(self, query: Any) -> None:
-        code, message = "", ""
+    def _reply(self, query: Any) -> None:
         try:
             request = decode_query_request(query.payload.to_bytes() if query.payload is not None else b"")
             terrain = self._provider(request.extent)
             if terrain is None:
-                code, message = "no_terrain", f"there is no grid of extent {request.extent!r} yet"
+                refuse(query, "no_terrain", f"there is no grid of extent {request.extent!r} yet")
+                return
+            if request.region is not None:
+                terrain = crop_terrain(terrain, request.region)
+            if query.parameters.get("encoding") == "compact":
+                query.reply(self.key, encode_compact(terrain), encoding=compact(TERRAIN))
             else:
-                if request.region is not None:
-                    terrain = crop_terrain(terrain, request.region)
-                if query.parameters.get("encoding") == "compact":
-                    query.reply(self._key, encode_compact(terrain), encoding=compact(TERRAIN))
-                else:
-                    query.reply(self._key, encode_terrain(terrain), encoding=cdr(TERRAIN))
+                query.reply(self.key, encode_terrain(terrain), encoding=cdr(TERRAIN))
         except MessageError as error:
-            code, message = "bad_request", str(error)
-        if code:
-            refusal = encode_refusal(Refusal(id="", code=code, message=message))
-            query.reply_err(refusal, encoding=cdr(REFUSAL))
-        query.drop()
-
-    def _release(self) -> None:
-        # Under the lock of _on_query: nothing is posted to an outbox that is closed.
-        with self._lock:
-            self._outbox.close()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+            refuse(query, "bad_request", str(error))
 
 
 def query_terrain(

@@ -51,11 +51,15 @@ class ClockBound:
 
 
 class RemoteClock(Resource):
-    """Asks a key for a clock now and then, on a thread of its own."""
+    """Clock of another process, read now and then by a query on a thread of its own.
+
+    Attributes:
+        key: key that is queried.
+    """
 
     def __init__(self, session: Session, key: str, *, period: float) -> None:
         """Begin to ask every `period` [s]."""
-        self._key, self._period = key, period
+        self.key, self._period = key, period
         self._tried = threading.Event()
         self._wake = threading.Event()
         super().__init__(session)
@@ -78,14 +82,14 @@ class RemoteClock(Resource):
             SessionClosed: the session is closed.
         """
         asked = clock.now()
-        for answer in ask(self._session, self._key, b"", timeout):
+        for answer in ask(self._session, self.key, b"", timeout):
             if answer.payload is not None:
                 answered = clock.now()
                 try:
                     if self._take(answer.payload, asked, answered):
                         return True
                 except MessageError as error:
-                    logger.warning("answer on %s refused: %s", self._key, error)
+                    logger.warning("answer on %s refused: %s", self.key, error)
                     return False
         return False
 
@@ -98,7 +102,7 @@ class RemoteClock(Resource):
         """
 
     def _run(self) -> None:
-        while not self._is_closed:
+        while not self.is_closed:
             self._wake.clear()
             try:
                 has_answer = self.ask()
@@ -107,7 +111,7 @@ class RemoteClock(Resource):
             except TransportError as error:
                 if self._session.is_closed:
                     return
-                logger.debug("the clock on %s is not known: %s", self._key, error)
+                logger.debug("the clock on %s is not known: %s", self.key, error)
                 has_answer = False
             self._tried.set()
             self._wake.wait(self._period if has_answer else RETRY)

@@ -10,23 +10,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
-from transport.links.outbox import MAXIMUM_PENDING, Outbox
-from transport.links.session import Resource, Session
+from transport.links.answerer import Answerer, refuse
+from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
-    Refusal,
     ScanReply,
     ScanRequest,
     ScanState,
     decode_scan_request,
-    encode_refusal,
     encode_scan_reply,
 )
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import REFUSAL, SCAN_REPLY
+from transport.messages.typestore import SCAN_REPLY
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
@@ -70,7 +67,7 @@ Handler = Callable[[ScanJob], TerrainMessage]
 Admission = Callable[[ScanRequest], None]
 
 
-class ScanServer(Resource):
+class ScanServer(Answerer):
     """Answers scan requests of one robot.
 
     One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
@@ -97,52 +94,34 @@ class ScanServer(Resource):
         """
         self._handler = handler
         self._admission = admission
-        self._key = scan_key(robot)
         self._lock = threading.Lock()
         self._work: _Work | None = None
         self._thread: threading.Thread | None = None
         self._finished: OrderedDict[str, ScanReply] = OrderedDict()
-        self._queries = 0
         self._is_stopped = False
-        self._outbox = Outbox()
-        self._raw = session.attempt(
-            lambda: zenoh_api.declare_queryable(session.raw, self._key, self._on_query),
-            f"cannot serve {self._key!r}",
-        )
-        super().__init__(session)
+        super().__init__(session, scan_key(robot), self._admit, in_order=True)
 
     @property
     def is_busy(self) -> bool:
         """Whether a scan is being worked on."""
         return self._work is not None
 
-    def _on_query(self, query: Any) -> None:
-        # Zenoh's thread: only hand over. Requests are looked at one after the other; answers to one asker go out in
-        # order, and no asker waits for the link of another.
-        with self._lock:
-            self._queries += 1
-            if self._is_stopped or self._outbox.pending >= MAXIMUM_PENDING:
-                query.drop()
-            else:
-                self._outbox.post(f"query {self._queries}", lambda: self._admit(query))
-
-    def _say(self, query: Any, reply: ScanReply, what: str) -> None:
+    def _reply(self, query: Any, reply: ScanReply) -> None:
+        """Post a reply: those to one query go out in order, and none waits for the link of another."""
         payload = encode_scan_reply(reply)
         is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
 
         def send() -> None:
-            query.reply(self._key, payload, encoding=cdr(SCAN_REPLY))
+            query.reply(self.key, payload, encoding=cdr(SCAN_REPLY))
             if is_last:
                 query.drop()
 
         # The query lives as long as this action, and with it no other can have its id.
-        self._outbox.post(what, send, lane=str(id(query)))
+        self._outbox.post("last" if is_last else reply.state.name, send, lane=str(id(query)))
 
     def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
-        payload = encode_refusal(Refusal(id=request_id, code=code, message=message))
-
         def send() -> None:
-            query.reply_err(payload, encoding=cdr(REFUSAL))
+            refuse(query, code, message, request_id)
             query.drop()
 
         self._outbox.post("refusal", send, lane=str(id(query)))
@@ -159,9 +138,9 @@ class ScanServer(Resource):
             if joins and work is not None:
                 work.queries.append(query)
         if known is not None:
-            self._say(query, known, "last")
+            self._reply(query, known)
         elif joins and work is not None:
-            self._say(query, work.progress, "accepted")
+            self._reply(query, work.progress)
         elif work is not None:
             self._refuse(query, request.id, "busy", "the scanner works on another request; ask again later")
         else:
@@ -175,7 +154,7 @@ class ScanServer(Resource):
             self._refuse(query, request.id, error.code, str(error))
             return
         work = _Work(ScanJob(request, lambda done, total: self._report(work, done, total)), [query])
-        self._say(query, work.progress, "accepted")
+        self._reply(query, work.progress)
         with self._lock:
             self._work = work
             self._thread = supervised(
@@ -189,7 +168,7 @@ class ScanServer(Resource):
         with self._lock:
             if work.last is None and not self._is_stopped:
                 for query in work.queries:
-                    self._say(query, reply, "progress")
+                    self._reply(query, reply)
 
     def _run(self, work: _Work) -> None:
         job = work.job
@@ -242,7 +221,7 @@ class ScanServer(Resource):
                 self._finished.popitem(last=False)
             queries, work.queries = work.queries, []
             for query in queries:
-                self._say(query, last, "last")
+                self._reply(query, last)
 
     def _release(self) -> None:
         # A running scan ends as failed, and its handler gets some time to return.
@@ -253,8 +232,6 @@ class ScanServer(Resource):
             self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=message))
         with self._lock:
             self._is_stopped = True
-        self._outbox.close()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
+        super()._release()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(CLOSE_TIMEOUT)

@@ -8,10 +8,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from transport import zenoh_api
 from transport.exceptions import TransportError
 from transport.keys import DEFAULT_ROBOT, status_key
-from transport.links.outbox import MAXIMUM_PENDING, Outbox
+from transport.links.answerer import Answerer
 from transport.links.publisher import SMALL, Publisher
 from transport.links.session import Resource, Session
 from transport.messages.encodings import cdr
@@ -41,12 +40,7 @@ class StatusReporter(Resource):
         self._beats = 0
         self._reporting = threading.Lock()
         self._publisher = Publisher(session, status_key(robot), latched=False, priority=SMALL, encoding=cdr(STATUS))
-        self._outbox = Outbox()
-        self._questions, self._is_stopped = 0, False
-        self._raw: Any = session.attempt(
-            lambda: zenoh_api.declare_queryable(session.raw, self._publisher.key, self._on_query),
-            f"cannot serve {self._publisher.key!r}",
-        )
+        self._answerer = Answerer(session, self._publisher.key, self._answer)
         self._followers: list[Callable[[bytearray], None]] = []
         self._wake = threading.Event()
         self._thread = session.thread("transport-status", self._run)
@@ -64,7 +58,7 @@ class StatusReporter(Resource):
         self._followers.append(take)
 
     def _run(self) -> None:
-        while not self._is_closed:
+        while not self.is_closed:
             self._wake.wait()
             self._wake.clear()
             self._report()
@@ -75,18 +69,8 @@ class StatusReporter(Resource):
         if self._beats % BEATS == 0:
             self._report()
 
-    def _on_query(self, query: Any) -> None:
-        # Zenoh's thread: only hand over. One lane for each, so that no asker waits for another's link.
-        self._questions += 1
-        if self._is_stopped or self._outbox.pending >= MAXIMUM_PENDING:
-            query.drop()
-            return
-        lane = f"status {self._questions}"
-        self._outbox.post(lane, lambda: self._answer(query), lane=lane)
-
     def _answer(self, query: Any) -> None:
         query.reply(self._publisher.key, self._status(), encoding=cdr(STATUS))
-        query.drop()
 
     def _status(self) -> bytearray:
         return encode_status(Status(stamp=time.time_ns(), items=tuple(self._collect())))
@@ -100,18 +84,15 @@ class StatusReporter(Resource):
             for take in list(self._followers):
                 take(payload)
         except TransportError as error:
-            if not self._is_closed:
+            if not self.is_closed:
                 logger.error("status was not sent: %s", error)
         except Exception:
             logger.exception("collecting the status failed")
 
     def _release(self) -> None:
-        self._is_stopped = True
         self._session.pulse.remove(self)
         self._wake.set()
-        if not self._session.raw_is_closed:
-            self._raw.undeclare()
-        self._outbox.close()
+        self._answerer.close()
         if self._thread is not threading.current_thread():
             self._thread.join(CLOSE_TIMEOUT)
         self._publisher.close()

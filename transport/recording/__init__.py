@@ -5,20 +5,13 @@ Imported by the programs that write, show and replay them; it imports the messag
 
 from __future__ import annotations
 
-from transport.recording.reader import Recording, open_recording
-from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, StripeRecord
-from transport.recording.recover import Recovery, recover_recording
-from transport.recording.writer import RecordingWriter
-
-__all__ = [
-    "CAMERA_FRAME",
-    "FrameRecord",
-    "FrameReference",
-    "Recording",
-    "RecordingWriter",
-    "Recovery",
-    "ScanRecord",
-    "StripeRecord",
-    "open_recording",
-    "recover_recording",
-]
+from transport.recording.reader import Recording as Recording
+from transport.recording.reader import open_recording as open_recording
+from transport.recording.records import CAMERA_FRAME as CAMERA_FRAME
+from transport.recording.records import FrameRecord as FrameRecord
+from transport.recording.records import FrameReference as FrameReference
+from transport.recording.records import ScanRecord as ScanRecord
+from transport.recording.records import StripeRecord as StripeRecord
+from transport.recording.recover import Recovery as Recovery
+from transport.recording.recover import recover_recording as recover_recording
+from transport.recording.writer import RecordingWriter as RecordingWriter

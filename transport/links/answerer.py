@@ -1,0 +1,84 @@
+"""Queryables whose questions are answered on threads of their own: a slow link delays no other, a flood is dropped."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from transport import zenoh_api
+from transport.exceptions import SessionClosed
+from transport.links.outbox import Outbox
+from transport.links.session import Resource, Session
+from transport.messages.encodings import cdr
+from transport.messages.scan_messages import Refusal, encode_refusal
+from transport.messages.typestore import REFUSAL
+
+# Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
+MAXIMUM_PENDING = 64
+
+
+class Answerer(Resource):
+    """Answers the queries of one key.
+
+    Attributes:
+        key: key of the queryable.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        key: str,
+        answer: Callable[[Any], None],
+        *,
+        limit: int = MAXIMUM_PENDING,
+        in_order: bool = False,
+    ) -> None:
+        """Declare the queryable.
+
+        Args:
+            session: open session.
+            key: key of the queryable.
+            answer: sends the replies to a query, on a thread of its own.
+            limit: questions that are answered at a time; more are dropped.
+            in_order: questions are taken up one after the other, and `answer` drops each query itself once the last
+                of its replies, which it may post on the outbox, is sent.
+
+        Raises:
+            SessionClosed: the session is closed.
+        """
+        self.key = key
+        self._answer, self._limit, self._is_in_order = answer, limit, in_order
+        self._numbers = itertools.count()
+        self._outbox = Outbox()
+        self._raw: Any = session.attempt(
+            lambda: zenoh_api.declare_queryable(session.raw, key, self._on_query), f"cannot serve {key!r}"
+        )
+        super().__init__(session)
+
+    def _on_query(self, query: Any) -> None:
+        # Zenoh's thread: only hand over.
+        number = str(next(self._numbers))
+        with suppress(SessionClosed):
+            if self._outbox.pending < self._limit:
+                lane = "" if self._is_in_order else number
+                self._outbox.post(f"{self.key} {number}", lambda: self._take_up(query), lane=lane)
+                return
+        query.drop()
+
+    def _take_up(self, query: Any) -> None:
+        try:
+            self._answer(query)
+        finally:
+            if not self._is_in_order:
+                query.drop()
+
+    def _release(self) -> None:
+        self._outbox.close()
+        self._session.undeclare(self._raw)
+
+
+def refuse(query: Any, code: str, message: str, request_id: str = "") -> None:
+    """Reply to a query by a guara_msgs/Refusal."""
+    query.reply_err(encode_refusal(Refusal(id=request_id, code=code, message=message)), encoding=cdr(REFUSAL))
