@@ -30,12 +30,10 @@ class StripeGeometry:
     """One stripe of the pattern.
 
     Attributes:
-        index: index in the standard pattern.
         plane_in_camera: (4,) laser plane n . X + d = 0 in the camera frame.
         band: first and end row in which the stripe can appear; (0, 0) when it is out of view.
     """
 
-    index: int
     plane_in_camera: Float
     band: tuple[int, int]
 
@@ -45,6 +43,7 @@ class ScanGeometry:
     """All stripes of a scan as seen from one stance.
 
     Attributes:
+        calibration: calibration of the rangefinder.
         transform_camera_to_footprint: (4, 4).
         stripes: those stripes of the pattern that are calibrated, by index and in its order.
         planes_in_footprint: (s, 4) their laser planes in base_footprint, in the same order.
@@ -52,18 +51,16 @@ class ScanGeometry:
             camera [m].
     """
 
+    calibration: Calibration
     transform_camera_to_footprint: Float
     stripes: dict[int, StripeGeometry]
     planes_in_footprint: Float
     sensor_origins: tuple[Float, Float]
 
-    def pixels(self, calibration: Calibration, points_in_footprint: Float) -> Float:
+    def pixels(self, points_in_footprint: Float) -> Float:
         """Picture positions (n, 2) of points (n, 3) in base_footprint."""
-        rotation, translation = (
-            self.transform_camera_to_footprint[:3, :3],
-            self.transform_camera_to_footprint[:3, 3],
-        )
-        return calibration.camera.project((points_in_footprint - translation) @ rotation)
+        transform = self.transform_camera_to_footprint
+        return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
 
 def scan_geometry(
@@ -76,15 +73,11 @@ def scan_geometry(
     planes = np.array([stripe.plane for stripe in planned]).reshape(-1, 4)
     height_limits = np.array([settings.minimum_height - LIMIT_MARGIN_M, settings.maximum_height + LIMIT_MARGIN_M])
     bands = row_bands(calibration.camera, transform, planes, height_limits, ROW_MARGIN_PX)
-    stripes = {
-        stripe.index: StripeGeometry(stripe.index, stripe.plane, band)
-        for stripe, band in zip(planned, bands, strict=True)
-    }
+    stripes = {each.index: StripeGeometry(each.plane, band) for each, band in zip(planned, bands, strict=True)}
     camera = transform[:3, 3]
     every_plane = plane_in_frame(np.array([stripe.plane for stripe in calibration.stripes]), transform)
-    return ScanGeometry(
-        transform, stripes, plane_in_frame(planes, transform), (camera, laser_origin(every_plane, camera))
-    )
+    origins = camera, laser_origin(every_plane, camera)
+    return ScanGeometry(calibration, transform, stripes, plane_in_frame(planes, transform), origins)
 
 
 def laser_origin(planes: Float, near: Float) -> Float:
@@ -108,7 +101,6 @@ class StripeRanger:
 
     def __init__(
         self,
-        calibration: Calibration,
         geometry: ScanGeometry,
         locator: Locator,
         height_limits: tuple[float, float],
@@ -118,7 +110,6 @@ class StripeRanger:
         """Keep what does not depend on the frames.
 
         Args:
-            calibration: calibration by which the points are located.
             geometry: geometry of the scan.
             locator: makes points of rows.
             height_limits: lowest and highest height that counts as terrain [m].
@@ -128,11 +119,9 @@ class StripeRanger:
         Raises:
             FileFormatError: the covariance of the calibration is not as documented.
         """
-        self._calibration = calibration
-        self._geometry = geometry
-        self._locator = locator
-        self._height_limits = height_limits
-        self._on_robot = on_robot
+        self._geometry, self._locator = geometry, locator
+        self._height_limits, self._on_robot = height_limits, on_robot
+        calibration = geometry.calibration
         self._uncertainty = HeightUncertainty.of(calibration)
         # Of the motions in base_footprint those that move heights: z, and turns about x and y.
         self._motion: Float | None = None
@@ -161,13 +150,13 @@ class StripeRanger:
 
         None for a calibration without covariance (one made from a drawing) and a camera that is known to have stood.
         """
-        uncertainty, calibration, geometry = self._uncertainty, self._calibration, self._geometry
+        uncertainty, geometry = self._uncertainty, self._geometry
         if uncertainty is None:
             return None if self._motion is None else self._variance_by_motion
         planes = np.array([geometry.stripes[index].plane_in_camera for index in indices])
 
         def variance(points: Float) -> Float:
-            camera = geometry.transform_camera_to_footprint, calibration.transform_camera_to_base
+            camera = geometry.transform_camera_to_footprint, geometry.calibration.transform_camera_to_base
             by_calibration = uncertainty.variance_of_scan(indices, planes, points, *camera)
             return by_calibration if self._motion is None else by_calibration + self._variance_by_motion(points)
 

@@ -1,4 +1,4 @@
-"""Which effect spoiled a scan: too bright, flicker, bloom, a weak line or texture; judged by a few of its frames."""
+"""Samples of a few frames of a scan, and faults of its light that they show: too bright, flicker, bloom, texture."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Image, Mask
+from guara_perception.arrays import Float, Image, Mask
 from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
+from guara_perception.stripes.extract import brightest_rows
 from guara_perception.stripes.laser_light import is_clipped
 
 # Frames of a scan that are sampled, all over its sweep, and distance of the sampled pixels and columns in them [px].
 SAMPLED_FRAMES = 12
 PIXELS_APART, COLUMNS_APART = 16, 48
+# Columns of a frame, evenly distributed, in which the brightest row is sought.
+GLANCED = 12
 # Largest share of the laser-off picture that may be clipped; beyond it there is too much light.
 MOST_CLIPPED = 0.15
 # Share by which the brightness changes between laser off and on, or from frame to frame.
@@ -37,8 +40,8 @@ LEAST_SEEN = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class LightSample:
-    """What a frame shows of the light.
+class FrameSample:
+    """Light of one frame.
 
     Attributes:
         clipped: share of the pixels that are clipped without the laser.
@@ -49,6 +52,8 @@ class LightSample:
         peak: height of the stripe, median over these columns [grey levels of 255].
         contrast: difference between the brightest and the darkest tenth of the picture, 0 where there is a laser-off
             picture, which takes the scene away [grey levels of 255].
+        rows: (GLANCED,) row of the brightest light in some columns, wherever the stripe should be; NaN where none
+            stands out.
     """
 
     clipped: float
@@ -58,21 +63,27 @@ class LightSample:
     seen: float
     peak: float
     contrast: float
+    rows: Float
 
 
-class LightSamples:
-    """Samples the light of some frames of a scan while these are processed."""
+class FrameSamples:
+    """Samples of some frames of a scan, taken while these are processed.
 
-    def __init__(self, order: Sequence[int], height: int) -> None:
-        """Choose frames, by an odd stride.
+    Attributes:
+        columns: (GLANCED,) columns of `FrameSample.rows`.
+    """
+
+    def __init__(self, order: Sequence[int], size: tuple[int, int]) -> None:
+        """Choose frames by an odd stride, so that frames of both kinds are among them when every second one is wrong.
 
         Args:
             order: indices of the scan's stripes.
-            height: number of rows of the frames [px].
+            size: width and height of the frames [px].
         """
         self._chosen = frozenset(order[:: len(order) // SAMPLED_FRAMES | 1])
-        self._height = height
-        self._samples: dict[int, LightSample] = {}
+        width, self._height = size
+        self.columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
+        self._samples: dict[int, FrameSample] = {}
         self._unused: dict[int, str] = {}
 
     def add(self, pair: FramePair, profile: StripeProfile) -> None:
@@ -80,12 +91,18 @@ class LightSamples:
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
-            self._samples[pair.index] = _sample(pair, profile)
+            self._samples[pair.index] = _sample(pair, profile, brightest_rows(pair.on, pair.off, self.columns))
 
-    def take_over(self, other: LightSamples, indices: Collection[int]) -> None:
+    def take_over(self, other: FrameSamples, indices: Collection[int]) -> None:
         """Add the samples of some stripes that were processed elsewhere."""
         self._samples.update({index: sample for index, sample in other._samples.items() if index in indices})
         self._unused.update({index: why for index, why in other._unused.items() if index in indices})
+
+    @property
+    def rows(self) -> dict[int, Float]:
+        """Brightest rows (GLANCED,) of the sampled frames that show light in a third of `columns`, by index."""
+        rows = {index: sample.rows for index, sample in sorted(self._samples.items())}
+        return {index: seen for index, seen in rows.items() if np.isfinite(seen).sum() >= GLANCED // 3}
 
     @property
     def unused(self) -> dict[int, str]:
@@ -149,7 +166,7 @@ class LightSamples:
 STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
 
 
-def _sample(pair: FramePair, profile: StripeProfile) -> LightSample:
+def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample:
     on, off = pair.on, pair.off
     scale = 255.0 / float(np.iinfo(on.dtype).max)
     # Copied, since reading pixels so far apart is most of what a sample costs.
@@ -157,7 +174,7 @@ def _sample(pair: FramePair, profile: StripeProfile) -> LightSample:
     dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART].copy()
     level, without = (scale * _level(picture) for picture in (thin, dark))
     found = profile.status != StripeStatus.DROPOUT
-    return LightSample(
+    return FrameSample(
         clipped=float(_any_channel(is_clipped(dark)).mean()),
         level=level,
         change=_share(level, without),
@@ -165,6 +182,7 @@ def _sample(pair: FramePair, profile: StripeProfile) -> LightSample:
         seen=float(found.mean()),
         peak=scale * float(np.median(profile.peak[found])) if found.any() else 0.0,
         contrast=0.0 if off is not None else scale * _contrast(thin),
+        rows=rows,
     )
 
 

@@ -10,27 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Image, Index
+from guara_perception.arrays import Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scanning.light_diagnosis import LightSamples
-from guara_perception.scanning.scan_report import Glances, scan_record
-from guara_perception.scanning.scan_surface import OwnBody, ScanSurface
+from guara_perception.scanning.light_diagnosis import FrameSamples
+from guara_perception.scanning.scan_report import scan_record
+from guara_perception.scanning.scan_surface import ScanSurface
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import Stance, StanceError, StancePose, Stillness
+from kinematics import Stance, StanceError, Stillness
+from kinematics.self_filter import SelfFilter
 
 
 class ScanProcessor:
     """Turns the frames of one scan into a TerrainGrid while they arrive.
+
+    Attributes:
+        settings: perception settings of the robot.
+        mode: mode of the scan.
+        pose: pose of the body over the ground.
 
     Example:
         processor = ScanProcessor(calibration, robot, stance, mode="standard")
@@ -76,38 +82,33 @@ class ScanProcessor:
             raise CalibrationMismatch(
                 f"the calibration belongs to robot {calibration.robot!r}, the robot is {robot.name!r}: use its own"
             )
-        self._settings = Settings.of(robot)
-        self._mode = mode
-        self._pattern = self._settings.pattern(mode)
-        self._calibration = calibration
-        self._robot = robot
+        self.settings = settings = Settings.of(robot)
+        self.mode = mode
+        self._pattern = settings.pattern(mode)
+        self._calibration, self._robot, self._method = calibration, robot, method
         self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
-        self._pose = robot.stance_pose(self._stance)
-        self._method = method
+        self.pose = robot.stance_pose(self._stance)
         self._stamp, self._step = int(stamp), int(step)
-        cell = self._settings.resolution if resolution is None else float(resolution)
-        self._geometry = scan_geometry(calibration, self._pose.transform_base_to_footprint, self._settings, mode)
+        cell = settings.resolution if resolution is None else float(resolution)
+        to_footprint = self.pose.transform_base_to_footprint
+        self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
         if not self._geometry.stripes:
             raise CalibrationMismatch(
                 f"the calibration holds no stripe of the {mode} pattern; it holds {format_indices(calibration.indices)}"
             )
         self._locator = locator(
-            METHODS[method].literal,
+            METHODS[method],
             calibration.camera,
             self._geometry.transform_camera_to_footprint,
-            (self._settings.footprint_x, self._settings.footprint_y),
+            (settings.footprint_x, settings.footprint_y),
         )
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
-        self._body = OwnBody(self._pose.state, self._pose.transform_base_to_footprint, self._geometry.sensor_origins)
-        height_limits = self._settings.minimum_height, self._settings.maximum_height
-        self._ranger = StripeRanger(
-            calibration, self._geometry, self._locator, height_limits, self._body.contains, self._unseen_motion()
-        )
-        self._order = list(self._geometry.stripes)
+        body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
+        height_limits = settings.minimum_height, settings.maximum_height
+        self._ranger = StripeRanger(self._geometry, self._locator, height_limits, body.contains, self._unseen_motion())
         self._profiles: dict[int, StripeProfile] = {}
-        self._glances = Glances(self._order, calibration.camera.size[0])
-        self._light = LightSamples(self._order, calibration.camera.size[1])
-        self._surface = ScanSurface(cell, self._geometry, calibration, self._settings, self._pattern, self._body)
+        self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
+        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, body)
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _unseen_motion(self) -> Float | None:
@@ -120,21 +121,6 @@ class ScanProcessor:
             return Stillness(self._robot, self._stance, 0.0, transform_camera_to_base=camera).covariance
         except StanceError:
             return None
-
-    @property
-    def settings(self) -> Settings:
-        """Perception settings of the robot."""
-        return self._settings
-
-    @property
-    def mode(self) -> str:
-        """Mode of the scan."""
-        return self._mode
-
-    @property
-    def pose(self) -> StancePose:
-        """Where the body stands over the ground."""
-        return self._pose
 
     @property
     def grid(self) -> GridGeometry:
@@ -200,12 +186,12 @@ class ScanProcessor:
         stripes = self._geometry.stripes
         found = self._finder.find_all(pairs, {index: stripes[index].band for index in indices})
         profiles = dict(zip(indices, found, strict=True))
+        good = {index: profile for index, profile in profiles.items() if not profile.is_frame_bad}
         for pair in pairs:
-            if not profiles[pair.index].is_frame_bad:
-                self._glances.add(pair)
-                self._light.add(pair, profiles[pair.index])
+            if pair.index in good:
+                self._samples.add(pair, good[pair.index])
         extracted = time.perf_counter()
-        points = self._ranger.points({index: each for index, each in profiles.items() if not each.is_frame_bad})
+        points = self._ranger.points(good)
         triangulated = time.perf_counter()
         self._profiles.update(profiles)
         self._surface.add(points)
@@ -235,7 +221,7 @@ class ScanProcessor:
         """
         self._calibration.stripe(index)
         if index not in self._geometry.stripes:
-            raise CalibrationMismatch(f"stripe index {index} is not in the {self._mode} pattern")
+            raise CalibrationMismatch(f"stripe index {index} is not in the {self.mode} pattern")
         return self._geometry.stripes[index].band
 
     @property
@@ -249,13 +235,13 @@ class ScanProcessor:
         Raises:
             InvalidInput: this scan is not coarse.
         """
-        if self._mode != "coarse":
-            raise InvalidInput(f"a scan of mode {self._mode!r} cannot be extended, only a coarse one")
+        if self.mode != "coarse":
+            raise InvalidInput(f"a scan of mode {self.mode!r} cannot be extended, only a coarse one")
         return self._taken_over("standard", self._profiles)
 
     def restricted(self, indices: Collection[int]) -> ScanProcessor:
         """This scan as it would be if only some of its stripes had been fired."""
-        return self._taken_over(self._mode, indices)
+        return self._taken_over(self.mode, indices)
 
     def _taken_over(self, mode: str, indices: Collection[int]) -> ScanProcessor:
         """A processor of a mode that has some stripes of this one."""
@@ -270,8 +256,7 @@ class ScanProcessor:
             step=self._step,
         )
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
-        other._glances.take_over(self._glances, indices)
-        other._light.take_over(self._light, indices)
+        other._samples.take_over(self._samples, indices)
         other._surface.add({index: each for index, each in self.points.items() if index in indices})
         other._seconds.update(self._seconds)
         return other
@@ -298,8 +283,22 @@ class ScanProcessor:
         """
         start = time.perf_counter()
         layers = self._surface.layers(area)
-        record = self._record(layers, time.perf_counter() - start) if record is None else record
-        is_lost = np.array([index in self._profiles and self._profiles[index].is_frame_bad for index in self._order])
+        if record is None:
+            record = scan_record(
+                geometry=self._geometry,
+                robot=self._robot,
+                stance=self._stance,
+                pose=self.pose,
+                mode=self.mode,
+                method=self._method,
+                profiles=self._profiles,
+                points=self.points,
+                layers=layers,
+                seconds={**self._seconds, "finish": time.perf_counter() - start},
+                samples=self._samples,
+            )
+        lost = {index for index, profile in self._profiles.items() if profile.is_frame_bad}
+        is_lost = np.array([index in lost for index in self._geometry.stripes])
         return TerrainGrid(
             layers=layers,
             geometry=self._surface.grid(area),
@@ -309,30 +308,10 @@ class ScanProcessor:
             record=dataclasses.replace(record, lost_cells=self._surface.lost_cells(layers, is_lost, area)),
         )
 
-    def _record(self, layers: Mapping[str, Array], finishing: float) -> ScanRecord:
-        """What the scan says of itself; `finishing` is how long its layers took at the end [s]."""
-        return scan_record(
-            calibration=self._calibration,
-            robot=self._robot,
-            settings=self._settings,
-            stance=self._stance,
-            pose=self._pose,
-            mode=self._mode,
-            method=self._method,
-            profiles=self._profiles,
-            points=self.points,
-            planned=self._order,
-            layers=layers,
-            laser_origin=self._geometry.sensor_origins[1],
-            seconds={**self._seconds, "finish": finishing},
-            wrong_frames=lambda: self._glances.wrong_frames(self._geometry, self._calibration),
-            light=self._light,
-        )
-
     def _check_new(self, index: int, others: Sequence[int] = ()) -> None:
         if index not in self._pattern:
             raise InvalidInput(
-                f"stripe index {index} is not in the {self._mode} pattern: {format_indices(tuple(self._pattern))}"
+                f"stripe index {index} is not in the {self.mode} pattern: {format_indices(tuple(self._pattern))}"
             )
         if index in self._profiles or index in others:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")

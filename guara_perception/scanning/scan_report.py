@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
-from guara_perception.calibration.calibration import Calibration
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.scanning.light_diagnosis import STEADY, LightSamples
+from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
 from guara_perception.settings import Settings
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
-from guara_perception.stripes.extract import brightest_rows
+from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import Health, ScanRecord
 
@@ -31,12 +29,8 @@ FEWEST_OF_PATTERN = 8
 REGIONS_X, REGIONS_Y = ("near", "middle", "far"), ("right", "centre", "left")
 # [m] The lines of the stripes on z = 0 are drawn this far to both sides.
 HALF_LENGTH_M = 0.6
-# Number of columns that a glance reads of each frame, all over the picture.
-GLANCED = 12
 # A frame fits a stripe when half of its light lies within this of it: less than half a pitch of neighbouring stripes.
 FIT_PX_OF_HEIGHT = 0.008
-# Frames of a scan that are glanced at, all over its sweep: a glance costs half of what finding a stripe does.
-GLANCED_FRAMES = 12
 # Frames that must fit for a cause to be named, as a share and in number.
 FITTING_SHARE = 0.6
 FEWEST_FRAMES = 4
@@ -114,25 +108,22 @@ def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
 
 def scan_record(
     *,
-    calibration: Calibration,
+    geometry: ScanGeometry,
     robot: RobotModel,
-    settings: Settings,
     stance: Stance,
     pose: StancePose,
     mode: str,
     method: str,
     profiles: Mapping[int, StripeProfile],
     points: Mapping[int, StripePoints],
-    planned: Sequence[int],
     layers: Mapping[str, Array],
-    laser_origin: Float,
     seconds: Mapping[str, float],
-    wrong_frames: Callable[[], str] = lambda: "",
-    light: LightSamples,
+    samples: FrameSamples,
 ) -> ScanRecord:
-    """What a scan says of itself; see docs/files.md for the fields."""
+    """Record of a scan; docs/files.md describes its fields."""
     from kinematics import describe_robot
 
+    calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
     counts = np.zeros(len(StripeStatus), dtype=np.int64)
     if points:
@@ -147,7 +138,7 @@ def scan_record(
     missing = [index for index in planned if index not in profiles]
     if missing:
         reasons.append(f"{len(missing)} of {len(planned)} stripes were not fired")
-    unused = light.unused
+    unused = samples.unused
     if unused:
         index, why = next(iter(unused.items()))
         reasons.append(
@@ -157,9 +148,9 @@ def scan_record(
     if not expected.any():
         reasons.append("no part of the area was scanned")
     elif coverage < LOW_COVERAGE:
-        wrong = light.excess() or wrong_pattern(profiles, settings.pattern(mode).step) or wrong_frames()
-        reasons.append(advice(coverage, counts, wrong, light.lack()))
-    elif texture := light.texture():
+        wrong = samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
+        reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
+    elif texture := samples.texture():
         reasons.append(texture)
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
@@ -176,7 +167,7 @@ def scan_record(
         support_feet_used=tuple(pose.support_feet_used),
         transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),
         transform_camera_to_base=calibration.transform_camera_to_base,
-        laser_origin=laser_origin,
+        laser_origin=geometry.sensor_origins[1],
         pose_covariance=np.asarray(pose.covariance),
         limits=settings.limits,
         validity_pauses=settings.validity_pauses,
@@ -199,66 +190,38 @@ def scan_record(
     )
 
 
-class Glances:
-    """Rows of the brightest light in some frames of a scan, wherever their stripes should be."""
-
-    def __init__(self, order: Sequence[int], width: int) -> None:
-        """Choose frames by an odd stride, so that frames of both kinds are among them when every second one is wrong.
-
-        Args:
-            order: indices of the scan's stripes.
-            width: number of columns of the frames [px].
-        """
-        self._chosen = frozenset(order[:: len(order) // GLANCED_FRAMES | 1])
-        self._columns = np.linspace(0.1 * width, 0.9 * width - 1, GLANCED).astype(np.intp)
-        self._rows: dict[int, Float] = {}
-
-    def add(self, pair: FramePair) -> None:
-        """Glance at a frame, where it is one of those chosen."""
-        if pair.index in self._chosen:
-            self._rows[pair.index] = brightest_rows(pair.on, pair.off, self._columns)
-
-    def take_over(self, other: Glances, indices: Collection[int]) -> None:
-        """Add the glances at some stripes of another scan."""
-        self._rows.update({index: rows for index, rows in other._rows.items() if index in indices})
-
-    def wrong_frames(self, geometry: ScanGeometry, calibration: Calibration) -> str:
-        """Text that says how the frames are wrong: turned, flipped or out of order; empty when nothing is found.
-
-        Args:
-            geometry: geometry of the scan.
-            calibration: the calibration that is in use.
-        """
-        indices = [index for index in sorted(self._rows) if np.isfinite(self._rows[index]).sum() >= GLANCED // 3]
-        if len(indices) < FEWEST_FRAMES:
-            return ""
-        seen = np.array([self._rows[index] for index in indices])
-        width, height = calibration.camera.size
-        order = list(geometry.stripes)
-        expected = _expected(geometry, calibration, self._columns)
-        mirrored = _expected(geometry, calibration, width - 1 - self._columns)
-        within = FIT_PX_OF_HEIGHT * height
-        upright = _Fit.of(UPRIGHT, seen, expected, order, within)
-        turned = _Fit.of(TURNED, seen, height - 1 - mirrored, order, within)
-        flipped = _Fit.of(FLIPPED, seen, height - 1 - expected, order, within)
-        likelier = min(turned, flipped, key=lambda fit: fit.distance)
-        doubtful = max(turned.distance, flipped.distance) < ALIKE * likelier.distance
-        turn = f"{TURNED} or {FLIPPED}" if doubtful else likelier.name
-        own, other = (fit.fits & (np.array(fit.stripe) == indices) for fit in (upright, likelier))
-        if own.mean() + other.mean() >= FITTING_SHARE and other.mean() >= MIXED_SHARE:
-            which = (
-                "the frames are"
-                if own.mean() < MIXED_SHARE
-                else f"{int(other.sum())} of {len(indices)} frames looked at are"
-            )
-            return f"{which} {turn}: give them as the camera had them when it was calibrated"
-        if own.mean() >= FITTING_SHARE:
-            return ""
-        for fit in (upright, likelier):
-            if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
-                order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
-                return f"{order_text} and {turn}" if fit is likelier else order_text
-        return _elsewhere(geometry, indices, seen)
+def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
+    """Text that says how the frames are wrong: turned, flipped or out of order; empty when nothing is found."""
+    rows = samples.rows
+    if len(rows) < FEWEST_FRAMES:
+        return ""
+    indices, seen = list(rows), np.array(list(rows.values()))
+    width, height = geometry.calibration.camera.size
+    order = list(geometry.stripes)
+    expected = _expected(geometry, samples.columns)
+    mirrored = _expected(geometry, width - 1 - samples.columns)
+    within = FIT_PX_OF_HEIGHT * height
+    upright = _Fit.of(UPRIGHT, seen, expected, order, within)
+    turned = _Fit.of(TURNED, seen, height - 1 - mirrored, order, within)
+    flipped = _Fit.of(FLIPPED, seen, height - 1 - expected, order, within)
+    likelier = min(turned, flipped, key=lambda fit: fit.distance)
+    doubtful = max(turned.distance, flipped.distance) < ALIKE * likelier.distance
+    turn = f"{TURNED} or {FLIPPED}" if doubtful else likelier.name
+    own, other = (fit.fits & (np.array(fit.stripe) == indices) for fit in (upright, likelier))
+    if own.mean() + other.mean() >= FITTING_SHARE and other.mean() >= MIXED_SHARE:
+        which = (
+            "the frames are"
+            if own.mean() < MIXED_SHARE
+            else f"{int(other.sum())} of {len(indices)} frames looked at are"
+        )
+        return f"{which} {turn}: give them as the camera had them when it was calibrated"
+    if own.mean() >= FITTING_SHARE:
+        return ""
+    for fit in (upright, likelier):
+        if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
+            order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
+            return f"{order_text} and {turn}" if fit is likelier else order_text
+    return _elsewhere(geometry, indices, seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,13 +269,13 @@ def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> s
     return f"{int(outside.sum())} of {len(indices)} frames looked at show {WHERE_NONE_CAN_BE}"
 
 
-def _expected(geometry: ScanGeometry, calibration: Calibration, columns: Index) -> Float:
+def _expected(geometry: ScanGeometry, columns: Index) -> Float:
     """(s, n) row in which each stripe crosses some columns on ground at z = 0, NaN outside the picture."""
     y = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 41)
     rows = []
     for plane in geometry.planes_in_footprint:
         x = -(plane[1] * y + plane[3]) / plane[0]
-        pixels = geometry.pixels(calibration, np.column_stack((x, y, np.zeros_like(y))))
+        pixels = geometry.pixels(np.column_stack((x, y, np.zeros_like(y))))
         ordered = pixels[np.argsort(pixels[:, 0])]
         rows.append(np.interp(columns, ordered[:, 0], ordered[:, 1], left=np.nan, right=np.nan))
     return np.array(rows)

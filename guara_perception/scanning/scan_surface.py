@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float, Index, Mask
-from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
@@ -20,7 +19,6 @@ from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record import Run
-from kinematics import RobotState
 from kinematics.self_filter import SelfFilter
 
 # The raster need not be finer than this; coarser grids are pooled from it, so a lost stripe always leaves a gap.
@@ -37,31 +35,32 @@ class ScanSurface:
         self,
         cell: float,
         geometry: ScanGeometry,
-        calibration: Calibration,
         settings: Settings,
         pattern: range,
-        body: OwnBody,
+        body: SelfFilter,
     ) -> None:
         """Start with nothing seen.
 
         Args:
             cell: edge of the cells [m].
             geometry: geometry of the scan.
-            calibration: calibration of the rangefinder.
             settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
-            body: body of the robot at the stance of the scan.
+            body: body of the robot at the stance of the scan, in base_footprint.
 
         Raises:
             InvalidInput: the resolution does not divide the footprint.
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
-        planes, size, origins = geometry.planes_in_footprint, calibration.camera.size, geometry.sensor_origins
+        planes, size, origins = geometry.planes_in_footprint, geometry.calibration.camera.size, geometry.sensor_origins
+
+        def hidden(points: Float) -> Mask:
+            return np.logical_or.reduce([body.blocks(origin, points) for origin in origins])
 
         def area(grid: GridGeometry, rows: slice) -> ScanArea:
-            plan = LookPlan(grid, planes, lambda points: geometry.pixels(calibration, points), size)
-            return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, body.hides), settings.limits)
+            plan = LookPlan(grid, planes, geometry.pixels, size)
+            return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, hidden), settings.limits)
 
         rows = area_rows(settings, cell)
         self._grids = {name: grid for name, (grid, _) in rows.items()}
@@ -211,8 +210,6 @@ def lost_cells(
     Returns:
         Runs [ix, first iy, end iy] of cells, in order: short, as stripes run along y.
     """
-    if not is_lost.any():
-        return ()
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)
     x, y = geometry.centres()
@@ -243,31 +240,3 @@ def _runs(mask: Mask) -> tuple[Run, ...]:
     column, first = np.nonzero(change == 1)
     _, end = np.nonzero(change == -1)
     return tuple(zip(column.tolist(), first.tolist(), end.tolist(), strict=True))
-
-
-class OwnBody:
-    """The robot's shapes at one stance, asked in base_footprint."""
-
-    def __init__(
-        self, state: RobotState, transform_base_to_footprint: Float, sensor_origins: tuple[Float, ...]
-    ) -> None:
-        """Place the shapes.
-
-        Args:
-            state: state of the robot at the stance.
-            transform_base_to_footprint: (4, 4).
-            sensor_origins: positions (3,) of camera and laser in base_footprint.
-        """
-        self._filter = SelfFilter(state, transform_base_to_frame=transform_base_to_footprint)
-        self._sensor_origins = sensor_origins
-
-    def contains(self, points: Float) -> Mask:
-        """Which points (n, 3) lie on the robot; NaN points do not."""
-        return np.asarray(self._filter.contains(points))
-
-    def hides(self, points: Float) -> Mask:
-        """Which points (n, 3) the robot hides from its camera or its laser."""
-        hidden = np.zeros(len(points), dtype=bool)
-        for sensor_origin in self._sensor_origins:
-            hidden |= self._filter.blocks(sensor_origin, points)
-        return hidden

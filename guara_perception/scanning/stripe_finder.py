@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
 from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, StripeProfile, bad_frame, channel_of
-from guara_perception.stripes.extract import Extract, is_raw_bayer, unusable_frame
+from guara_perception.stripes.extract import is_raw_bayer, unusable_frame
 from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
@@ -35,7 +34,7 @@ class StripeFinder:
             size: width and height of the calibrated camera's pictures [px].
             stride: index difference of neighbouring stripes.
         """
-        self._extract = METHODS[method].extract
+        self._extract = extract_precise if METHODS[method] is None else extract_paper
         self._size = size
         self._background = SweepBackground(stride)
 
@@ -77,23 +76,7 @@ class StripeFinder:
             return "the frame is raw Bayer data taken as grey: take its red pixels, or make it BGR (cv2.demosaicing)"
         if off is not None:
             return Band(on[first:end], OffRows(off[first:end], shared, first), first)
-        background = self._background.add(pair.index, on, rows)
-        return background.reason or Band.of(background.on, background.off, first)
-
-
-@dataclass(frozen=True, slots=True)
-class Background:
-    """What to subtract from a frame.
-
-    Attributes:
-        on: the rows of the band, reduced to the sweep's channel where `off` is.
-        off: background of the same shape, None: estimate it from the frame itself.
-        reason: why there is none although there should be, empty when all is well.
-    """
-
-    on: Image
-    off: Image | None = None
-    reason: str = ""
+        return self._background.add(pair.index, on, rows)
 
 
 class SweepBackground:
@@ -115,8 +98,8 @@ class SweepBackground:
         self._first: int | None = None
         self._last = -1
 
-    def add(self, index: int, on: Image, band: tuple[int, int]) -> Background:
-        """Take a good laser-on frame and give its background.
+    def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
+        """Take a good laser-on frame and give its band with a background, or the reason why there is none.
 
         The channel is that in which the first stripe stands out most, and stays the same for the sweep. The first
         stripes, and those that come out of order, are served by an estimate from their own frame.
@@ -124,11 +107,11 @@ class SweepBackground:
         Args:
             index: index of the stripe.
             on: whole laser-on frame.
-            band: first and end row between which the stripe can appear.
+            rows: first and end row between which the stripe can appear.
         """
-        rows = slice(*band)
+        band = slice(*rows)
         if self._channel is None or self._first is None:
-            self._channel = judge(on[rows], None).channel
+            self._channel = judge(on[band], None).channel
             self._first = index
         kept = channel_of(on, self._channel)
         if np.may_share_memory(kept, on):
@@ -141,35 +124,21 @@ class SweepBackground:
             self._kept.popitem(last=False)
         needed = [index - before * self._stride for before in STRIPES_BEFORE]
         if out_of_order or min(needed) < self._first:
-            return Background(on[rows])
+            return Band(on[band], None, rows[0])
         missing = [other for other in needed if other not in self._kept]
         if missing:
-            return Background(
-                on[rows], reason=f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
-            )
-        return Background(kept[rows], np.minimum(*(self._kept[other][rows] for other in needed)))
+            return f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
+        return Band.of(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 
-@dataclass(frozen=True, slots=True)
-class Method:
-    """One method.
-
-    Attributes:
-        extract: finds the stripes of some bands.
-        literal: what the paper's chain takes as printed; None = triangulation instead of the paper's chain.
-    """
-
-    extract: Extract
-    literal: Literal | None
-
-
-METHODS = {
+# What the paper's chain takes as printed; None = triangulation instead of the paper's chain.
+METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
-    "precise": Method(extract_precise, None),
+    "precise": None,
     # The paper's chain, eqs. 7 to 21, corrected; with eq. 8 in one iteration; with eqs. 20, 21 about the image centre.
-    "paper": Method(extract_paper, Literal()),
-    "paper-literal-lens": Method(extract_paper, Literal(lens=True)),
-    "paper-literal-ortho": Method(extract_paper, Literal(ortho=True)),
+    "paper": Literal(),
+    "paper-literal-lens": Literal(lens=True),
+    "paper-literal-ortho": Literal(ortho=True),
 }
 
 

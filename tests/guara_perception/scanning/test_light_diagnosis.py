@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from guara_perception.scanning.light_diagnosis import LightSamples
+from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.simulation import Light, real_light
 from guara_perception.stripes.band import FramePair
 from guara_perception.stripes.extract import extract_stripe
@@ -79,7 +79,7 @@ def test_a_dark_room_does_not_flicker(laser: float) -> None:
     """Where nothing but the stripe is bright, a share of what is left says nothing of lamps."""
     scan = simulated(SIZE, STRIPES, Light(ambient=(0.0, 0.0, 0.0), laser=laser))
     for with_off in (True, False):
-        samples = LightSamples([index for index, _, _ in scan.frames], 256)
+        samples = FrameSamples([index for index, _, _ in scan.frames], scan.frames[0][1].shape[1::-1])
         for index, on, off in scan.frames:
             samples.add(FramePair(index, on, off if with_off else None), extract_stripe(on, off if with_off else None))
         assert "flicker" not in samples.excess()

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.scanning.scan_report import advice, regional_coverage
-from guara_perception.scanning.scan_surface import OwnBody
 from guara_perception.scanning.stripe_finder import METHODS
-from kinematics import RobotModel, Stance
+from kinematics import Stance
 from testbed.grid_truth import figures, load_truth
 from tests.thorough import examples
 
@@ -196,15 +195,3 @@ def test_frames_that_cannot_be_used_are_marked_and_the_scan_goes_on(
     assert message in profile.reason
     report = processor.finish().metadata
     assert message in report["frames_bad"]["30"] and report["health"]["level"] == "degraded"
-
-
-def test_own_body_is_asked_in_the_footprint_frame(paper_scan: gp.Scan, robot: RobotModel) -> None:
-    """A point on a sole lies on the robot, one ahead does not; the body hides what is right below it from above."""
-    pose = robot.stance_pose(paper_scan.stance)
-    transform = pose.transform_base_to_footprint
-    state = robot.state(paper_scan.stance.joint_positions)
-    sole = transform[:3, :3] @ state.soles_in_base(["lf"])[0] + transform[:3, 3]
-    sensor_origin = np.array([0.0, 0.0, 1.0])
-    body = OwnBody(state, transform, (sensor_origin,))
-    np.testing.assert_array_equal(body.contains(np.array([sole, [0.7, 0, 0], [np.nan] * 3])), [True, False, False])
-    np.testing.assert_array_equal(body.hides(np.array([[0.0, 0.0, 0.0], [3.0, 0, 0]])), [True, False])

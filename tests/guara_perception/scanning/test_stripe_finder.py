@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.scanning.stripe_finder import SHARED_FROM, StripeFinder, SweepBackground
+from guara_perception.stripes.band import Band
 from tests.thorough import examples
 
 WIDTH, HEIGHT = 160, 120
@@ -152,19 +153,20 @@ def test_background_of_a_sweep_is_the_darker_of_two_earlier_frames() -> None:
     sweep = SweepBackground(stride=2)
     for number in range(10):
         background = sweep.add(2 * number, sweep_frame(number), (0, 120))
-        assert background.reason == ""
+        assert isinstance(background, Band)
         if number < 6:
             assert background.off is None
         else:
             assert background.off is not None
-            assert (background.off == 40).all()
+            assert (background.off.frame == 40).all()
 
 
 def test_lost_frame_costs_the_stripes_that_it_would_have_served() -> None:
     """Which frames serve a stripe never changes: without one of them the stripe is given up, with the reason."""
     sweep = SweepBackground(stride=1)
-    reasons = {number: sweep.add(number, sweep_frame(number), (0, 120)).reason for number in range(11) if number != 4}
-    assert [number for number, reason in reasons.items() if reason] == [7, 10]
+    bands = {number: sweep.add(number, sweep_frame(number), (0, 120)) for number in range(11) if number != 4}
+    reasons = {number: band for number, band in bands.items() if isinstance(band, str)}
+    assert list(reasons) == [7, 10]
     assert reasons[7] == "no laser-off frame, and frame 4, which would serve instead, was lost"
 
 
@@ -173,4 +175,4 @@ def test_frames_out_of_order_estimate_their_own_background() -> None:
     sweep = SweepBackground(stride=1)
     sweep.add(9, sweep_frame(9), (0, 120))
     late = sweep.add(3, sweep_frame(3), (0, 120))
-    assert (late.off, late.reason) == (None, "")
+    assert isinstance(late, Band) and late.off is None
