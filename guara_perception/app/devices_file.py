@@ -1,4 +1,4 @@
-"""`devices.toml`: the camera and the board of one robot, with what was measured of them."""
+"""`devices.toml`: camera and board of one robot, with their measured values."""
 
 from __future__ import annotations
 
@@ -17,9 +17,17 @@ if TYPE_CHECKING:
 FORMAT = "guara-devices/1"
 # A file of devices has a dozen lines.
 LARGEST_BYTES = 64 * 1024
-SETTINGS = ("exposure", "gain", "white_balance", "gamma")
+# Numbers of the camera and their limits; all but the first two are settings, locked and read back.
+NUMBERS = {
+    "fps": (0.1, 10_000.0),
+    "lag": (0.0, 10.0),
+    "exposure": (1e-6, 10.0),
+    "gain": (-100.0, 1e4),
+    "white_balance": (500.0, 20_000.0),
+    "gamma": (0.01, 1e4),
+}
 LINES = ("trigger", "exposure_output", "pixel_format")
-# What stands before the colon of a camera's source, for classes that know more of it than OpenCV does.
+# Prefixes of a camera's source for classes that know more of the camera than OpenCV does.
 ARAVIS, V4L2 = "aravis", "v4l2"
 # Frames with the laser off: one for the scan, one per stripe (in changing light), or none.
 OFF_FRAMES = ("one", "per stripe", "none")
@@ -27,14 +35,14 @@ OFF_FRAMES = ("one", "per stripe", "none")
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
-    "camera": {"source", "size", "fps", "lag", "off_frames", *LINES, *SETTINGS},
+    "camera": {"source", "size", "off_frames", *LINES, *NUMBERS},
     "board": {"vendor_id", "product_id", "serial"},
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """What the commands need to open the devices and to hold them as they were when calibrated.
+    """Camera and board of a robot, and the settings that they had when it was calibrated.
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
@@ -110,7 +118,7 @@ class Devices:
         return made
 
     def sweep_options(self) -> SweepOptions | None:
-        """How the board sweeps by itself with a triggered camera; None for one that runs freely.
+        """Options of sweeps of the board itself, for a triggered camera; None for one that runs freely.
 
         Raises:
             InvalidInput: the exposure is not one for which the laser may shine.
@@ -125,7 +133,7 @@ class Devices:
             raise InvalidInput(f"the laser shines while a triggered camera exposes: {error}") from None
 
     def camera_settings(self) -> CameraSettings:
-        """What is locked when the camera is opened."""
+        """Settings that are locked when the camera is opened."""
         from drivers import CameraSettings
 
         if self.trigger is not None:
@@ -158,13 +166,8 @@ def devices_of(
         MissingFile, FileFormatError: see `load_devices`.
     """
     known = Devices() if path is None else load_devices(path)
-    return replace(
-        known,
-        source=camera or known.source,
-        trigger=trigger or known.trigger,
-        fps=fps or known.fps,
-        off_frames=off_frames or known.off_frames,
-    )
+    given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
+    return replace(known, **{name: value for name, value in given.items() if value})
 
 
 def load_devices(path: str | Path) -> Devices:
@@ -198,15 +201,15 @@ def load_devices(path: str | Path) -> Devices:
         if not (64 <= width <= 16384 and 64 <= height <= 16384):
             raise FileFormatError(f"{camera.path_to('size')} is [{width}, {height}], allowed: 64 ... 16384 px each way")
         size = (width, height)
-    limits = {"exposure": (1e-6, 10.0), "gain": (-100.0, 1e4), "white_balance": (500.0, 20_000.0), "gamma": (0.01, 1e4)}
+    numbers = {name: camera.number(name, *limits) for name, limits in NUMBERS.items() if camera.has(name)}
     return Devices(
         source=camera.text("source"),
         size=size,
-        fps=camera.number("fps", 0.1, 10_000) if camera.has("fps") else None,
-        lag=camera.number("lag", 0.0, 10.0) if camera.has("lag") else None,
+        fps=numbers.pop("fps", None),
+        lag=numbers.pop("lag", None),
         **{name: camera.text(name) for name in LINES if camera.has(name)},
         off_frames=camera.text("off_frames", OFF_FRAMES) if camera.has("off_frames") else "one",
-        settings={name: camera.number(name, *limits[name]) for name in SETTINGS if camera.has(name)},
+        settings=numbers,
         board=board,
     )
 

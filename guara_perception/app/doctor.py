@@ -1,4 +1,4 @@
-"""Checks of everything a scan needs; each says ok, or what to do."""
+"""Checks of everything that a scan needs; each reports ok, or what to do."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from guara_perception.exceptions import PerceptionError
 from guara_perception.scanning.process import run_scan
 from guara_perception.scanning.scan_drift import scan_drift
 from kinematics import KinematicsError, load_robot
+from transport import Health, TransportError
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
@@ -38,15 +40,13 @@ STRIPE_SECONDS = 0.015
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the report.
+    """Result of one check.
 
     Attributes:
-        name: what was checked.
         level: "ok", "skip" (not checked), "warn" or "FAIL".
         message: what was found and, unless ok, what to do.
     """
 
-    name: str
     level: str
     message: str
 
@@ -60,8 +60,8 @@ def examine(
     scan: Path | None = None,
     checks: tuple[str, ...] = (),
     security: Path | None = None,
-) -> Iterator[Finding]:
-    """Run the checks one by one.
+) -> Iterator[tuple[str, Finding]]:
+    """Run the checks one by one; yield the name and the finding of each.
 
     Args:
         devices: camera with the settings to lock, and board.
@@ -70,173 +70,156 @@ def examine(
         folder: where recordings would be written.
         scan: recorded scan of a flat floor, or of anything with some floor, for the drift check; None = not done.
         checks: names of the checks to run; empty = all.
+        security: security folder whose certificates are checked, or None.
     """
-    every: dict[str, Callable[[], Finding]] = {
-        "usb": check_usb,
-        "board": lambda: check_board(devices),
-        "camera": lambda: check_camera(devices),
-        "cameras": check_cameras,
-        "zenoh": lambda: check_endpoint(listen),
-        "calibration": lambda: check_calibration(calibration),
-        "drift": lambda: check_scan_drift(calibration, scan),
-        "disk": lambda: check_disk(folder),
-        "speed": check_speed,
-        "certificates": lambda: check_certificates(security),
+    every: dict[str, tuple[Callable[..., Finding], *tuple[Any, ...]]] = {
+        "usb": (check_usb,),
+        "board": (check_board, devices),
+        "camera": (check_camera, devices),
+        "cameras": (check_cameras,),
+        "zenoh": (check_endpoint, listen),
+        "calibration": (check_calibration, calibration),
+        "drift": (check_scan_drift, calibration, scan),
+        "disk": (check_disk, folder),
+        "speed": (check_speed,),
+        "certificates": (check_certificates, security),
     }
     for name, check in every.items():
         if not checks or name in checks:
-            yield check()
+            yield name, attempt(*check)
+
+
+def attempt(check: Callable[..., Finding], *arguments: Any) -> Finding:
+    """Run a check; an error that the packages or the file system raise is its failure."""
+    try:
+        return check(*arguments)
+    except (DriverError, PerceptionError, KinematicsError, TransportError, ValueError) as error:
+        return Finding(FAIL, str(error))
+    except OSError as error:
+        return Finding(FAIL, f"{error.filename}: {error.strerror}")
 
 
 def check_usb() -> Finding:
-    """Whether pyusb has a backend."""
-    try:
-        backend = default_backend()
-    except DriverError as error:
-        return Finding("usb", FAIL, str(error))
-    return Finding("usb", OK, f"backend {type(backend).__module__}")
+    """Check that pyusb finds a libusb backend."""
+    return Finding(OK, f"backend {type(default_backend()).__module__}")
 
 
 def check_board(devices: Devices) -> Finding:
-    """Whether the laser board is there, may be opened and speaks the protocol."""
-    try:
-        with LaserBoard(devices.board_config()) as board:
-            identity = board.identity
-    except DriverError as error:
-        return Finding("board", FAIL, str(error))
+    """Check that the laser board is there, may be opened and speaks the protocol."""
+    with LaserBoard(devices.board_config()) as board:
+        identity = board.identity
     firmware, protocol = (".".join(map(str, version)) for version in (identity.firmware, identity.protocol))
     sweeps = "sweeps by itself" if identity.protocol >= SWEEPS_SINCE else "no sweeps of its own"
     return Finding(
-        "board",
         OK,
         f"firmware {firmware}, protocol {protocol} ({sweeps}), {np.degrees(identity.step_angle):.3f} degrees per step",
     )
 
 
 def check_camera(devices: Devices) -> Finding:
-    """Whether the camera opens, holds its settings and gives a frame, and what it can prove of its frames."""
+    """Check that the camera opens, holds its settings and gives a frame; report what it can prove of its frames."""
     held = ""
-    try:
-        triggered = devices.camera()
-        with devices.camera(free=True) as camera:
-            if devices.settings:
-                locked = camera.lock(devices.camera_settings())
-                held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
-            frame = camera.grab(2.0)
-        if triggered.triggered:
-            # It opens only where it has the line.
-            triggered.open()
-            triggered.close()
-    except (DriverError, PerceptionError, ValueError) as error:
-        return Finding("camera", FAIL, str(error))
+    triggered = devices.camera()
+    with devices.camera(free=True) as camera:
+        if devices.settings:
+            locked = camera.lock(devices.camera_settings())
+            held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
+        frame = camera.grab(2.0)
+    if triggered.triggered:
+        # It opens only where it has the line.
+        triggered.open()
+        triggered.close()
     height, width = frame.image.shape[:2]
     said = f"camera {devices.source} gives {width}x{height} px; {held}it {evidence_of(triggered)}"
     if devices.size is not None and (width, height) != tuple(devices.size):
         wanted = f"{devices.size[0]}x{devices.size[1]}"
-        return Finding("camera", FAIL, f"{said}; its file says {wanted}: a calibration holds for one size only")
-    return Finding("camera", OK, said)
+        return Finding(FAIL, f"{said}; its file says {wanted}: a calibration holds for one size only")
+    return Finding(OK, said)
 
 
 def check_cameras() -> Finding:
-    """Which cameras there are, and what each can prove."""
+    """List the cameras, and what each can prove."""
     from guara_perception.app.find_cameras import find_cameras
 
     found, missing = find_cameras()
     lines = [f"{camera.source}: {camera.evidence}" for camera in found] + ([missing] if missing else [])
     if not found:
-        return Finding("cameras", WARN, "; ".join(["none found", *lines]))
-    return Finding("cameras", OK, "; ".join(lines))
+        return Finding(WARN, "; ".join(["none found", *lines]))
+    return Finding(OK, "; ".join(lines))
 
 
 def check_endpoint(listen: str) -> Finding:
-    """Whether the node could listen there."""
+    """Check that the node can listen there."""
     protocol, _, address = listen.partition("/")
     host, _, port = address.rpartition(":")
     if not port.isdigit():
-        return Finding("zenoh", FAIL, f"endpoint {listen!r} is not valid, write protocol/host:port")
+        return Finding(FAIL, f"endpoint {listen!r} is not valid, write protocol/host:port")
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host.strip("[]") or "127.0.0.1", int(port)))
         except OSError as error:
-            return Finding("zenoh", FAIL, f"{listen}: {error.strerror}; a node runs there already, or choose --listen")
-    return Finding("zenoh", OK, f"{listen} is free ({protocol})")
+            return Finding(FAIL, f"{listen}: {error.strerror}; a node runs there already, or choose --listen")
+    return Finding(OK, f"{listen} is free ({protocol})")
 
 
 def check_calibration(path: Path | None) -> Finding:
-    """Whether the calibration loads, how good and how old it is."""
+    """Check that the calibration loads; report its verdict and its age."""
     if path is None:
-        return Finding("calibration", WARN, "none given: -c calibration.json; `guara calibrate` makes one")
-    try:
-        calibration = load_calibration(path)
-    except PerceptionError as error:
-        return Finding("calibration", FAIL, str(error))
-    return judge_calibration(calibration)
+        return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
+    return judge_calibration(load_calibration(path))
 
 
 def judge_calibration(calibration: Calibration) -> Finding:
     """Verdict and age of a calibration."""
     verdict = str(calibration.quality.get("verdict"))
     reasons = "; ".join(map(str, calibration.quality.get("reasons", ())))
-    text = f"{verdict}" + (f" ({reasons})" if reasons else "") + f", {len(calibration.stripes)} stripes"
+    text = f"{verdict}{f' ({reasons})' if reasons else ''}, {len(calibration.stripes)} stripes"
     if verdict == "refused":
-        return Finding("calibration", FAIL, f"{text}: calibrate again")
+        return Finding(FAIL, f"{text}: calibrate again")
     try:
         made = datetime.fromisoformat(calibration.created)
     except ValueError:
-        return Finding("calibration", WARN, f"{text}, of unknown age: calibrate again if in doubt")
+        return Finding(WARN, f"{text}, of unknown age: calibrate again if in doubt")
     days = (datetime.now(UTC) - (made if made.tzinfo else made.replace(tzinfo=UTC))).days
     if days > CALIBRATION_AGE_DAYS:
-        return Finding("calibration", WARN, f"{text}, {days} days old: check it on a flat floor, or calibrate again")
-    return Finding("calibration", OK if verdict != "unknown" else WARN, f"{text}, {days} days old")
+        return Finding(WARN, f"{text}, {days} days old: check it on a flat floor, or calibrate again")
+    return Finding(OK if verdict != "unknown" else WARN, f"{text}, {days} days old")
 
 
 def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
-    """Whether the calibration still fits what a scan shows of the floor."""
+    """Check that the calibration still fits the floor of a scan."""
     if calibration is None or scan is None:
-        return Finding(
-            "drift", SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view"
-        )
-    try:
-        recorded, calibrated = open_scan(scan), load_calibration(calibration)
-        processor = run_scan(recorded, calibrated, load_robot(recorded.robot))
-    except (PerceptionError, KinematicsError) as error:
-        return Finding("drift", FAIL, str(error))
-    drift = scan_drift(processor)
+        return Finding(SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
+    recorded, calibrated = open_scan(scan), load_calibration(calibration)
+    drift = scan_drift(run_scan(recorded, calibrated, load_robot(recorded.robot)))
     if drift.verdict == DRIFTING:
-        return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: calibrate again")
+        return Finding(WARN, f"{'; '.join(drift.reasons)}: calibrate again")
     if drift.verdict == HOLDS:
         floor, stripes = 1e3 * drift.floor_height, 1e3 * drift.stripe_rms
-        return Finding("drift", OK, f"the calibration holds: floor {floor:+.1f} mm, stripes {stripes:.2f} mm rms")
-    return Finding("drift", WARN, f"{'; '.join(drift.reasons)}: scan again with more floor in view")
+        return Finding(OK, f"the calibration holds: floor {floor:+.1f} mm, stripes {stripes:.2f} mm rms")
+    return Finding(WARN, f"{'; '.join(drift.reasons)}: scan again with more floor in view")
 
 
 def check_disk(folder: Path) -> Finding:
-    """Whether ten recorded scans fit."""
-    try:
-        free = shutil.disk_usage(folder).free
-    except OSError as error:
-        return Finding("disk", FAIL, f"{folder}: {error.strerror}")
+    """Check that ten recorded scans fit."""
+    free = shutil.disk_usage(folder).free
     text = f"{free / 1e9:.1f} GB free in {folder}"
-    return Finding("disk", OK, text) if free > DISK_BYTES else Finding("disk", WARN, f"{text}: make room to record")
+    return Finding(OK, text) if free > DISK_BYTES else Finding(WARN, f"{text}: make room to record")
 
 
 def check_certificates(folder: Path | None) -> Finding:
-    """Whether a security folder's certificates are valid for a month, its keys private and its rules up to date."""
+    """Check that certificates of a security folder are valid for a month, keys private and rules up to date."""
     if folder is None:
-        return Finding("certificates", SKIP, "not checked: give --security DIR")
-    from transport import Health, TransportError
+        return Finding(SKIP, "not checked: give --security DIR")
     from transport.security.certificates import judge_security
 
-    try:
-        level, message = judge_security(folder)
-    except TransportError as error:
-        return Finding("certificates", FAIL, str(error))
-    return Finding("certificates", {Health.OK: OK, Health.WARN: WARN}.get(level, FAIL), message)
+    level, message = judge_security(folder)
+    return Finding({Health.OK: OK, Health.WARN: WARN}.get(level, FAIL), message)
 
 
 def check_speed() -> Finding:
-    """Whether this machine extracts a stripe faster than frames come."""
+    """Check that this machine extracts a stripe faster than frames come."""
     from guara_perception.stripes.extract import extract_stripe
 
     rows = np.arange(1024, dtype=np.float32)[:, None]
@@ -252,7 +235,5 @@ def check_speed() -> Finding:
     seconds = (time.perf_counter() - start) / 5
     text = f"{seconds * 1e3:.1f} ms per stripe of 1280x1024 px"
     if seconds > STRIPE_SECONDS:
-        return Finding(
-            "speed", WARN, f"{text}: too slow for 30 frames per second; stop other programs or scan coarsely"
-        )
-    return Finding("speed", OK, text)
+        return Finding(WARN, f"{text}: too slow for 30 frames per second; stop other programs or scan coarsely")
+    return Finding(OK, text)

@@ -1,4 +1,4 @@
-"""Which cameras this machine has, and what each can prove of its frames."""
+"""Search for the cameras of this machine, with what each can prove of its frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`TerrainSummary` and `MapRegions`: the fused map made small for a thin link and for planners; their messages."""
+"""`TerrainSummary` and `MapRegions`, small forms of the fused map for thin links and for planners; their messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from transport.messages.map_origin import origin_of
 from transport.messages.regions_message import RegionMessage, RegionsMessage
 from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
 
-# [mm] Largest height above or below zero that the summary can hold.
+# [mm] Largest height, above or below zero, that the summary can hold.
 TALLEST = 32767
 # [byte] Largest summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk a
 # summary has 8 to 13 kB with all cells.
@@ -126,7 +126,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
 
 def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
-    """The summary in which every cell of the map is kept."""
+    """The summary with the cells of the map as they are."""
     elevation, score = terrain.layers["elevation"], terrain.layers["traversability"]
     hazard = np.array(terrain.layers["hazard"])
     millimetres = np.rint(elevation.astype(np.float64) * 1e3)
@@ -149,12 +149,12 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
 
 
 def _beside(cells: Mask) -> Mask:
-    """The given cells, and the eight around each."""
+    """The given cells and the eight around each."""
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 def message_to_summary(message: SummaryMessage) -> TerrainSummary:
-    """What a summary's message says.
+    """The summary of a message.
 
     Raises:
         UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage on the way.
@@ -169,12 +169,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
             traversability=message.traversability.astype(np.float32) / np.float32(FULL_SCORE),
             geometry=GridGeometry(message.origin, message.resolution, message.shape),
             frame=message.frame_id,
-            stamp=message.stamp,
-            step=message.step,
-            sequence=message.sequence,
-            epoch=message.epoch,
-            is_provisional=message.provisional,
-            stale_because=message.stale_because,
+            **_source(message),
         )
     except UnsafeGrid as error:
         raise UnsafeGrid(f"summary received from {message.robot!r}, step {message.step}: {error}") from None
@@ -182,7 +177,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
 
 @dataclass(frozen=True, slots=True)
 class MapRegions:
-    """What `TerrainClient.regions` gives: for a planner that optimises, without the map itself.
+    """Convex steppable regions of the fused map, as `TerrainClient.regions` gives them, without the map itself.
 
     Attributes:
         robot: instance name.
@@ -229,7 +224,7 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
 
 
 def message_to_regions(message: RegionsMessage) -> MapRegions:
-    """What a message of regions says."""
+    """The regions of a message."""
     return MapRegions(
         robot=message.robot,
         # Nodes of earlier versions send them in the order in which they were found.
@@ -237,10 +232,11 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
             SteppableRegion(r.halfspaces, r.vertices, r.plane, r.sigma, r.area, None)
             for r in sorted(message.regions, key=lambda region: -region.area)
         ),
-        stamp=message.stamp,
-        step=message.step,
-        sequence=message.sequence,
-        epoch=message.epoch,
-        is_provisional=message.provisional,
-        stale_because=message.stale_because,
+        **_source(message),
     )
+
+
+def _source(message: SummaryMessage | RegionsMessage) -> dict[str, Any]:
+    """Fields of a summary, or of regions, that name the map it was made from."""
+    names = ("stamp", "step", "sequence", "epoch", "stale_because")
+    return {"is_provisional": message.provisional, **{name: getattr(message, name) for name in names}}

@@ -1,4 +1,4 @@
-"""Summarises a grid: one line of text for a person, plain values for a program."""
+"""Summary of a grid: one line of text for a person, plain values for a program."""
 
 from __future__ import annotations
 
@@ -34,23 +34,18 @@ def facts(terrain: TerrainGrid) -> dict[str, Any]:
 
 def summary(terrain: TerrainGrid) -> str:
     """One line: step, mode, how much is known and traversable, the four most frequent flags, reasons of its health."""
-    hazard = np.asarray(terrain.hazard)
-    known = float(np.mean((hazard & UNKNOWN_MASK) == 0))
-    safe = float(np.mean(np.asarray(terrain.traversability) > 0))
-    counts = cells_by_flag(hazard)
-    most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:4]
+    found, record = facts(terrain), terrain.record
+    hazards: dict[str, int] = found["hazards"]
+    most = sorted(hazards, key=lambda name: -hazards[name])[:4]
     parts = [
         f"step {terrain.step}",
-        terrain.record.mode or "?",
+        record.mode or "?",
         f"{terrain.shape[1]}x{terrain.shape[0]} cells of {terrain.resolution * 1e3:g} mm",
-        f"known {known:.0%}",
-        f"traversable {safe:.0%}",
-        f"attitude from {terrain.record.attitude_source or '?'}",
+        f"known {found['known']:.0%}",
+        f"traversable {found['traversable']:.0%}",
+        f"attitude from {record.attitude_source or '?'}",
+        "provisional" if terrain.is_provisional else "",
+        "hazards " + " ".join(f"{name} {hazards[name]}" for name in most) if most else "",
+        "; ".join(record.health.reasons) if record.health else "",
     ]
-    if terrain.is_provisional:
-        parts.append("provisional")
-    if most:
-        parts.append("hazards " + " ".join(f"{name} {counts[name]}" for name in most))
-    if terrain.record.health and terrain.record.health.reasons:
-        parts.append("; ".join(terrain.record.health.reasons))
-    return ", ".join(parts)
+    return ", ".join(filter(None, parts))

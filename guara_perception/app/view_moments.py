@@ -1,9 +1,9 @@
-"""Moments for the view from files: a grid, a recorded scan, a recorded walk."""
+"""Moments of the view from files: a grid, a recorded scan, a recorded walk."""
 
 from __future__ import annotations
 
 import logging
-from functools import lru_cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +16,11 @@ from guara_perception.arrays import Float, Float32, Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.terrain.layers.layered_grid import EXTENTS
 from guara_perception.view.moment import Moment
 from transport.messages.codec import read_time
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from guara_perception.scan import Scan
     from guara_perception.terrain.grid import TerrainGrid
     from kinematics import RobotModel
@@ -30,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 
 def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration | None = None) -> list[Moment]:
-    """The moments that a file or folder holds.
+    """Moments of a file or folder.
 
     Args:
         path: a grid (.npz), a recording (.mcap) or a scan folder.
@@ -68,30 +67,28 @@ def _processed(scan: Scan, robot: RobotModel, calibration: Calibration) -> Momen
     processor = run_scan(scan, calibration, robot)
     terrain = processor.finish()
     points = [stripe.points for stripe in processor.points.values()]
-    return Moment({"footprint": terrain}, lambda: points, planned_footholds(robot, terrain), _picture(scan))
+    planned = planned_footholds(robot, terrain)
+    return Moment({"footprint": terrain}, lambda: points, planned, cache(partial(_picture, scan)))
 
 
 def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) -> list[Moment]:
     """Moments of a recording: its grids by walk and step; scans without grids are processed."""
     from guara_perception.app.files.open_scan import open_scans
-    from transport import TransportError
+    from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
 
-    try:
-        with open_recording(path) as recording:
-            # Walks by their epoch, in the order of their first grids, with the first frame of each.
-            walks: dict[str, int] = {}
-            grids: dict[tuple[int, int], dict[str, TerrainGrid]] = {}
-            for extent in ("footprint", "map"):
-                for message in recording.terrains(extent):
-                    walks.setdefault(message.epoch, message.scan_start)
-                    pause = list(walks).index(message.epoch), message.step
-                    grids.setdefault(pause, {})[extent] = message_to_terrain(message)
-            clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
-            if calibration is None and recording.calibration is not None:
-                calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
-    except TransportError as error:
-        raise FileFormatError(str(error)) from None
+    # Walks by their epoch, in the order of their first grids, with the first frame of each.
+    walks: dict[str, int] = {}
+    grids: dict[tuple[int, int], dict[str, TerrainGrid]] = {}
+    with file_errors(), open_recording(path) as recording:
+        for extent in EXTENTS:
+            for message in recording.terrains(extent):
+                walks.setdefault(message.epoch, message.scan_start)
+                pause = list(walks).index(message.epoch), message.step
+                grids.setdefault(pause, {})[extent] = message_to_terrain(message)
+        clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
+        if calibration is None and recording.calibration is not None:
+            calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
     begins = list(walks.values())
     scans = {(_walk_of(scan.end, begins), scan.step): scan for scan in open_scans(path)}
     if not grids and calibration is None and scans:
@@ -106,11 +103,11 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
         scan, terrain = scans.get(pause), grids[pause].get("footprint") or grids[pause]["map"]
         parts: dict[str, Any] = {}
         if terrain.stamp in clouds:
-            parts["stripes"] = _given(clouds[terrain.stamp])
+            parts["stripes"] = partial(_given, clouds[terrain.stamp])
         elif scan is not None and calibration is not None:
-            parts["stripes"] = _measured(scan, robot, calibration)
+            parts["stripes"] = cache(partial(_measured, scan, robot, calibration))
         if scan is not None:
-            parts["picture"] = _picture(scan)
+            parts["picture"] = cache(partial(_picture, scan))
         planned = planned_footholds(robot, grids[pause].get("map") or terrain)
         moments.append(Moment(grids[pause], footholds=planned, **parts))
     return moments
@@ -121,32 +118,22 @@ def _walk_of(stamp: int, begins: list[int]) -> int:
     return max((number for number, begin in enumerate(begins) if begin <= stamp), default=0)
 
 
-def _given(points: Float32) -> Callable[[], list[Float]]:
-    return lambda: [points.astype(np.float64)]
+def _given(points: Float32) -> list[Float]:
+    return [points.astype(np.float64)]
 
 
-def _picture(scan: Scan) -> Callable[[], Image | None]:
-    """The picture of the median stripe, read when it is first asked for."""
+def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> list[Float]:
+    """Points of a scan, which is processed for them."""
+    from guara_perception.scanning.process import run_scan
 
-    @lru_cache(maxsize=1)
-    def picture() -> Image | None:
-        in_order = sorted(scan.stripes, key=lambda stripe: stripe.mirror_angle)
-        try:
-            return scan.read_frame(in_order[len(in_order) // 2].on)
-        except (MissingFile, FileFormatError) as error:
-            logger.warning("the camera's picture is left out: %s", error)
-            return None
-
-    return picture
+    return [stripe.points for stripe in run_scan(scan, calibration, robot).points.values()]
 
 
-def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> Callable[[], list[Float]]:
-    """The points of a scan, processed when they are first asked for."""
-
-    @lru_cache(maxsize=1)
-    def points() -> list[Float]:
-        from guara_perception.scanning.process import run_scan
-
-        return [stripe.points for stripe in run_scan(scan, calibration, robot).points.values()]
-
-    return points
+def _picture(scan: Scan) -> Image | None:
+    """Picture of the median stripe."""
+    in_order = sorted(scan.stripes, key=lambda stripe: stripe.mirror_angle)
+    try:
+        return scan.read_frame(in_order[len(in_order) // 2].on)
+    except (MissingFile, FileFormatError) as error:
+        logger.warning("skipping the camera's picture: %s", error)
+        return None

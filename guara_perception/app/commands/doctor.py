@@ -1,4 +1,4 @@
-"""`guara doctor`: what works on this machine, and how to mend what does not."""
+"""`guara doctor`: checks of this machine, with the remedy for what fails."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def command(
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
     failed = False
-    for finding in examine(
+    for name, finding in examine(
         devices=devices_of(devices, camera=camera, trigger=trigger),
         calibration=calibration,
         listen=listen,
@@ -67,9 +67,9 @@ def command(
         security=security,
     ):
         if as_json:
-            click.echo(json.dumps({"name": finding.name, "level": finding.level, "message": finding.message}))
+            click.echo(json.dumps({"name": name, **dataclasses.asdict(finding)}))
         else:
-            click.echo(f"{finding.level:<5} {finding.name:<12} {finding.message}")
+            click.echo(f"{finding.level:<5} {name:<12} {finding.message}")
         failed |= finding.level == FAIL
     if failed:
         context.exit(1)

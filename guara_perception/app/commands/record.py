@@ -28,13 +28,7 @@ RULER_MM = 150.0
 @click.option("--crosses", type=FILE, help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]")
 @click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
 @click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    show_default=False,
-    help="port of the live page; default: any free one",
-)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, show_default="any free one", help="port of the page")
 def command(
     session: Path,
     simulated: bool,

@@ -65,12 +65,8 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--name", default="router", help="name of the router and of its folder")
 @click.option("--host", "hosts", multiple=True, help="name or address by which others reach it; repeatable")
 @click.option("--listen", default="tls/0.0.0.0:7447", help="where it listens")
-@click.option(
-    "--uplink", default="", show_default=False, help="name of the router in FOLDER that it dials; default: none"
-)
-@click.option(
-    "--uplink-host", default="", show_default=False, help="how it reaches that router; default: the first of its hosts"
-)
+@click.option("--uplink", default="", show_default="none", help="name of the router in FOLDER that it dials")
+@click.option("--uplink-host", default="", show_default="first of its hosts", help="how it reaches that router")
 @click.option("--scans", is_flag=True, help="planners behind it may request scans at nodes that dial it")
 @click.option("--summary-only", is_flag=True, help="the router above gets summaries, status and signs of life only")
 @click.option("--place", help="folder of its files where it will run; default: where they are made")

@@ -68,8 +68,8 @@ def read_camera_info(path: str | Path) -> CameraModel:
     try:
         return CameraModel(
             size=size,
-            matrix=_data(fields.sub("camera_matrix"), 9).reshape(3, 3),
-            distortion=_data(fields.sub("distortion_coefficients"), 5),
+            matrix=fields.sub("camera_matrix").array("data", (9,)).reshape(3, 3),
+            distortion=fields.sub("distortion_coefficients").array("data", (5,)),
         )
     except InvalidInput as error:
         raise FileFormatError(f"{path}: {error}") from None
@@ -77,8 +77,4 @@ def read_camera_info(path: str | Path) -> CameraModel:
 
 def _matrix(values: Any) -> dict[str, Any]:
     array = np.asarray(values, dtype=np.float64)
-    return {"rows": int(array.shape[0]), "cols": int(array.shape[1]), "data": [float(v) for v in array.ravel()]}
-
-
-def _data(fields: Fields, count: int) -> Any:
-    return fields.array("data", (count,))
+    return {"rows": array.shape[0], "cols": array.shape[1], "data": array.ravel().tolist()}

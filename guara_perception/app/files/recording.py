@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
-from guara_perception.app.files.scan_recording import open_recorded_scans
+from guara_perception.app.files.scan_recording import file_errors, open_recorded_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.scan import Scan
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.layered_grid import EXTENTS
-from transport import StancePause, TransportError
+from transport import StancePause
 from transport.recording import open_recording as open_messages
 
 
@@ -41,10 +40,8 @@ class Recording:
         self.path = Path(path)
         if not self.path.is_file():
             raise MissingFile(f"{self.path}: no such file")
-        try:
+        with file_errors():
             self._messages = open_messages(self.path)
-        except TransportError as error:
-            raise FileFormatError(str(error)) from None
         text = self._messages.calibration
         source = f"{self.path}: calibration.json"
         self.calibration: Calibration | None = None if text is None else parse_calibration(text, source)
@@ -53,9 +50,7 @@ class Recording:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[TerrainGrid]:
@@ -72,11 +67,9 @@ class Recording:
         """
         if extent not in EXTENTS:
             raise InvalidInput(f"extent is {extent!r}, allowed: {', '.join(EXTENTS)}")
-        try:
+        with file_errors(f"{self.path}: "):
             for message in self._messages.terrains(extent):
                 yield message_to_terrain(message)
-        except TransportError as error:
-            raise FileFormatError(f"{self.path}: {error}") from None
 
     def stances(self) -> Iterator[StancePause]:
         """The recorded announcements of stance pauses, in order.
@@ -84,10 +77,8 @@ class Recording:
         Raises:
             FileFormatError: one is damaged.
         """
-        try:
+        with file_errors(f"{self.path}: "):
             yield from self._messages.stance_pauses()
-        except TransportError as error:
-            raise FileFormatError(f"{self.path}: {error}") from None
 
     def close(self) -> None:
         """Close the file; safe to call twice."""

@@ -1,4 +1,4 @@
-"""The calibration that a recorded scan carries with it, and the choice between it and one that is given."""
+"""Calibration of a recorded scan: the one that it carries, or one that is given."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration, parse_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import InvalidInput, MissingFile
 
 CALIBRATION_FILE = "calibration.json"
 
@@ -17,7 +17,7 @@ def carried_calibration(scan: str | Path) -> Calibration | None:
     Raises:
         FileFormatError: it is there and is not a calibration, or the recording cannot be read.
     """
-    from transport import TransportError
+    from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
 
     scan = Path(scan)
@@ -26,11 +26,8 @@ def carried_calibration(scan: str | Path) -> Calibration | None:
         return load_calibration(path) if path.is_file() else None
     if not scan.is_file():
         return None
-    try:
-        with open_recording(scan) as recording:
-            text = recording.calibration
-    except TransportError as error:
-        raise FileFormatError(str(error)) from None
+    with file_errors(), open_recording(scan) as recording:
+        text = recording.calibration
     return None if text is None else parse_calibration(text, f"{scan}: {CALIBRATION_FILE}")
 
 

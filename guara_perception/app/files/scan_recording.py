@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,15 @@ from transport import TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, open_recording
 
 
+@contextmanager
+def file_errors(before: str = "") -> Iterator[None]:
+    """Raise an error of the transport's reader as FileFormatError, with `before` in front of its text."""
+    try:
+        yield
+    except TransportError as error:
+        raise FileFormatError(f"{before}{error}") from None
+
+
 def open_recorded_scans(path: str | Path) -> list[Scan]:
     """All scans of a recording, in order; frames are read when they are asked for.
 
@@ -27,19 +37,15 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    try:
+    with file_errors():
         recording = open_recording(path)
-    except TransportError as error:
-        raise FileFormatError(str(error)) from None
-    try:
+    with file_errors(f"{path}: a recorded grid cannot be read: "):
         withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
-    except TransportError as error:
-        raise FileFormatError(f"{path}: a recorded grid cannot be read: {error}") from None
     return [_scan(recording, record, path, withdrawn.get(index, "")) for index, record in enumerate(recording.scans)]
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Why the grids of scans were withdrawn, by the index of the scan.
+    """Reasons for which the grids of scans were withdrawn, by index of the scan.
 
     A withdrawn grid withdraws all scans of its pause. This holds too when the map was confirmed before the robot moved:
     the recording does not show the difference. A gait that starts counting again repeats a step: the last scan of that
@@ -69,10 +75,8 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) 
         return text
 
     def read_frame(text: str) -> npt.NDArray[np.generic]:
-        try:
+        with file_errors(f"{source}: "):
             frame = recording.frame(names[text])
-        except TransportError as error:
-            raise FileFormatError(f"{source}: {error}") from None
         if frame.pixels is not None:
             return frame.pixels
         return decode_picture(frame.data or b"", f"{source}: frame {text}")

@@ -6,7 +6,6 @@ import logging
 import math
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.declared_ground import declared_ground
@@ -134,9 +133,7 @@ class PerceptionNode:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close."""
         self.close()
 

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import cv2
@@ -89,9 +88,7 @@ class ScanRecorder:
         """The recorder itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Write what waits, and the end of the file."""
         if self._thread.close(CLOSE_TIMEOUT_S):
             self.writer.close()

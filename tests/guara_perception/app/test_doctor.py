@@ -13,13 +13,14 @@ import pytest
 import guara_perception as gp
 from guara_perception.app import doctor
 from guara_perception.app.devices_file import Devices, save_devices
-from guara_perception.app.doctor import FAIL, OK, WARN
+from guara_perception.app.doctor import FAIL, OK, WARN, attempt
 from guara_perception.app.main import run
 
 
 def test_missing_devices_are_named_with_the_remedy() -> None:
     """No board and no camera here: both say what to check."""
-    board, camera = doctor.check_board(Devices()), doctor.check_camera(Devices(source="/dev/no-such-camera"))
+    board = attempt(doctor.check_board, Devices())
+    camera = attempt(doctor.check_camera, Devices(source="/dev/no-such-camera"))
     assert (board.level, camera.level) == (FAIL, FAIL)
     assert "cable" in board.message and "check path" in camera.message
 
@@ -27,25 +28,25 @@ def test_missing_devices_are_named_with_the_remedy() -> None:
 def test_a_file_can_stand_in_for_a_camera(tmp_path: Path) -> None:
     """A picture sequence opens, and its size is reported."""
     cv2.imwrite(str(tmp_path / "frame_000.png"), np.zeros((120, 160, 3), np.uint8))
-    finding = doctor.check_camera(Devices(source=str(tmp_path / "frame_%03d.png")))
+    finding = attempt(doctor.check_camera, Devices(source=str(tmp_path / "frame_%03d.png")))
     assert (finding.level, "160x120" in finding.message) == (OK, True)
 
 
 def test_usb_backend_comes_with_the_package() -> None:
     """libusb needs no system library."""
-    assert doctor.check_usb().level == OK
+    assert attempt(doctor.check_usb).level == OK
 
 
 def test_a_taken_port_is_reported(free_endpoint: str) -> None:
     """Free, taken, and no endpoint at all."""
-    assert doctor.check_endpoint(free_endpoint).level == OK
+    assert attempt(doctor.check_endpoint, free_endpoint).level == OK
     host, port = free_endpoint.removeprefix("tcp/").split(":")
     with socket.socket() as taken:
         taken.bind((host, int(port)))
         taken.listen()
-        finding = doctor.check_endpoint(free_endpoint)
+        finding = attempt(doctor.check_endpoint, free_endpoint)
     assert finding.level == FAIL and "--listen" in finding.message
-    assert doctor.check_endpoint("nonsense").level == FAIL
+    assert attempt(doctor.check_endpoint, "nonsense").level == FAIL
 
 
 @pytest.mark.parametrize(
@@ -69,8 +70,8 @@ def test_calibration_is_judged_by_verdict_and_age(
 
 def test_calibration_that_is_not_there_is_reported(tmp_path: Path) -> None:
     """None given is a warning with the remedy, a missing file a failure."""
-    assert doctor.check_calibration(None).level == WARN
-    assert doctor.check_calibration(tmp_path / "none.json").level == FAIL
+    assert attempt(doctor.check_calibration, None).level == WARN
+    assert attempt(doctor.check_calibration, tmp_path / "none.json").level == FAIL
 
 
 @pytest.mark.slow
@@ -78,24 +79,24 @@ def test_drift_is_checked_on_a_scan(data: Path, calibration: gp.Calibration, tmp
     """The true calibration holds; one whose camera was lowered by a centimetre does not."""
     scan = data / "scans" / "paper"
     gp.save_calibration(calibration, tmp_path / "true.json")
-    assert doctor.check_scan_drift(tmp_path / "true.json", scan).level == OK
+    assert attempt(doctor.check_scan_drift, tmp_path / "true.json", scan).level == OK
     mount = calibration.transform_camera_to_base.copy()
     mount[2, 3] -= 0.01
     gp.save_calibration(dataclasses.replace(calibration, transform_camera_to_base=mount), tmp_path / "moved.json")
-    finding = doctor.check_scan_drift(tmp_path / "moved.json", scan)
+    finding = attempt(doctor.check_scan_drift, tmp_path / "moved.json", scan)
     assert finding.level == WARN and "calibrate again" in finding.message
-    assert "not checked" in doctor.check_scan_drift(None, None).message
-    assert doctor.check_scan_drift(tmp_path / "true.json", tmp_path / "none").level == FAIL
+    assert "not checked" in attempt(doctor.check_scan_drift, None, None).message
+    assert attempt(doctor.check_scan_drift, tmp_path / "true.json", tmp_path / "none").level == FAIL
 
 
 def test_disk_and_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Room for recordings, and stripes per second; both can warn."""
-    assert doctor.check_disk(tmp_path).level in (OK, WARN)
+    assert attempt(doctor.check_disk, tmp_path).level in (OK, WARN)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10, 9, 1))
-    assert doctor.check_disk(tmp_path).level == WARN
-    assert "ms per stripe" in doctor.check_speed().message
+    assert attempt(doctor.check_disk, tmp_path).level == WARN
+    assert "ms per stripe" in attempt(doctor.check_speed).message
     monkeypatch.setattr(doctor, "STRIPE_SECONDS", 0.0)
-    assert doctor.check_speed().level == WARN
+    assert attempt(doctor.check_speed).level == WARN
 
 
 def test_exit_code_says_whether_something_must_be_mended(
@@ -143,11 +144,11 @@ def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "own_of_doctor.py").write_text(OWN_CAMERA)
     monkeypatch.syspath_prepend(str(tmp_path))
     devices = Devices("own_of_doctor:Own", (96, 64), settings={"exposure": 0.004})
-    finding = doctor.check_camera(devices)
+    finding = attempt(doctor.check_camera, devices)
     assert finding.level == OK and "gives 96x64 px; exposure 0.004 held" in finding.message
-    other = doctor.check_camera(dataclasses.replace(devices, size=(640, 512)))
+    other = attempt(doctor.check_camera, dataclasses.replace(devices, size=(640, 512)))
     assert other.level == FAIL and "its file says 640x512" in other.message
-    refused = doctor.check_camera(dataclasses.replace(devices, settings={"exposure": 2.0}))
+    refused = attempt(doctor.check_camera, dataclasses.replace(devices, settings={"exposure": 2.0}))
     assert refused.level == FAIL and "exposure is locked at 1 s at the most" in refused.message
     save_devices(dataclasses.replace(devices, settings={"exposure": 2.0}), tmp_path / "devices.toml")
     assert run(["doctor", "--devices", str(tmp_path / "devices.toml"), "--only", "camera"]) == 1

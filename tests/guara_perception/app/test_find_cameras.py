@@ -8,6 +8,7 @@ import pytest
 from drivers import AravisCamera, CameraSettings, OpenCvCamera, V4l2Camera
 from guara_perception.app import doctor, find_cameras
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
+from guara_perception.app.doctor import attempt
 from guara_perception.app.main import run
 from guara_perception.app.node.devices import rangefinder_of
 from guara_perception.exceptions import InvalidInput
@@ -33,7 +34,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
         printed = capsys.readouterr().out
         assert run(["doctor", "--cameras", "--json"]) == 0
         first, second = map(json.loads, capsys.readouterr().out.splitlines())
-        finding = doctor.check_cameras()
+        finding = attempt(doctor.check_cameras)
     assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in printed and "does not show" in printed
     assert "Aravis Fake (GigEVision, 127.0.0.1)\n    waits for the board's trigger" in printed
     assert "--trigger Line0 or Line1" in printed
@@ -53,7 +54,7 @@ def test_no_camera_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     assert run(["doctor", "--cameras"]) == 1
     said = capsys.readouterr().err
     assert "no camera found: check cable" in said and "apt install gir1.2-aravis-0.8" in said
-    finding = doctor.check_cameras()
+    finding = attempt(doctor.check_cameras)
     assert finding.level == doctor.WARN and "none found; GigE Vision" in finding.message
 
 
@@ -65,12 +66,12 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
         # On a busy machine a check may fail once, for an unknown reason.
         for _ in range(5):
             free, triggered = (
-                doctor.check_camera(Devices(source)),
-                doctor.check_camera(Devices(source, trigger="Line1")),
+                attempt(doctor.check_camera, Devices(source)),
+                attempt(doctor.check_camera, Devices(source, trigger="Line1")),
             )
             if free.level == triggered.level == doctor.OK:
                 break
-        wrong = doctor.check_camera(Devices(source, trigger="Line9"))
+        wrong = attempt(doctor.check_camera, Devices(source, trigger="Line9"))
     assert free.level == triggered.level == doctor.OK, (free.message, triggered.message)
     assert "320x256 px; it runs freely" in free.message and "shows in the camera's counting" in free.message
     assert "320x256 px; it waits for the board's trigger" in triggered.message
@@ -78,7 +79,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
 
 
 def test_a_webcam_cannot_be_triggered() -> None:
-    finding = doctor.check_camera(Devices("/dev/video7", trigger="Line1"))
+    finding = attempt(doctor.check_camera, Devices("/dev/video7", trigger="Line1"))
     assert finding.level == doctor.FAIL and "cannot wait for one" in finding.message
 
 
