@@ -10,9 +10,12 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
+from transport.messages.regions_message import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, Status, whole_number
+from transport.messages.summary_message import SummaryMessage
+from transport.messages.terrain_message import TerrainMessage
 
 # The only frame that grids of this major version are in.
 FRAME = "base_footprint"
@@ -23,66 +26,7 @@ SILENT = 3.0
 REMEMBERED = 64
 
 
-class Grid(Protocol):
-    """What a grid of either extent, a summary and regions of a map say of themselves; each as in `TerrainMessage`."""
-
-    @property
-    def robot(self) -> str:
-        """Instance name."""
-
-    @property
-    def extent(self) -> str:
-        """Kind: "footprint", "map", "summary" or "regions"."""
-
-    @property
-    def frame_id(self) -> str:
-        """Frame of the grid."""
-
-    @property
-    def run(self) -> str:
-        """Identity of the run of the node."""
-
-    @property
-    def epoch(self) -> str:
-        """Identity of the walk."""
-
-    @property
-    def sequence(self) -> int:
-        """Number within the run."""
-
-    @property
-    def step(self) -> int:
-        """Number of the stance pause."""
-
-    @property
-    def scan_end(self) -> int:
-        """End of the scan [ns]."""
-
-    @property
-    def scan_end_clock(self) -> float | None:
-        """End of the scan by a clock that never jumps [s]."""
-
-    @property
-    def valid_for(self) -> float:
-        """Validity [s]."""
-
-    @property
-    def valid_pauses(self) -> int:
-        """Validity in pauses."""
-
-    @property
-    def provisional(self) -> bool:
-        """Before its pause has confirmed it."""
-
-    @property
-    def withdrawn(self) -> bool:
-        """Takes another grid back."""
-
-    @property
-    def stale_because(self) -> tuple[str, ...]:
-        """Objections under which a client handed it out."""
-
-
+Grid = TerrainMessage | SummaryMessage | RegionsMessage
 G = TypeVar("G", bound=Grid)
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from transport.messages.codec import make_header
 from transport.messages.submessages import checked_array
-from transport.messages.typestore import CAMERA_INFO, message_class
+from transport.messages.typestore import CAMERA_INFO, make_message
 
 
 def camera_info_message(
@@ -30,7 +30,8 @@ def camera_info_message(
     """
     intrinsic = checked_array(matrix, (3, 3), "camera matrix")
     width, height = size
-    return message_class(CAMERA_INFO)(
+    return make_message(
+        CAMERA_INFO,
         header=make_header(stamp, frame_id),
         height=int(height),
         width=int(width),
@@ -39,7 +40,4 @@ def camera_info_message(
         k=intrinsic.ravel(),
         r=np.eye(3).ravel(),
         p=np.column_stack((intrinsic, np.zeros(3))).ravel(),
-        binning_x=0,
-        binning_y=0,
-        roi=message_class("sensor_msgs/msg/RegionOfInterest")(0, 0, 0, 0, False),
     )

@@ -10,8 +10,9 @@ import numpy as np
 from transport.arrays import Array, Percent
 from transport.exceptions import MessageError
 from transport.messages.codec import make_header, make_time
+from transport.messages.submessage_codec import make_point
 from transport.messages.submessages import finite
-from transport.messages.typestore import GRID_MAP, OCCUPANCY, message_class
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, make_message, message_class
 
 # A GridMap cell is valid where all of these are known.
 BASIC_LAYERS = ("elevation",)
@@ -27,10 +28,7 @@ def _geometry(resolution: float, origin: Sequence[float]) -> tuple[float, float,
 
 
 def _make_pose(x: float, y: float) -> Any:
-    point = message_class("geometry_msgs/msg/Point")(x, y, 0.0)
-    return message_class("geometry_msgs/msg/Pose")(
-        point, message_class("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
-    )
+    return make_message("geometry_msgs/msg/Pose", position=make_point(x, y, 0.0))
 
 
 def occupancy_message(values: Percent, resolution: float, origin: Sequence[float], frame_id: str, stamp: int) -> Any:

@@ -11,14 +11,15 @@ import numpy.typing as npt
 from transport.messages.codec import make_header
 from transport.messages.submessage_codec import make_point
 from transport.messages.submessages import ObstacleMessage, Point
-from transport.messages.typestore import MARKERS, message_class
+from transport.messages.typestore import MARKERS, make_message
 
 CUBE, LINE_LIST, TEXT_VIEW_FACING = 1, 5, 9
 ADD, DELETE_ALL = 0, 3
+MARKER = "visualization_msgs/msg/Marker"
 # Red, green, blue; the colours of steps, footholds and steppable regions in pictures and in the browser.
 OBSTACLE_COLOUR, FOOTHOLD_COLOUR, REGION_COLOUR = (0.835, 0.369, 0.0), (0.0, 0.447, 0.698), (0.0, 0.35, 0.24)
 # [m]
-LINE_WIDTH, TEXT_HEIGHT, SOLE_THICKNESS = 0.003, 0.018, 0.004
+LINE_SCALE, TEXT_HEIGHT, SOLE_THICKNESS = (0.003, 0.0, 0.0), 0.018, 0.004
 
 
 def markers_message(
@@ -43,37 +44,24 @@ def markers_message(
         regions: corners (n, 3) of each steppable region [m].
     """
     header = make_header(stamp, frame_id)
-    markers = [_marker(header, "", 0, action=DELETE_ALL)]
+    markers = [_marker(header, "", 0, CUBE, action=DELETE_ALL, scale=(1.0, 1.0, 1.0))]
     if obstacles:
         edges = [make_point(*point) for item in obstacles for point in _edges(item)]
-        markers.append(_marker(header, "obstacles", 0, kind=LINE_LIST, scale=(LINE_WIDTH, 0.0, 0.0), points=edges))
+        markers.append(_marker(header, "obstacles", 0, LINE_LIST, scale=LINE_SCALE, points=edges))
     for number, item in enumerate(obstacles):
         x, y, z = item.position
         label = f"{1000.0 * item.height:+.0f} mm"
         position = (x, y, max(z, z - item.height) + TEXT_HEIGHT)
-        markers.append(
-            _marker(
-                header,
-                "heights",
-                number,
-                kind=TEXT_VIEW_FACING,
-                position=position,
-                scale=(0.0, 0.0, TEXT_HEIGHT),
-                text=label,
-            )
-        )
+        scale = (0.0, 0.0, TEXT_HEIGHT)
+        markers.append(_marker(header, "heights", number, TEXT_VIEW_FACING, position=position, scale=scale, text=label))
     for number, (x, y, z) in enumerate(footholds.values()):
         scale, position = (*sole, SOLE_THICKNESS), (x, y, z + 0.5 * SOLE_THICKNESS)
-        markers.append(
-            _marker(header, "footholds", number, kind=CUBE, position=position, scale=scale, colour=FOOTHOLD_COLOUR)
-        )
+        sole_marker = _marker(header, "footholds", number, CUBE, position=position, scale=scale, colour=FOOTHOLD_COLOUR)
+        markers.append(sole_marker)
     if regions:
         edges = [make_point(*point) for corners in regions for pair in _sides(corners) for point in pair]
-        lines = _marker(
-            header, "regions", 0, kind=LINE_LIST, scale=(LINE_WIDTH, 0.0, 0.0), points=edges, colour=REGION_COLOUR
-        )
-        markers.append(lines)
-    return message_class(MARKERS)(markers)
+        markers.append(_marker(header, "regions", 0, LINE_LIST, scale=LINE_SCALE, points=edges, colour=REGION_COLOUR))
+    return make_message(MARKERS, markers=markers)
 
 
 def _sides(corners: npt.NDArray[np.float64]) -> list[tuple[Point, Point]]:
@@ -98,40 +86,26 @@ def _marker(
     header: Any,
     namespace: str,
     number: int,
+    kind: int,
     *,
-    kind: int = CUBE,
-    action: int = ADD,
     position: Point = (0.0, 0.0, 0.0),
-    scale: Point = (1.0, 1.0, 1.0),
+    scale: Point,
+    action: int = ADD,
     colour: Point = OBSTACLE_COLOUR,
     points: Sequence[Any] = (),
     text: str = "",
 ) -> Any:
-    time_class = message_class("builtin_interfaces/msg/Time")
-    empty_picture = message_class("sensor_msgs/msg/CompressedImage")(
-        message_class("std_msgs/msg/Header")(time_class(0, 0), ""), "", np.zeros(0, np.uint8)
-    )
-    marker: Any = message_class("visualization_msgs/msg/Marker")
-    return marker(
+    red, green, blue = colour
+    return make_message(
+        MARKER,
         header=header,
         ns=namespace,
         id=number,
         type=kind,
         action=action,
-        pose=message_class("geometry_msgs/msg/Pose")(
-            make_point(*position), message_class("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0)
-        ),
-        scale=message_class("geometry_msgs/msg/Vector3")(*map(float, scale)),
-        color=message_class("std_msgs/msg/ColorRGBA")(*colour, 1.0),
-        lifetime=message_class("builtin_interfaces/msg/Duration")(0, 0),
-        frame_locked=False,
+        pose=make_message("geometry_msgs/msg/Pose", position=make_point(*position)),
+        scale=make_message("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, scale), strict=True))),
+        color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
         points=list(points),
-        colors=[],
-        texture_resource="",
-        texture=empty_picture,
-        uv_coordinates=[],
         text=text,
-        mesh_resource="",
-        mesh_file=message_class("visualization_msgs/msg/MeshFile")("", np.zeros(0, np.uint8)),
-        mesh_use_embedded_materials=False,
     )

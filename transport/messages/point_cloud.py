@@ -10,7 +10,7 @@ import numpy as np
 from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.messages.codec import make_header
-from transport.messages.typestore import POINT_CLOUD, message_class
+from transport.messages.typestore import POINT_CLOUD, make_message, message_class
 
 # The numbers of sensor_msgs/PointField.
 DATATYPES = {"int8": 1, "uint8": 2, "int16": 3, "uint16": 4, "int32": 5, "uint32": 6, "float32": 7, "float64": 8}
@@ -47,12 +47,12 @@ def point_cloud_message(fields: Mapping[str, Array], frame_id: str, stamp: int) 
         points[name] = array
     field_class = message_class("sensor_msgs/msg/PointField")
     offsets: Any = points.dtype.fields
-    return message_class(POINT_CLOUD)(
+    return make_message(
+        POINT_CLOUD,
         header=make_header(stamp, frame_id),
         height=1,
         width=points.size,
         fields=[field_class(name, offsets[name][1], DATATYPES[array.dtype.name], 1) for name, array in fields.items()],
-        is_bigendian=False,
         point_step=points.itemsize,
         row_step=points.nbytes,
         data=points.view(np.uint8).reshape(-1),

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from transport.arrays import Float
-from transport.exceptions import KeyNameError, MessageError
+from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode
 from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessage_codec import from_ros, make_point, to_ros
 from transport.messages.submessages import checked_array, finite
-from transport.messages.typestore import REGIONS, message_class
+from transport.messages.typestore import QUATERNION, REGIONS, message_class
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
 # A half-plane's normal may differ by this much from length 1, and a corner may lie this far outside of it or off the
@@ -108,10 +108,7 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
     """
     message = decode(payload, REGIONS)
     check_version(message, "regions")
-    try:
-        return from_ros(RegionsMessage, message, regions=tuple(_read_region(region) for region in message.regions))
-    except KeyNameError as error:
-        raise MessageError(f"regions refused: {error}") from error
+    return from_ros(RegionsMessage, message, regions=tuple(_read_region(region) for region in message.regions))
 
 
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
@@ -133,10 +130,8 @@ def _make_region(region: RegionMessage) -> Any:
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)
     ahead = np.array([1.0, 0.0, a]) / math.hypot(1.0, a)
     rotation = np.column_stack((ahead, np.cross(normal, ahead), normal))
-    pose = message_class("geometry_msgs/msg/Pose")(
-        make_point(x, y, a * x + b * y + c),
-        message_class("geometry_msgs/msg/Quaternion")(*quaternion_from_matrix(rotation)),
-    )
+    orientation = message_class(QUATERNION)(*quaternion_from_matrix(rotation))
+    pose = message_class("geometry_msgs/msg/Pose")(make_point(x, y, a * x + b * y + c), orientation)
     corners = [make_point(*corner) for corner in region.vertices.tolist()]
     halfspaces = region.halfspaces.ravel().copy()
     return to_ros(

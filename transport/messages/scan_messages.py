@@ -146,11 +146,7 @@ def encode_scan_reply(reply: ScanReply) -> bytearray:
 def decode_scan_reply(payload: bytes) -> ScanReply:
     """ScanReply from its CDR payload; MessageError when it is damaged or its state is unknown."""
     message = decode(payload, SCAN_REPLY)
-    try:
-        state = ScanState(message.state)
-    except ValueError as error:
-        raise MessageError(f"state of a scan reply is {message.state}; allowed: 1 to 4") from error
-    return from_ros(ScanReply, message, state=state)
+    return from_ros(ScanReply, message, state=ScanState(message.state))
 
 
 def encode_refusal(refusal: Refusal) -> bytearray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from transport.exceptions import MessageError, TransportError, UnknownPhase
+from transport.exceptions import MessageError, UnknownPhase
 from transport.keys import check_name
 from transport.messages.codec import decode, encode
 from transport.messages.ranges import LARGEST_COUNT, check_value
@@ -104,13 +104,7 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
     """
     if len(payload) > MAXIMUM_ANNOUNCEMENT:
         raise MessageError(f"stance pause of {len(payload)} bytes refused; allowed: {MAXIMUM_ANNOUNCEMENT} bytes")
-    message = _decoded(payload)
-    try:
-        return from_ros(StancePause, message)
-    except MessageError:
-        raise
-    except (TransportError, ValueError, OverflowError) as error:
-        raise MessageError(f"stance pause refused: {error}") from error
+    return from_ros(StancePause, _decoded(payload))
 
 
 def _decoded(payload: bytes | bytearray | memoryview) -> Any:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
-from transport.exceptions import MessageError
-from transport.messages.codec import decode, encode, make_header, read_time
+from transport.messages.codec import decode, encode, make_header
 from transport.messages.ranges import SENTENCE, WORD
+from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.terrain_message import Health
 from transport.messages.typestore import STATUS, message_class
 
 # Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`.
 STATUS_NAME = "transport"
+ITEM = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,17 +80,7 @@ def encode_status(status: Status) -> bytearray:
         MessageError: a field does not fit its ROS 2 type.
     """
     pair = message_class("diagnostic_msgs/msg/KeyValue")
-    item_class: Any = message_class("diagnostic_msgs/msg/DiagnosticStatus")
-    items = [
-        item_class(
-            level=int(item.level),
-            name=item.name,
-            message=item.message,
-            hardware_id=item.hardware_id,
-            values=[pair(key, value) for key, value in item.values.items()],
-        )
-        for item in status.items
-    ]
+    items = [to_ros(ITEM, item, values=[pair(*figure) for figure in item.values.items()]) for item in status.items]
     return encode(message_class(STATUS)(make_header(status.stamp, ""), items))
 
 
@@ -98,20 +88,11 @@ def decode_status(payload: bytes | bytearray | memoryview) -> Status:
     """Status from its CDR payload.
 
     Raises:
-        MessageError: the payload is damaged or a level is unknown.
+        MessageError: the payload is damaged or a field is out of its range.
     """
     message = decode(payload, STATUS)
-    try:
-        items = tuple(
-            StatusItem(
-                name=item.name,
-                level=Health(item.level),
-                message=item.message,
-                hardware_id=item.hardware_id,
-                values={pair.key: pair.value for pair in item.values},
-            )
-            for item in message.status
-        )
-    except ValueError as error:
-        raise MessageError(f"status refused: {error}; allowed levels are 0 to 3") from error
-    return Status(stamp=read_time(message.header.stamp), items=items)
+    items = [
+        from_ros(StatusItem, item, level=Health(item.level), values={pair.key: pair.value for pair in item.values})
+        for item in message.status
+    ]
+    return from_ros(Status, message, items=tuple(items))

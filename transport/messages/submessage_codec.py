@@ -10,15 +10,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from transport.exceptions import MessageError
+from transport.exceptions import MessageError, TransportError
 from transport.messages.codec import make_header, make_time, read_time
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
-from transport.messages.typestore import TIME, message_class, typestore
+from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, message_class, typestore
 
 T = TypeVar("T")
-# Kinds of a field in a definition.
-SUBMESSAGE, ARRAYS = 2, (3, 4)
 
 
 def to_ros(type_name: str, value: Any, **given: Any) -> Any:
@@ -50,15 +48,20 @@ def from_ros(cls: type[T], message: Any, **given: Any) -> T:
         MessageError: a value is not allowed.
     """
     definition = _definition(message.__msgtype__)
-    for entry in dataclasses.fields(cls):  # type: ignore[arg-type]
-        name = entry.name
-        if name in given or not entry.init:
-            continue
-        if name in READ:
-            given[name] = READ[name](message)
-        elif name in definition:
-            given[name] = _read(getattr(message, name), *definition[name])
-    return cls(**given)
+    try:
+        for entry in dataclasses.fields(cls):  # type: ignore[arg-type]
+            name = entry.name
+            if name in given or not entry.init:
+                continue
+            if name in READ:
+                given[name] = READ[name](message)
+            elif name in definition:
+                given[name] = _read(getattr(message, name), *definition[name])
+        return cls(**given)
+    except MessageError:
+        raise
+    except (TransportError, ValueError, OverflowError) as error:
+        raise MessageError(f"{message.__msgtype__.rpartition('/')[2]} refused: {error}") from error
 
 
 @cache

@@ -104,15 +104,10 @@ def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
     shape = (int(message.ny), int(message.nx))
     if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
         raise MessageError(f"summary of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
-    try:
-        layers: dict[str, Any] = {
-            name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
-        }
-        return from_ros(SummaryMessage, message, **layers)
-    except MessageError:
-        raise
-    except (ValueError, OverflowError) as error:
-        raise MessageError(f"summary refused: {error}") from error
+    layers: dict[str, Any] = {
+        name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
+    }
+    return from_ros(SummaryMessage, message, **layers)
 
 
 def _unpack(packed: Array, name: str, dtype: np.dtype[Any], shape: tuple[int, int]) -> Array:

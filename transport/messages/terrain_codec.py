@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from transport.arrays import Array
-from transport.exceptions import MessageError, TransportError
+from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode
 from transport.messages.map_origin import check_version
 from transport.messages.shuffle import FRAME_MAGIC, decompress
@@ -40,13 +40,7 @@ def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
     """
     if bytes(payload[:4]) == FRAME_MAGIC:
         payload = decompress(payload)
-    message = decode(payload, TERRAIN)
-    try:
-        return read_terrain(message)
-    except MessageError:
-        raise
-    except (TransportError, ValueError, OverflowError) as error:
-        raise MessageError(f"terrain message refused: {error}") from error
+    return read_terrain(decode(payload, TERRAIN))
 
 
 def _make_layer(name: str, array: Array) -> Any:

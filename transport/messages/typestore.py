@@ -1,10 +1,12 @@
-"""The message types this package speaks: those of ROS 2, those of guara_msgs and those of grid_map_msgs."""
+"""Message types of this package: those of ROS 2, of guara_msgs and of grid_map_msgs."""
 
 from __future__ import annotations
 
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from transport.exceptions import MessageError
 
@@ -30,6 +32,12 @@ FRAMES = "tf2_msgs/msg/TFMessage"
 TEXT = "std_msgs/msg/String"
 TIME = "builtin_interfaces/msg/Time"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+QUATERNION = "geometry_msgs/msg/Quaternion"
+
+# Kinds of a field in a definition.
+SUBMESSAGE, ARRAYS = 2, (3, 4)
+# Zero of the types that are not whole numbers.
+ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
 
 
 def message_files() -> dict[str, str]:
@@ -45,7 +53,7 @@ def message_files() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """The rosbags type store with all types of this package; read once, when first used."""
+    """Type store of rosbags with all types of this package, read when first used."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -58,13 +66,13 @@ def typestore() -> Typestore:
 
 @cache
 def warm_up() -> None:
-    """Prepare what the first message would otherwise wait for: a tenth of a second of reading definitions."""
+    """Read the definitions of all messages, which would delay the first one by a tenth of a second."""
     for name in (TERRAIN, STANCE_PAUSE, SCAN_REQUEST, SCAN_REPLY, QUERY_REQUEST, OCCUPANCY, GRID_MAP, STATUS):
         typestore().get_msgdef(name)
 
 
 def message_class(type_name: str) -> Any:
-    """The generated class of one ROS 2 type; its fields are those of the definition, in that order.
+    """Class of the message objects of one type; its fields are those of the definition, in that order.
 
     Raises:
         MessageError: the type is not known.
@@ -78,6 +86,28 @@ def message_class(type_name: str) -> Any:
     return known[type_name]
 
 
+def make_message(type_name: str, **given: Any) -> Any:
+    """A message object of one type; fields that are not given are zero or empty, an orientation is the identity.
+
+    Raises:
+        MessageError: the type is not known.
+    """
+    cls = message_class(type_name)
+    if type_name == QUATERNION:
+        given.setdefault("w", 1.0)
+    fields = typestore().get_msgdef(type_name).fields
+    return cls(**{name: given[name] if name in given else _zero(*form) for name, form in fields})
+
+
+def _zero(kind: int, details: Any) -> Any:
+    if kind == SUBMESSAGE:
+        return make_message(details)
+    if kind in ARRAYS:
+        (inner, base), length = details
+        return [] if inner == SUBMESSAGE or base[0] == "string" else np.zeros(length, base[0])
+    return ZEROS.get(details[0], 0)
+
+
 def message_definition(type_name: str) -> str:
     """Definition of a type with all types that it uses, as `ros2msg` schemas of MCAP hold it."""
     message_class(type_name)
@@ -86,13 +116,13 @@ def message_definition(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """The ROS 2 type hash (`RIHS01_...`) of a type, part of the keys of rmw_zenoh."""
+    """ROS 2 type hash (`RIHS01_...`) of a type, part of the keys of rmw_zenoh."""
     message_class(type_name)
     return typestore().hash_rihs01(type_name)
 
 
 def dds_type_name(type_name: str) -> str:
-    """The name of a type in DDS style, as `nav_msgs::msg::dds_::OccupancyGrid_`."""
+    """Name of a type in DDS style, such as `nav_msgs::msg::dds_::OccupancyGrid_`."""
     message_class(type_name)
     package, kind, name = type_name.split("/")
     return f"{package}::{kind}::dds_::{name}_"

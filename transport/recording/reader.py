@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, cast
 from transport.exceptions import RecordingError
 from transport.messages.codec import decode, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
-from transport.messages.submessage_codec import read_stance
+from transport.messages.submessage_codec import from_ros, read_stance
 from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
@@ -214,23 +214,13 @@ class Recording:
 def _make_stripe(body: Any) -> StripeRecord:
     on = FrameReference(body.on_topic, read_time(body.on_stamp))
     off = FrameReference(body.off_topic, read_time(body.off_stamp))
-    return StripeRecord(
-        index=body.index,
-        mirror_angle=body.mirror_angle,
-        on=on if on.topic else None,
-        off=off if off.topic else None,
-        stamp=read_time(body.header.stamp),
-    )
+    return from_ros(StripeRecord, body, on=on if on.topic else None, off=off if off.topic else None)
 
 
 def _make_scan(start: Any, stripes: list[StripeRecord], end: Any) -> ScanRecord:
-    return ScanRecord(
-        robot=start.robot,
-        mode=start.mode,
-        stamp=read_time(start.header.stamp),
-        step=start.step,
-        stance=read_stance(start.stance),
-        calibration_hash=start.calibration_hash,
+    return from_ros(
+        ScanRecord,
+        start,
         stance_end=read_stance(end.stance_end) if end is not None and end.has_stance_end else None,
         stripes=tuple(stripes),
         is_whole=end is not None and end.stripes == len(stripes),

@@ -12,16 +12,14 @@ from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT
 from transport.messages.codec import encode, make_header, make_time
 from transport.messages.stance_pause import StancePause, encode_stance_pause
-from transport.messages.submessage_codec import make_stance
+from transport.messages.submessage_codec import make_stance, to_ros
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import message_class
+from transport.messages.typestore import make_message
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topic_file import TopicFile
 from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
-
-NO_STANCE = StanceMessage(joint_positions={}, support_feet=())
 
 
 class RecordingWriter:
@@ -107,15 +105,8 @@ class RecordingWriter:
         with self._lock:
             if self._scan is not None:
                 raise RecordingError(f"scan of step {self._scan.step} is still open; end it first")
-            message = message_class(SCAN_START)(
-                header=make_header(scan.stamp, "base_link"),
-                robot=scan.robot,
-                mode=scan.mode,
-                step=scan.step,
-                calibration_hash=scan.calibration_hash,
-                stance=make_stance(scan.stance),
-            )
-            self._file.add("scan/start", encode(message))
+            header = make_header(scan.stamp, "base_link")
+            self._file.add("scan/start", encode(to_ros(SCAN_START, scan, header=header)))
             self._scan, self._stripes = scan, 0
 
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
@@ -159,7 +150,8 @@ class RecordingWriter:
             on_at = self.add_frame(on, laser_on=True) if isinstance(on, FrameRecord) else on
             off_at = self.add_frame(off, laser_on=False) if isinstance(off, FrameRecord) else off
             when = stamp if stamp is not None else (on_at.stamp if on_at else self._scan.stamp)
-            message = message_class(STRIPE)(
+            message = make_message(
+                STRIPE,
                 header=make_header(when, CAMERA_FRAME),
                 step=self._scan.step,
                 index=index,
@@ -182,13 +174,9 @@ class RecordingWriter:
             if self._scan is None:
                 raise RecordingError("no scan is open; call begin_scan first")
             when = stamp if stamp is not None else self._scan.stamp
-            message = message_class(SCAN_END)(
-                header=make_header(when, "base_link"),
-                step=self._scan.step,
-                stripes=self._stripes,
-                has_stance_end=stance_end is not None,
-                stance_end=make_stance(stance_end or NO_STANCE),
-            )
+            given = {} if stance_end is None else {"has_stance_end": True, "stance_end": make_stance(stance_end)}
+            header, step = make_header(when, "base_link"), self._scan.step
+            message = make_message(SCAN_END, header=header, step=step, stripes=self._stripes, **given)
             self._file.add("scan/end", encode(message))
             self._scan = None
             self._file.flush()

@@ -135,7 +135,7 @@ def test_impossible_messages_are_refused() -> None:
         decode_regions(encode(message))
     message = decode(payload, REGIONS)
     message.robot = "no/name"
-    with pytest.raises(MessageError, match="regions refused: robot name 'no/name'"):
+    with pytest.raises(MessageError, match="SteppableRegions refused: robot name 'no/name'"):
         decode_regions(encode(message))
     message = decode(payload, REGIONS)
     turn = message.regions[0].plane_parameters.orientation
