@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,6 +17,11 @@ from kinematics.arrays import read_only
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
+# Between samples of neighbouring image columns a surface this much nearer to the camera than the floor leaves no pixel
+# of the perspective image out.
+LARGEST_STRETCH = 1.25
+# As many for columns 4 mm apart, which only ground far away has.
+MOST_BETWEEN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +65,13 @@ def range_images(
     # Number of the nadir's row and column, as the pictures count them.
     nadir_px = (nadir - (x[0], y[0])) / size + 1 + ROUNDING
     ortho, perspective = _Picture(), _Picture()
+    between = _lines_between(points, size[1])
     keys, y_range = surface_keys(points, pattern), _useful_y(points, (y[0] - size[1], y[1] + size[1]), nadir[1], above)
     for group in in_groups(keys):
-        for lines in surface_lines(points, group, pattern, join_height, float(size.min()), y_range):
-            if not lines.opens.size:
+        for found, followed in surface_lines(points, group, pattern, join_height, float(size.min()), y_range):
+            if not found.opens.size:
                 continue
+            lines = found.filled(followed, between) if between else found
             share, _, _ = shares(lines.number)
             # In pixels from the nadir: these are only stretched by the central projection onto the floor, which eqs. 20
             # and 21 undo.
@@ -79,6 +87,12 @@ def range_images(
             column *= stretch
             perspective.add(row + nadir_px[0], column + nadir_px[1], height, cut)
     return RangeImages(ortho.mean_mm(), perspective.mean_mm())
+
+
+def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
+    """Number of lines between neighbouring image columns that leaves no pixel of this width [m] out."""
+    apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
+    return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
 
 
 def _useful_y(

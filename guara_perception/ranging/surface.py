@@ -174,14 +174,25 @@ def surface_lines(
     join_height: float,
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
-) -> Iterator[Lines]:
-    """The same surface as that of `surface_of`, as lines on which its samples lie; a point is a line of one sample."""
+) -> Iterator[tuple[Lines, Index]]:
+    """The same surface as that of `surface_of`, as lines on which its samples lie; a point is a line of one sample.
+
+    Beside them the positions of those lines that are followed by the line of the next image column.
+    """
     seen = _seen(stripes, keys, pattern, join_height, y_range)
-    points = confirmed_points(seen.points, np.zeros_like(seen.points[0]), seen.confirmed, seen.own).points
-    is_open = np.zeros(points.shape[1], dtype=bool)
-    yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1)
+    indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
+    points = seen.points.reshape(3, -1).take(indices, axis=1)
+    is_open = np.zeros(indices.size, dtype=bool)
+    width = seen.points.shape[2]
+    yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
     if seen.has_pairs:
-        yield from (each for each, _, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs))
+        for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
+            yield lines, _neighbours(begins, width)
+
+
+def _neighbours(indices: Index, width: int) -> Index:
+    """Positions of those flat indices (stripe, image column) that the next column of the same stripe follows."""
+    return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +296,24 @@ class Lines:
     opens: Mask
     closes: Mask
     number: int
+
+    def filled(self, followed: Index, between: int) -> Lines:
+        """With so many lines between those of neighbouring image columns, linear from one to the other.
+
+        Args:
+            followed: positions of the lines that are followed by that of the next image column.
+            between: number of lines between two neighbours.
+        """
+        ways = np.arange(1, between + 1) / (between + 1)
+
+        def vectors(own: Float) -> Float:
+            first, second = own[:, followed], own[:, followed + 1]
+            return np.concatenate([own, *(first * (1 - way) + second * way for way in ways)], axis=1)
+
+        def masks(own: Mask) -> Mask:
+            return np.concatenate([own, np.tile(own[followed] | own[followed + 1], between)])
+
+        return Lines(vectors(self.first), vectors(self.difference), masks(self.opens), masks(self.closes), self.number)
 
     def cut(self) -> Index:
         """Flat indices of the samples, (number, c), that are cut off at open ends."""

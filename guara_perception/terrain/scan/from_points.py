@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import Health, ScanRecord
+from kinematics import RobotModel
 
 # A line of sight passes over a cell that reaches no higher than this much above it.
 SIGHT_TOLERANCE_M = 0.002
@@ -81,22 +83,38 @@ def terrain_from_points(
     looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
     hazard = _causes(raster, geometry, origin, beyond, looked)
     raster = without_cells(raster, (hazard & UNKNOWN_MASK) != 0)
+    grid = judged_grid(raster, hazard, geometry, robot, "points", int(within.sum()), stamp, step)
+    if not metadata:
+        return grid
+    return dataclasses.replace(grid, record=ScanRecord.from_json({**grid.record.to_json(), **metadata}))
+
+
+def judged_grid(
+    raster: Raster,
+    hazard: Flags,
+    geometry: GridGeometry,
+    robot: RobotModel,
+    method: str,
+    points_used: int,
+    stamp: int,
+    step: int,
+) -> TerrainGrid:
+    """Judge heights of another source as those of a scan; causes of unknown cells and flags are given."""
+    settings = Settings.of(robot)
     layers = assess_layers(raster, hazard, geometry.resolution, settings.limits)
     seen = np.isfinite(layers["elevation"])
     record = ScanRecord(
         robot=robot.name,
-        method="points",
+        method=method,
         limits=settings.limits,
         validity_pauses=settings.validity_pauses,
         validity_seconds=settings.validity_seconds,
-        points_used=int(within.sum()),
+        points_used=points_used,
         coverage=float(seen.mean()),
         known=float(seen.mean()),
         hazard_cells=cells_by_flag(np.asarray(layers["hazard"], np.uint16)),
         health=Health.of(() if seen.any() else ("no point was used",)),
     )
-    if metadata:
-        record = ScanRecord.from_json({**record.to_json(), **metadata})
     return TerrainGrid(layers=layers, geometry=geometry, record=record, stamp=stamp, step=step)
 
 

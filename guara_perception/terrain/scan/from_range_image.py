@@ -1,0 +1,134 @@
+"""`terrain_from_range_image`: an orthorectified range image as a grid like that of a scan."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from guara_perception.arrays import Flags, Float, Mask
+from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import RobotLike, Settings, robot_model
+from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.layered_grid import numbers
+from guara_perception.terrain.scan.assess_terrain import HIGHEST_M
+from guara_perception.terrain.scan.from_points import judged_grid
+
+# Pixels of the paper are 0.879 mm long and 0.844 mm wide; a picture turned by 90 degrees has a ratio of 1.5.
+LARGEST_PIXEL_RATIO = 1.25
+
+
+def terrain_from_range_image(
+    ortho_image_mm: npt.ArrayLike,
+    causes: npt.ArrayLike | None = None,
+    *,
+    sigma_mm: npt.ArrayLike | None = None,
+    area: tuple[tuple[float, float], tuple[float, float]] = ((0.50, 0.95), (-0.27, 0.27)),
+    robot: RobotLike | None = None,
+    resolution: float | None = None,
+    stamp: int = 0,
+    step: int = 0,
+) -> TerrainGrid:
+    """A grid of extent "footprint" from an orthorectified range image, judged by the same rules as a scan.
+
+    A cell is known where the centre of a known pixel lies in it; nothing is interpolated. A picture that was mirrored
+    or shrunk beforehand cannot be told from one that was not.
+
+    Args:
+        ortho_image_mm: (rows, columns) heights [mm above z = 0], row r along x, column c along y, NaN = unknown, as
+            `terrain.pictures["ortho_image_mm"]` holds them.
+        causes: (rows, columns) uint8 flags of `Hazard` that say why pixels are unknown, 0 where they are known; None =
+            UNSCANNED.
+        sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: cells
+            that the scan itself calls UNCERTAIN, or a hazard by the margin of their sigma, cannot be told then.
+        area: ((x_min, x_max), (y_min, y_max)) that the picture covers in base_footprint [m].
+        robot: model, name or folder; gives the limits of heights and traversability; None = the Guará.
+        resolution: cell edge [m]; None = the robot's default. It must divide the area.
+        stamp: time of the measurement [ns since the epoch].
+        step: number of the stance pause.
+
+    Raises:
+        InvalidInput: a shape that does not fit the area (pixels must be about square), infinite heights, causes or
+            sigma of another shape, causes that contradict the heights, a resolution that does not divide the area.
+    """
+    robot = robot_model("guara" if robot is None else robot)
+    settings = Settings.of(robot)
+    (x_min, x_max), (y_min, y_max) = _area(area)
+    heights = _picture(ortho_image_mm, (x_max - x_min, y_max - y_min))
+    known = np.isfinite(heights)
+    flags = _causes(causes, known)
+    variance = _sigma(sigma_mm, known) ** 2
+    cell = settings.resolution if resolution is None else float(resolution)
+    geometry = GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
+    rows, columns = heights.shape
+    x = x_min + (np.arange(rows) + 0.5) * (x_max - x_min) / rows
+    y = y_min + (np.arange(columns) + 0.5) * (y_max - y_min) / columns
+    points = np.dstack((*np.broadcast_arrays(x[:, None], y[None, :]), heights)).reshape(-1, 3)
+    raster = merge([rasterise(points, variance.ravel(), geometry)], geometry)
+    iy, ix = geometry.indices(x[:, None], y[None, :])
+    hazard = np.zeros(geometry.shape, np.uint16)
+    np.bitwise_or.at(hazard, (iy, ix), flags)
+    with np.errstate(invalid="ignore"):
+        beyond = (heights < settings.minimum_height) | (heights > settings.maximum_height)
+    out = np.zeros(geometry.shape, dtype=bool)
+    np.logical_or.at(out, (iy, ix), beyond)
+    hazard[out] |= np.uint16(Hazard.OUT_OF_RANGE)
+    raster = without_cells(raster, out)
+    return judged_grid(raster, hazard, geometry, robot, "range_image", int(known.sum()), stamp, step)
+
+
+def _area(area: object) -> Float:
+    corners = numbers(area, "area")
+    if corners.shape != (2, 2) or not np.isfinite(corners).all() or not (corners[:, 0] < corners[:, 1]).all():
+        raise InvalidInput(f"area is {area!r}, allowed: ((x_min, x_max), (y_min, y_max)), finite and ascending [m]")
+    return corners
+
+
+def _picture(image_mm: npt.ArrayLike, size: tuple[float, float]) -> Float:
+    """Heights (rows, columns) [m] of a picture that covers an area of this size (along x, along y) [m]."""
+    heights = numbers(image_mm, "ortho_image_mm") * 1e-3
+    if heights.ndim != 2 or not heights.size:
+        raise InvalidInput(f"ortho_image_mm has shape {heights.shape}, allowed: (rows along x, columns along y)")
+    length, width = (edge / count for edge, count in zip(size, heights.shape, strict=True))
+    if max(length, width) > LARGEST_PIXEL_RATIO * min(length, width):
+        raise InvalidInput(
+            f"ortho_image_mm has shape {heights.shape}: pixels of {length * 1e3:.3g} x {width * 1e3:.3g} mm, allowed: "
+            "about square ones; rows run along x and columns along y: transpose the picture, or give the area it covers"
+        )
+    if np.isinf(heights).any() or (np.abs(heights) > HIGHEST_M).any():
+        raise InvalidInput("ortho_image_mm holds infinite or absurd heights, allowed: heights in mm, NaN for unknown")
+    return heights
+
+
+def _causes(causes: npt.ArrayLike | None, known: Mask) -> Flags:
+    """Flags (rows, columns) of the unknown pixels."""
+    if causes is None:
+        return np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
+    given = numbers(causes, "causes")
+    if given.shape != known.shape:
+        raise InvalidInput(f"causes have shape {given.shape}, the heights {known.shape}: they must be alike")
+    if not np.isin(given, np.arange(int(UNKNOWN_MASK) + 1)).all() or (given.astype(np.uint16) & ~UNKNOWN_MASK).any():
+        raise InvalidInput(f"causes hold other flags than those of unknown ground ({UNKNOWN_MASK!r})")
+    flags = given.astype(np.uint16)
+    if (flags[known] != 0).any():
+        raise InvalidInput(
+            f"causes contradict the heights: {np.count_nonzero(flags[known])} pixels have a height and a cause why "
+            "they are unknown, allowed: 0 where a height is"
+        )
+    flags[~known & (flags == 0)] = np.uint16(Hazard.UNSCANNED)
+    return flags
+
+
+def _sigma(sigma_mm: npt.ArrayLike | None, known: Mask) -> Float:
+    """Standard deviations (rows, columns) [m], 0 where the height is unknown."""
+    sigma = numbers(0.0 if sigma_mm is None else sigma_mm, "sigma_mm") * 1e-3
+    if sigma.shape not in ((), known.shape):
+        raise InvalidInput(
+            f"sigma_mm has shape {sigma.shape}, allowed: one number or the shape {known.shape} of the heights"
+        )
+    sigma = np.where(known, sigma, 0.0)
+    if not (np.isfinite(sigma) & (sigma >= 0)).all():
+        raise InvalidInput("sigma_mm is NaN, infinite or negative at a known height, allowed: 0 or more [mm]")
+    return sigma
