@@ -19,7 +19,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
-from guara_perception.scanning.process import with_pictures
+from guara_perception.scanning.pictures import with_pictures
 from guara_perception.settings import Settings
 from kinematics import LegOdometry, PoseInOdom, RobotModel, load_robot
 from testbed.analytic_walk import Ground, scan, walk

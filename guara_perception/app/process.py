@@ -11,7 +11,8 @@ from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput
 from guara_perception.progress import Progress
 from guara_perception.scan import Scan
-from guara_perception.scanning.process import run_scan, with_pictures
+from guara_perception.scanning.pictures import with_pictures
+from guara_perception.scanning.process import run_scan
 from guara_perception.scanning.scan_surface import check_area
 from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.grid import TerrainGrid

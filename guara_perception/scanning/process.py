@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.progress import Progress
-from guara_perception.ranging.range_images import range_images
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.scan import FrameReader, Scan
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair
-from guara_perception.terrain.grid import TerrainGrid
 from kinematics import KinematicsError, RobotModel
 from kinematics.stillness import check_camera_still
 
@@ -22,22 +19,6 @@ logger = logging.getLogger(__name__)
 
 # [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much turns the light by 1 mrad, half a millimetre.
 MIRROR_TOLERANCE = 5e-4
-
-
-def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:
-    """The same grid with the range images of the scan it was made from."""
-    settings = processor.settings
-    images = range_images(
-        processor.points,
-        settings.pattern(processor.mode),
-        processor.camera_position,
-        settings.footprint_x,
-        settings.footprint_y,
-        settings.join_height,
-    )
-    return dataclasses.replace(
-        terrain, pictures={"ortho_image_mm": images.ortho_image_mm, "range_image_mm": images.range_image_mm}
-    )
 
 
 def run_scan(

@@ -51,7 +51,8 @@ def command(
     from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.summary import facts, summary
     from guara_perception.files import check_target
-    from guara_perception.scanning.process import run_scan, with_pictures
+    from guara_perception.scanning.pictures import with_pictures
+    from guara_perception.scanning.process import run_scan
     from guara_perception.scanning.stripe_finder import METHODS
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import RobotNotFound, load_robot

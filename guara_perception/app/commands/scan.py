@@ -62,7 +62,7 @@ def command(
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
     from guara_perception.fields import read_json
-    from guara_perception.scanning.process import with_pictures
+    from guara_perception.scanning.pictures import with_pictures
     from guara_perception.scanning.scan_processor import ScanProcessor
     from kinematics import Stance
 

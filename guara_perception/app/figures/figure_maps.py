@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from guara_perception.app.files.range_files import cause_image
 from guara_perception.arrays import Float32, Grey, Interval, Mask
 from guara_perception.files import whole_file
+from guara_perception.scanning.pictures import cause_image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 

@@ -11,6 +11,7 @@ from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float32, Grey, Image
 from guara_perception.files import whole_file
 from guara_perception.ranging.range_images import COLUMNS, ROWS
+from guara_perception.scanning.pictures import cause_image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
@@ -61,19 +62,6 @@ def to_8_bit(image: Float32) -> tuple[Grey, float, float]:
     low, high = float(image[known].min()), float(image[known].max())
     share = (np.nan_to_num(image, nan=low) - low) / max(high - low, 1e-6)
     return np.where(known, 1 + np.rint(254 * share), 0).astype(np.uint8), low, high
-
-
-def cause_image(terrain: TerrainGrid) -> Image:
-    """(512, 640) flags: why the cell under each pixel of the orthorectified image is unknown; 0 where it is known."""
-    geometry = terrain.geometry
-    x, y = geometry.centres()
-    half = geometry.resolution / 2
-    px = np.linspace(x[0] - half, x[-1] + half, ROWS + 1)
-    py = np.linspace(y[0] - half, y[-1] + half, COLUMNS + 1)
-    iy, ix = geometry.indices((px[:-1] + px[1:])[:, None] / 2, (py[:-1] + py[1:])[None, :] / 2)
-    iy, ix = np.broadcast_arrays(iy, ix)
-    flags = (terrain.hazard[iy, ix] & UNKNOWN_MASK).astype(np.uint8)
-    return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 
 
 def _write(path: Path, image: Image) -> Path:

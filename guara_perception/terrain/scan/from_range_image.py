@@ -79,7 +79,7 @@ def terrain_from_range_image(
     return judged_grid(raster, hazard, geometry, robot, "range_image", int(known.sum()), stamp, step)
 
 
-def _area(area: object) -> Float:
+def _area(area: npt.ArrayLike) -> Float:
     corners = numbers(area, "area")
     if corners.shape != (2, 2) or not np.isfinite(corners).all() or not (corners[:, 0] < corners[:, 1]).all():
         raise InvalidInput(f"area is {area!r}, allowed: ((x_min, x_max), (y_min, y_max)), finite and ascending [m]")

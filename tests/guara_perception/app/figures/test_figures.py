@@ -20,9 +20,10 @@ from guara_perception.app.figures.figures import (
     median_stripe_frame,
     stripes_together,
 )
-from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, cause_image, to_8_bit, to_16_bit
+from guara_perception.app.files.range_files import OFFSET_MM, SCALE_MM, to_8_bit, to_16_bit
 from guara_perception.app.main import run
-from guara_perception.scanning.process import run_scan, with_pictures
+from guara_perception.scanning.pictures import cause_image, with_pictures
+from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,52 @@
+"""Range images of a scan's grid: heights, why pixels are unknown, and how sure the heights are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from guara_perception.arrays import Array, Float32, Image
+from guara_perception.ranging.range_images import COLUMNS, ROWS, range_images
+from guara_perception.scanning.scan_processor import ScanProcessor
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
+
+
+def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:
+    """The same grid with the range images of the scan it was made from.
+
+    The orthorectified image is unknown wherever the grid is, which leaves out returns that contradict each other.
+    """
+    settings = processor.settings
+    images = range_images(
+        processor.points,
+        settings.pattern(processor.mode),
+        processor.camera_position,
+        settings.footprint_x,
+        settings.footprint_y,
+        settings.join_height,
+    )
+    ortho = np.where(np.isnan(_under_pixels(terrain, terrain.elevation)), np.float32(np.nan), images.ortho_image_mm)
+    return dataclasses.replace(terrain, pictures={"ortho_image_mm": ortho, "range_image_mm": images.range_image_mm})
+
+
+def cause_image(terrain: TerrainGrid) -> Image:
+    """(512, 640) flags: why the cell under each pixel of the orthorectified image is unknown; 0 where it is known."""
+    flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
+    return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
+
+
+def sigma_image_mm(terrain: TerrainGrid) -> Float32:
+    """(512, 640) standard deviation of the orthorectified image, that of the cell under each pixel [mm]."""
+    sigma = np.sqrt(_under_pixels(terrain, terrain.variance)) * 1e3
+    return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), np.nan, sigma).astype(np.float32)
+
+
+def _under_pixels(terrain: TerrainGrid, layer: Array) -> Array:
+    """(512, 640) value of a layer in the cell under the centre of each pixel."""
+    geometry = terrain.geometry
+    ny, nx = geometry.shape
+    x = geometry.origin[0] + (np.arange(ROWS) + 0.5) * nx * geometry.resolution / ROWS
+    y = geometry.origin[1] + (np.arange(COLUMNS) + 0.5) * ny * geometry.resolution / COLUMNS
+    return np.asarray(layer[geometry.indices(x[:, None], y[None, :])])
