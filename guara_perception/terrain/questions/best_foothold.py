@@ -12,7 +12,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
 from guara_perception.terrain.questions.normal import normal_at
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -27,7 +27,7 @@ HYSTERESIS = 1 / 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Foothold:
+class Foothold(FrozenArrays):
     """A place for a sole.
 
     Attributes:
@@ -46,9 +46,6 @@ class Foothold:
     score: float
     value: float
     leg: str | None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "normal", read_only(self.normal))
 
     def __repr__(self) -> str:
         """Short text with rounded numbers."""

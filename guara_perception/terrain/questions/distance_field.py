@@ -11,14 +11,14 @@ from guara_perception.arrays import Float, Float32
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Ten million voxels take about a second and 200 MB.
 MOST_VOXELS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DistanceField:
+class DistanceField(FrozenArrays):
     """Signed distance from the ground in voxels over a grid; unknown ground is solid at every height.
 
     Attributes:
@@ -31,9 +31,6 @@ class DistanceField:
     values: Float32
     origin: tuple[float, float, float]
     resolution: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", read_only(self.values))
 
     def at(self, points: npt.ArrayLike) -> Float:
         """Distances (n,) of points (n, 3), never too large [m]; minus infinity beside or below the field, NaN above it.

@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, Reason, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -54,7 +54,7 @@ class FootholdVerdict:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FootholdVerdicts:
+class FootholdVerdicts(FrozenArrays):
     """The answers for several places; `verdicts[i]` is the FootholdVerdict of place i, with its reasons.
 
     Attributes:
@@ -73,10 +73,6 @@ class FootholdVerdicts:
     score: Float
     leg: str | None
     beyond: Float
-
-    def __post_init__(self) -> None:
-        for name in ("x", "y", "ok", "score", "beyond"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
         """How many places are safe."""

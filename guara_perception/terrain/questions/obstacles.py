@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Lower things are relief of the floor; the paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
@@ -43,7 +43,7 @@ LEAST_WIDTH_M = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Obstacle:
+class Obstacle(FrozenArrays):
     """Something that stands on the floor, or a hole in it, in base_footprint.
 
     Attributes:
@@ -63,10 +63,6 @@ class Obstacle:
     sigma: float
     hazard: int
     area: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "outline", read_only(np.asarray(self.outline, dtype=np.float64)))
-        object.__setattr__(self, "position", read_only(np.asarray(self.position, dtype=np.float64)))
 
 
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:

@@ -15,7 +15,7 @@ from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
@@ -59,7 +59,7 @@ def to_xarray(terrain: LayeredGrid) -> Any:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeightScan:
+class HeightScan(FrozenArrays):
     """Heights of the ground under points, and which of them are known.
 
     Attributes:
@@ -73,10 +73,6 @@ class HeightScan:
     known: Mask
     sigma: Float
     points: Float
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
         return int(self.heights.size)

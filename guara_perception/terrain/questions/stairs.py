@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # A tread is level to this, and no smaller than this; level cells beside each other of one height are one tread.
 STEEPEST_TREAD_RAD = 0.12
@@ -32,7 +32,7 @@ LEAST_RISERS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tread:
+class Tread(FrozenArrays):
     """A level part of stairs; the lowest and the highest are the ground before and behind.
 
     Attributes:
@@ -47,13 +47,9 @@ class Tread:
     sigma: float
     area: float
 
-    def __post_init__(self) -> None:
-        for name in ("plane", "centre"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Riser:
+class Riser(FrozenArrays):
     """The rise from one tread to the next.
 
     Attributes:
@@ -66,13 +62,9 @@ class Riser:
     end: Float
     height: float
 
-    def __post_init__(self) -> None:
-        for name in ("start", "end"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stairs:
+class Stairs(FrozenArrays):
     """Treads from the lowest to the highest, and the risers between them.
 
     Attributes:
@@ -88,9 +80,6 @@ class Stairs:
     direction: Float
     rise: float
     run: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "direction", read_only(self.direction))
 
 
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:

@@ -14,7 +14,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
@@ -34,7 +34,7 @@ MOST_REGIONS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SteppableRegion:
+class SteppableRegion(FrozenArrays):
     """A convex area of places for the centre of a sole; every point inside passes `check_foothold`.
 
     Attributes:
@@ -52,10 +52,6 @@ class SteppableRegion:
     sigma: float
     area: float
     leg: str | None
-
-    def __post_init__(self) -> None:
-        for name in ("halfspaces", "vertices", "plane"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
         """Place, size and tilt, rounded."""

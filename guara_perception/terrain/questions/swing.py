@@ -1,4 +1,4 @@
-"""`swing`: a path for a foot from where it stands to where it will stand, over what lies between."""
+"""Swing path of a foot over the terrain between two footholds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.hazard import Reason
 from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
@@ -19,36 +18,36 @@ from guara_perception.terrain.questions.path import (
     check_clearance,
     check_over,
     checked_points,
-    confidences,
     corridor_of,
     sampled,
+    top_heights,
 )
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
 
 
-# Where the straight path is barred, corners are tried at these shares of its length and these distances beside it [m].
+# Corners of detours around a blocked straight path: fractions of its length, and distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
 ASIDE_M = (0.03, -0.03, 0.06, -0.06, 0.09, -0.09, 0.12, -0.12)
-# Rises over the least height: the first for what samples half a cell apart may miss, then more.
+# Rises over the least height; the first covers what samples half a cell apart may miss.
 RISES_M = (0.001, 0.005, 0.010, 0.020)
 # Samples for the reach of a leg.
 REACH_SPACING_M = 0.010
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Swing:
-    """A path for a foot, or why there is none.
+class Swing(FrozenArrays):
+    """Swing path of a foot, or the reasons against one.
 
     Attributes:
-        ok: whether there is one.
-        points: (n, 3) corners of the path of the sole's centre, from start to end, in base_footprint [m]; (0, 3) where
-            not ok.
-        clearance: least distance from the ground between the ends [m], NaN where not ok.
-        reasons: each failed test of the best try with value and limit; empty where ok.
+        ok: True if a path was found.
+        points: (n, 3) corners of the path of the sole's centre, from start to end, in base_footprint [m]; (0, 3) if not
+            ok.
+        clearance: least distance from the ground between the ends [m], NaN if not ok.
+        reasons: each failed test of the first attempt with value and limit; empty if ok.
     """
 
     ok: bool
@@ -56,14 +55,11 @@ class Swing:
     clearance: float
     reasons: tuple[Reason, ...]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "points", read_only(self.points))
-
     def __bool__(self) -> bool:
         return self.ok
 
     def __repr__(self) -> str:
-        """Corners and clearance, or why there is none."""
+        """Number of corners and clearance, or the reasons."""
         if not self.ok:
             return f"Swing(refused: {'; '.join(map(str, self.reasons))})"
         return f"Swing(ok, {len(self.points)} corners, clearance {1e3 * self.clearance:.0f} mm)"
@@ -80,18 +76,18 @@ def swing(
     ceiling: Ceiling | None = None,
     allow_stale: bool = False,
 ) -> Swing:
-    """A path for a foot from one place to another that `check_path` accepts, or why there is none.
+    """Plan a path for a foot from one foothold to another that `check_path` accepts.
 
-    It leads straight up, over the upper hull of the ground between start and end (highest samples plus confidence
-    plus clearance), and straight down; where that is refused, horizontally over the highest point of that
-    hull, or some millimetres higher. Where the straight path is barred, by unknown ground for instance, it leads
-    around a corner beside it, up to 0.12 m aside.
+    The path goes straight up, over the upper hull of the ground between start and end (highest samples plus confidence
+    plus clearance), and straight down; if that is refused, horizontally over the highest point of that hull, or some
+    millimetres higher. If the straight path is blocked, for instance by unknown ground, it goes around a corner beside
+    it, up to 0.12 m aside.
 
     Args:
-        start, end: (3,) places of the sole's centre on the ground, in base_footprint [m].
-        clearance: distance to keep from the ground between the ends [m].
-        leg: also ask whether this leg reaches all of the path with the body where it stood at the scan.
-        robot: model for `leg`; None = the one of the grid's robot name.
+        start, end: (3,) positions of the sole's centre on the ground, in base_footprint [m].
+        clearance: required distance from the ground between the ends [m].
+        leg: also require that this leg reaches all of the path with the body where it stood at the scan.
+        robot: model for `leg`; None = the robot of the grid.
         ceiling: as in `check_path`.
 
     Raises:
@@ -99,11 +95,7 @@ def swing(
         kinematics.KinematicsError: no such leg or robot.
     """
     terrain = asked(terrain, allow_stale)
-    try:
-        given = np.array([start, end], dtype=np.float64)
-    except (ValueError, TypeError):
-        raise InvalidInput(f"start is {start!r} and end {end!r}, both must be (x, y, z) [m]") from None
-    ends = checked_points(given, (3,), 2, "start and end of a swing")
+    ends = checked_points([start, end], (3,), 2, "start and end of a swing")  # type: ignore[arg-type]
     refused: tuple[Reason, ...] = ()
     check_clearance(clearance)
     ground = swing_ground(terrain, ends[0], ceiling)
@@ -120,7 +112,7 @@ def _none(reasons: tuple[Reason, ...]) -> Swing:
 
 
 def _tracks(ends: Float) -> Iterator[Float]:
-    """Ways on the ground (n, 3) at z = 0: straight, then around one corner beside it, the shortest first."""
+    """Tracks (n, 3) at z = 0 from start to end: straight, then around one corner beside it, the shortest first."""
     start, end = ends * (1, 1, 0)
     yield np.array([start, end])
     along = end - start
@@ -142,14 +134,16 @@ def _over(
     leg: str | None,
     robot: RobotLike | None,
 ) -> Swing:
-    """The swing that stays over a path on the ground."""
+    """Plan the swing over a track on the ground."""
     line = sampled(track, terrain.resolution / 2)
-    # Cells that are unknown or too old refuse a path at any height: one check far above the ground finds them.
+    # Unknown or stale cells block a path at any height: one check far above the ground finds them.
     blocked = check_over(ground, line + (0.0, 0.0, LONGEST_PATH_M), clearance).reasons
     blocked = tuple(reason for reason in blocked if reason.test in ("unknown", "hazard"))
     if blocked:
         return _none(blocked)
-    heights = _least_heights(ground, line, clearance)
+    cells = corridor_of(ground.geometry, line, clearance)
+    # Least heights of the path over the samples of the track.
+    heights = np.where(cells.used, top_heights(ground, cells)[0], -np.inf).max(axis=1) + clearance
     refused: tuple[Reason, ...] = ()
     for rise in RISES_M:
         for course in (_hull(line, heights), np.full(len(line), heights.max())):
@@ -160,14 +154,6 @@ def _over(
                 return Swing(True, path, verdict.clearance, ())
             refused = refused or reasons
     return _none(refused)
-
-
-def _least_heights(ground: SwingGround, line: Float, clearance: float) -> Float:
-    """Least height (n,) of the path over samples of the line from start to end that keeps the clearance [m]."""
-    cells = corridor_of(ground.geometry, line, clearance)
-    at = np.where(cells.used, cells.iy, 0), np.where(cells.used, cells.ix, 0)
-    top = ground.top[at].astype(np.float64) + confidences(ground, cells)
-    return np.asarray(np.where(cells.used, top, -np.inf).max(axis=1) + clearance)
 
 
 def _hull(line: Float, heights: Float) -> Float:
@@ -187,7 +173,7 @@ def _is_below(along: Float, heights: Float, a: int, b: int, c: int) -> bool:
 
 
 def _bends(path: Float) -> Float:
-    """The points of a path at which it changes its direction, and its ends."""
+    """Ends of a path, and the points at which it changes its direction."""
     directions = np.diff(path, axis=0)
     directions = directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
     turns = np.linalg.norm(np.diff(directions, axis=0), axis=1) > 1e-6
@@ -195,7 +181,7 @@ def _bends(path: Float) -> Float:
 
 
 def _out_of_reach(terrain: LayeredGrid, path: Float, leg: str | None, robot: RobotLike | None) -> tuple[Reason, ...]:
-    """Why the leg cannot follow this path with the body where it stood; empty where it can or none is asked for."""
+    """Reason why the leg cannot follow this path with the body where it stood; empty if it can or is None."""
     if leg is None:
         return ()
     samples = sampled(path, REACH_SPACING_M)
