@@ -1,4 +1,4 @@
-"""`obstacles`: each connected thing above or below the floor as an object; the floor as a robustly fitted plane."""
+"""Connected objects above or below the floor, and a robust fit of the floor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEAST_HEIGHT_M = 0.006
 LEAST_SIGMAS = 4.0
 # Smaller things are noise: 2 cells by 2 on the default grid.
 LEAST_AREA_M2 = 1e-4
-# A thing may be as high as its highest cells; one cell in ten may be higher by noise.
+# The height of an object is this quantile of its cells: one cell in ten may be higher by noise.
 TOP_QUANTILE = 0.9
 # Cells this near to the top surface (and three sigmas) make up the top plane.
 TOP_DEPTH_M = 0.004
@@ -44,7 +44,7 @@ LEAST_WIDTH_M = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle(FrozenArrays):
-    """Something that stands on the floor, or a hole in it, in base_footprint.
+    """An object on the floor, or a hole in it, in base_footprint.
 
     Attributes:
         outline: (n, 2) corners of its outline on the cells' edges [m], counter-clockwise seen from above, not closed.
@@ -66,21 +66,26 @@ class Obstacle(FrozenArrays):
 
 
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
-    """Each connected thing that stands 6 mm or more above the floor, or lies as far below, sorted by x, then y.
+    """Connected objects 6 mm or more above the floor, or as far below it, sorted by x, then y.
 
-    The floor is the plane that most of the known heights agree with; unknown ground is no obstacle, but is never
-    traversable either.
+    The floor is the plane that most of the known heights agree with. Unknown ground is no obstacle, and never
+    traversable.
     """
     terrain = asked(terrain, allow_stale)
-    cells, floor = _known_cells(terrain)
+    known = np.flatnonzero(np.isfinite(terrain.elevation))
+    iy, ix = np.divmod(known, terrain.shape[1])
+    x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (ix, iy), strict=True))
+    elevation, variance = (layer.take(known).astype(np.float64) for layer in (terrain.elevation, terrain.variance))
+    floor = fit_floor(x, y, elevation)
     if floor is None:
         return []
-    threshold = np.maximum(LEAST_HEIGHT_M, LEAST_SIGMAS * np.sqrt(cells.variance + floor.sigma**2))
+    cells = _Cells(iy, ix, x, y, elevation, variance, elevation - floor.height_at(x, y), terrain.hazard.take(known))
+    threshold = np.maximum(LEAST_HEIGHT_M, LEAST_SIGMAS * np.sqrt(variance + floor.sigma**2))
     least = max(int(np.ceil(LEAST_AREA_M2 / terrain.resolution**2 - 1e-9)), 1)
     found = [
-        _obstacle(things.some(which), terrain, floor)
-        for things in (cells.some(cells.rise > threshold), cells.some(cells.rise < -threshold))
-        for which in _connected(things.iy, things.ix)
+        _obstacle(part.some(which), terrain, floor)
+        for part in (cells.some(cells.rise > threshold), cells.some(cells.rise < -threshold))
+        for which in _connected(part.iy, part.ix)
         if which.size >= least
     ]
     return sorted(found, key=lambda o: (float(o.position[0]), float(o.position[1])))
@@ -88,7 +93,7 @@ def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstac
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Some cells of a grid, arrays (n,): their indices, centres, heights, variances, heights over the floor, flags."""
+    """Cells of a grid, arrays (n,): indices, centres, heights, variances, heights above the floor, flags."""
 
     iy: Index
     ix: Index
@@ -101,32 +106,11 @@ class _Cells:
 
     def some(self, which: Mask | Index) -> _Cells:
         """The cells of a mask, or of indices into the arrays."""
-        at = np.flatnonzero(which) if which.dtype == np.bool_ else which
-        return _Cells(
-            self.iy.take(at),
-            self.ix.take(at),
-            self.x.take(at),
-            self.y.take(at),
-            self.elevation.take(at),
-            self.variance.take(at),
-            self.rise.take(at),
-            self.hazard.take(at),
-        )
-
-
-def _known_cells(terrain: LayeredGrid) -> tuple[_Cells, FloorPlane | None]:
-    """The known cells and the floor among them; where there is no floor None, and heights over z = 0."""
-    known = np.flatnonzero(np.isfinite(terrain.elevation))
-    iy, ix = np.divmod(known, terrain.shape[1])
-    x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (ix, iy), strict=True))
-    elevation, variance = (layer.take(known).astype(np.float64) for layer in (terrain.elevation, terrain.variance))
-    floor = fit_floor(x, y, elevation)
-    rise = elevation - (0.0 if floor is None else floor.height_at(x, y))
-    return _Cells(iy, ix, x, y, elevation, variance, rise, terrain.hazard.take(known)), floor
+        return _Cells(*(getattr(self, name)[which] for name in self.__slots__))
 
 
 def _connected(iy: Index, ix: Index) -> list[Index]:
-    """Indices of the cells of each connected thing in the arrays (iy, ix) (n,); cells may touch at a corner only."""
+    """Indices of the cells of each connected component of (iy, ix) (n,); cells may touch at a corner only."""
     if not iy.size:
         return []
     rows, columns = iy - iy.min(), ix - ix.min()
@@ -141,12 +125,10 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     """The obstacle of some connected cells, all above the floor or all below."""
     sign = 1.0 if cells.rise[0] > 0 else -1.0
     height = sign * cells.rise
-    lowest = (
-        float(quantile(height, TOP_QUANTILE)) - TOP_DEPTH_M - 3 * math.sqrt(float(cells.variance.sum()) / height.size)
-    )
-    top = np.flatnonzero(height >= lowest)
+    noise = math.sqrt(float(cells.variance.sum()) / height.size)
+    top = np.flatnonzero(height >= np.quantile(height, TOP_QUANTILE) - TOP_DEPTH_M - 3 * noise)
     top_x, top_y, top_z = (values.take(top) for values in (cells.x, cells.y, cells.elevation))
-    a, b, c = plane = _plane(top_x, top_y, top_z)
+    a, b, c = plane = (fit_plane(top_x, top_y, top_z) if top.size >= 6 else None) or (0.0, 0.0, float(top_z.mean()))
     x, y = float(top_x.sum()) / top.size, float(top_y.sum()) / top.size
     z = a * x + b * y + c
     residual = top_z - (a * top_x + b * top_y + c)
@@ -163,12 +145,6 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
         hazard=int(np.bitwise_or.reduce(cells.hazard)),
         area=float(cells.ix.size) * terrain.resolution**2,
     )
-
-
-def _plane(x: Float, y: Float, z: Float) -> tuple[float, float, float]:
-    """Plane by least squares; a level one where the points are too few or on a line."""
-    plane = fit_plane(x, y, z) if z.size >= 6 else None
-    return plane or (0.0, 0.0, float(z.mean()))
 
 
 def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
@@ -206,9 +182,9 @@ class FloorPlane:
 
 
 def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
-    """Find the floor among points (n,) by least quantile of squares, then least squares over those that agree.
+    """Fit the floor to points (n,) by least quantile of squares, then by least squares over the inliers.
 
-    Deterministic: the trials are the same every time. None with fewer than three points, or all on a line.
+    Deterministic: the trials are always the same. None for fewer than three points, or collinear ones.
     """
     if z.size > CELLS:
         some = np.arange(CELLS) * z.size // CELLS
@@ -238,13 +214,13 @@ def fit_floor(x: Float, y: Float, z: Float) -> FloorPlane | None:
 
 
 def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
-    """Factors (3,) of `terms` (3, n) to which FLOOR_SHARE of the heights (n,) lies nearest, and a first sigma."""
+    """Coefficients (3,) of `terms` (3, n) with the least FLOOR_SHARE quantile of residuals, and a first sigma."""
     triples = np.random.default_rng(SEED).integers(0, z.size, (TRIALS, 3))
     matrices = terms.T[triples]
     usable = np.abs(np.linalg.det(matrices)) > 1e-9
     trials = np.linalg.solve(matrices[usable], z[triples[usable]][..., None])[..., 0]
     judges = slice(None, None, max(z.size // JUDGES, 1))
-    level = np.array([0.0, 0.0, float(quantile(z[judges], 0.5))])
+    level = np.array([0.0, 0.0, float(np.median(z[judges]))])
     trials = np.vstack((level, trials))
     distances = np.abs(z[judges] - trials @ terms[:, judges])
     rank = int(FLOOR_SHARE * (distances.shape[1] - 1))
@@ -253,7 +229,7 @@ def _best_trial(terms: Float, z: Float) -> tuple[Float, float]:
 
 
 def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None:
-    """Plane (a, b, c) through points (n,); None for fewer than three, or all of them (almost) on a line."""
+    """Least squares plane (a, b, c) through points (n,); None if they are fewer than three or collinear."""
     if z.size < 3:
         return None
     mean_x, mean_y = float(x.sum()) / z.size, float(y.sum()) / z.size
@@ -267,9 +243,10 @@ def fit_plane(x: Float, y: Float, z: Float) -> tuple[float, float, float] | None
 
 
 def solve_plane(terms: Float, z: Float) -> Float | None:
-    """Factors (3,) of `terms` (3, n) that give z (n,), by the normal equations: well conditioned about the mean.
+    """Least squares coefficients (3,) of `terms` (3, n) for z (n,), by the normal equations.
 
-    The terms are x and y about (almost) their mean, and ones. None for fewer than three points, or points on a line.
+    The terms are x and y about (almost) their mean, which conditions the equations well, and ones. None for fewer than
+    three points, or collinear ones.
     """
     if len(z) < 3:
         return None
@@ -280,23 +257,3 @@ def solve_plane(terms: Float, z: Float) -> Float | None:
     if smallest < len(z) * LEAST_WIDTH_M**2:
         return None
     return np.asarray(np.linalg.solve(normal, np.vecdot(terms, z)))
-
-
-def quantile(values: Float, share: float) -> Float:
-    """The value below which a share of each row lies, linear between neighbours; the last bit is numpy's too.
-
-    Args:
-        values: (..., n) finite, n >= 1.
-        share: 0 ... 1.
-
-    Returns:
-        (...) of values' type.
-    """
-    ordered = np.sort(values, axis=-1)
-    rank = share * (ordered.shape[-1] - 1)
-    below = int(np.floor(rank))
-    above = min(below + 1, ordered.shape[-1] - 1)
-    weight = rank - below
-    low, high = ordered[..., below], ordered[..., above]
-    # From the nearer side, so that the ends are met exactly.
-    return np.asarray(low + (high - low) * weight if weight < 0.5 else high - (high - low) * (1 - weight))

@@ -1,4 +1,4 @@
-"""`stairs`: treads and risers as planes and edges, from the level regions of a grid."""
+"""Stairs as treads (planes) and risers (edges), from the level regions of a grid."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
+from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
 # A tread is level to this, and no smaller than this; level cells beside each other of one height are one tread.
@@ -21,11 +21,11 @@ LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # The rises of stairs, and the directions of their edges, are alike.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# Along an edge one point per strip, of cells whose heights say which tread they belong to.
+# An edge has one point per strip, from cells that belong to a tread by their heights.
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# A wider gap between what was seen of two treads: the edge is then that of the upper one.
+# With a wider gap between the known cells of two treads, the edge is that of the upper one.
 WIDEST_GAP_M = 0.030
 EDGE_STRAIGHT_M = 0.010
 LEAST_RISERS = 2
@@ -33,13 +33,13 @@ LEAST_RISERS = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tread(FrozenArrays):
-    """A level part of stairs; the lowest and the highest are the ground before and behind.
+    """A level part of stairs; the lowest and the highest are the ground before and behind them.
 
     Attributes:
         plane: (3,) p of z = p[0] x + p[1] y + p[2] in base_footprint.
         centre: (3,) mean of its cells [m].
         sigma: standard deviation of its cells about the plane [m].
-        area: area that was seen of it [m^2].
+        area: visible area [m^2].
     """
 
     plane: Float
@@ -53,8 +53,7 @@ class Riser(FrozenArrays):
     """The rise from one tread to the next.
 
     Attributes:
-        start, end: (3,) ends of its upper edge, as far as it was seen; `start` is the left one for a robot that climbs
-            [m].
+        start, end: (3,) ends of the visible part of its upper edge [m]; `start` is the left one for a climbing robot.
         height: height of the rise [m].
     """
 
@@ -68,9 +67,9 @@ class Stairs(FrozenArrays):
     """Treads from the lowest to the highest, and the risers between them.
 
     Attributes:
-        treads: the treads, one more than `risers`, as the ground before and behind is among them.
+        treads: the treads, one more than `risers`: the ground before and behind is included.
         risers: the rises from each tread to the next.
-        direction: (2,) direction up the stairs, of length 1.
+        direction: (2,) unit vector up the stairs.
         rise: mean height of the risers [m].
         run: mean distance of neighbouring edges [m].
     """
@@ -83,16 +82,15 @@ class Stairs(FrozenArrays):
 
 
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
-    """Stairs of two risers or more, as treads (planes) and risers (edges); None where there are none.
+    """Detect stairs of two risers or more; None if there are none.
 
-    Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between each two
-    there must be a straight edge, and all edges must be parallel. An edge is where the ground was seen to change,
-    to half the gap between what was seen of both treads; where that is over 30 mm wide, it is the upper tread's.
-    `check_foothold` decides whether a foot may be set on a tread.
+    Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between neighbours
+    there must be a straight edge, and all edges must be parallel. An edge lies in the middle of the gap between the
+    known cells of both treads; if the gap is over 30 mm wide, at the upper tread. `check_foothold` decides if a foot
+    may be set on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)
-    known = (np.asarray(terrain.hazard) & UNKNOWN_MASK) == 0
     x, y = np.meshgrid(*terrain.geometry.centres())
     regions = _level_regions(terrain, height)
     best: list[tuple[Mask, float]] = []
@@ -111,18 +109,15 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     direction = _climb(x, y, best)
     for _ in range(2):
         edges = [
-            _edge(x, y, height, known, lower, upper, direction)
-            for (_, lower), (_, upper) in zip(best, best[1:], strict=False)
+            _edge(x, y, height, lower, upper, direction) for (_, lower), (_, upper) in zip(best, best[1:], strict=False)
         ]
-        if any(edge is None for edge in edges):
-            return None
-        turns = [np.arctan(edge.slope) for edge in edges if edge is not None]
-        if np.ptp(turns) > EDGES_ALIKE_RAD:
+        found = [edge for edge in edges if edge is not None]
+        turns = [np.arctan(edge.slope) for edge in found]
+        if len(found) < len(edges) or np.ptp(turns) > EDGES_ALIKE_RAD:
             return None
         turn = float(np.mean(turns))
         cosine, sine = np.cos(-turn), np.sin(-turn)
         direction = np.array([[cosine, -sine], [sine, cosine]]) @ direction
-    found = [edge for edge in edges if edge is not None]
     along = [edge.at for edge in found]
     if (np.diff(along) <= 0).any():
         return None
@@ -140,7 +135,7 @@ def _alike(one: float, other: float) -> bool:
 
 
 def _level_regions(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:
-    """Level ground by its height: cells and mean height [m] of each, the lowest first."""
+    """Level regions, cells and mean height [m] of each, the lowest first."""
     with np.errstate(invalid="ignore"):
         level = np.isfinite(height) & (terrain.slope < STEEPEST_TREAD_RAD) & (terrain.step_height < LEAST_RISE_M)
     _, labels, sizes, _ = cv2.connectedComponentsWithStats(level.astype(np.uint8), connectivity=4)
@@ -149,26 +144,21 @@ def _level_regions(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, floa
     parts.sort(key=lambda part: float(height[part].mean()))
     regions: list[tuple[Mask, float]] = []
     for part in parts:
-        mean = float(height[part].mean())
-        if regions and mean - regions[-1][1] < SAME_HEIGHT_M:
-            joined = regions[-1][0] | part
-            regions[-1] = joined, float(height[joined].mean())
-        else:
-            regions.append((part, mean))
+        if regions and float(height[part].mean()) - regions[-1][1] < SAME_HEIGHT_M:
+            part = regions.pop()[0] | part
+        regions.append((part, float(height[part].mean())))
     return regions
 
 
 def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> Tread:
-    centre = np.array([x[mask].mean(), y[mask].mean(), height[mask].mean()])
-    design = np.column_stack((x[mask] - centre[0], y[mask] - centre[1], np.ones(int(mask.sum()))))
-    (a, b, c), *_ = np.linalg.lstsq(design, height[mask], rcond=None)
-    off = height[mask] - design @ (a, b, c)
-    plane = np.array([a, b, c - a * centre[0] - b * centre[1]])
-    return Tread(plane, centre, float(off.std()), float(mask.sum()) * resolution**2)
+    x, y, height = x[mask], y[mask], height[mask]
+    a, b, c = fit_plane(x, y, height) or (0.0, 0.0, height.mean())
+    centre = np.array([x.mean(), y.mean(), height.mean()])
+    return Tread(np.array([a, b, c]), centre, float((height - a * x - b * y - c).std()), x.size * resolution**2)
 
 
 def _climb(x: Float, y: Float, flight: list[tuple[Mask, float]]) -> Float:
-    """Direction (2,) from the lowest tread to the highest: that in which the heights of treads rise."""
+    """Unit vector (2,) along which the heights of the treads rise."""
     centres = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
     rises = np.array([mean for _, mean in flight])
     direction = (rises - rises.mean()) @ (centres - centres.mean(axis=0))
@@ -178,7 +168,7 @@ def _climb(x: Float, y: Float, flight: list[tuple[Mask, float]]) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class _Edge:
-    """A line at `at` along the climb, turned by `slope` per metre across, from `first` to `last` across [m]."""
+    """Line at `at` along the climb, with a slope of `slope` across, from `first` to `last` across [m]."""
 
     at: float
     slope: float
@@ -186,12 +176,13 @@ class _Edge:
     last: float
 
 
-def _edge(x: Float, y: Float, height: Float, known: Mask, lower: float, upper: float, direction: Float) -> _Edge | None:
-    """The edge between two heights, None where there is no straight one."""
+def _edge(x: Float, y: Float, height: Float, lower: float, upper: float, direction: Float) -> _Edge | None:
+    """Edge between two heights, None if there is no straight one."""
     along = direction[0] * x + direction[1] * y
     strip = np.floor((direction[0] * y - direction[1] * x) / STRIP_M).astype(int)
     near = OF_TREAD * (upper - lower)
-    of_lower, of_upper = (known & (np.abs(height - tread) < near) for tread in (lower, upper))
+    # Unknown heights are NaN, which is near to none.
+    of_lower, of_upper = (np.abs(height - tread) < near for tread in (lower, upper))
     points = []
     for number in np.intersect1d(strip[of_lower], strip[of_upper]).tolist():
         ends, begins = along[of_lower & (strip == number)], along[of_upper & (strip == number)]

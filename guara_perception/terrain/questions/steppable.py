@@ -1,9 +1,9 @@
-"""`steppable_region` and `steppable_regions`: convex areas of places for a sole, for planners that optimise."""
+"""Convex regions of safe footholds for optimising planners."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -14,20 +14,21 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
+from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
 
-# Ground that lies further off the plane of a region does not belong to it.
+# Largest distance of the ground of a region from its plane.
 PLANE_TOLERANCE_M = 0.006
-# The first plane is that of the ground this near to the seed.
+# Radius around the seed of the ground that gives the first plane.
 SEED_RADIUS_M = 0.03
-# A new region must be a third larger than the one around the previous choice, or the choice flips.
+# A new region must be a third larger than the one around the previous choice; otherwise the choice would alternate.
 HYSTERESIS = 1 / 3
-# Where a leg's reach ends inside a cell its corners decide, taken this far outside.
+# A leg reaches a cell if it reaches its corners, taken this far outside.
 CORNER_OUTSIDE_M = 1e-4
-# The whole map: how far a region may reach, the smallest one that is given, and how many at most.
+# Over the whole map: reach of a region, least area, and number of regions.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
 MOST_REGIONS = 100
@@ -35,14 +36,14 @@ MOST_REGIONS = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteppableRegion(FrozenArrays):
-    """A convex area of places for the centre of a sole; every point inside passes `check_foothold`.
+    """Convex region for the centre of a sole; every point inside passes `check_foothold`.
 
     Attributes:
         halfspaces: (n, 3) a, b, c of a x + b y <= c, with (a, b) of length 1, in base_footprint [m].
         vertices: (m, 3) counter-clockwise, on the plane [m].
         plane: (3,) p of z = p[0] x + p[1] y + p[2].
-        sigma: standard deviation of the ground about the plane, errors of measurement included [m].
-        area: seen from above [m^2].
+        sigma: standard deviation of the ground about the plane, measurement errors included [m].
+        area: area seen from above [m^2].
         leg: leg that reaches all of it with the body where it stood, or None.
     """
 
@@ -54,7 +55,7 @@ class SteppableRegion(FrozenArrays):
     leg: str | None
 
     def __repr__(self) -> str:
-        """Place, size and tilt, rounded."""
+        """Position, size and slope, rounded."""
         x, y = self.centre
         slope = math.degrees(math.atan(math.hypot(self.plane[0], self.plane[1])))
         return (
@@ -68,7 +69,7 @@ class SteppableRegion(FrozenArrays):
         return np.asarray(self.vertices[:, :2].mean(axis=0))
 
     def contains(self, x: float, y: float) -> bool:
-        """Whether a point lies inside or on the border."""
+        """Test if a point lies inside or on the border."""
         return bool((self.halfspaces[:, :2] @ (x, y) <= self.halfspaces[:, 2] + 1e-12).all())
 
 
@@ -83,17 +84,17 @@ def steppable_region(
     *,
     allow_stale: bool = False,
 ) -> SteppableRegion | None:
-    """A convex area of places for a sole around a wish, for planners that optimise; None where there is none.
+    """Convex region of safe footholds around a nominal position; None if there is none.
 
-    It grows from the safe cell nearest to the wish, over ground that lies on one plane to 6 mm. Every point inside
-    passes `check_foothold`.
+    The region grows from the safe cell nearest to the nominal position, over ground that lies on one plane to 6 mm.
+    Every point inside passes `check_foothold`.
 
     Args:
-        x, y: the wish in base_footprint [m].
-        radius: largest distance of the region from the wish along x and y each [m].
-        leg, robot: as in `check_foothold`: the leg reaches every point.
-        previous: the last choice, in base_footprint of this grid: the region around its centre is kept while that
-            is safe and within the radius, and the other one is not a third larger.
+        x, y: nominal position in base_footprint [m].
+        radius: largest distance of the region from the nominal position along x and y each [m].
+        leg, robot: as in `check_foothold`; the leg reaches every point.
+        previous: the last choice, in base_footprint of this grid. The region around its centre is kept while that is
+            safe and within the radius, and no other region is a third larger.
 
     Raises:
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
@@ -110,13 +111,14 @@ def steppable_region(
     if not seeds.any():
         return None
     distance = np.where(seeds, np.hypot(window.x - x, window.y[:, None] - y), np.inf)
-    found = _grow(window, np.unravel_index(int(distance.argmin()), distance.shape), leg)
+    iy, ix = divmod(int(distance.argmin()), distance.shape[1])
+    found = _grow(window, iy, ix, leg)
     if previous is not None:
         px, py = previous.centre
         iy, ix = int(np.abs(window.y - py).argmin()), int(np.abs(window.x - px).argmin())
         is_here = max(abs(window.x[ix] - px), abs(window.y[iy] - py)) <= terrain.resolution / 2 + 1e-9
         if is_here and seeds[iy, ix]:
-            kept = _grow(window, (iy, ix), leg)
+            kept = _grow(window, iy, ix, leg)
             if found.area < kept.area * (1 + HYSTERESIS):
                 return kept
     return found
@@ -125,9 +127,9 @@ def steppable_region(
 def steppable_regions(
     terrain: LayeredGrid, leg: str | None = None, robot: RobotLike | None = None, *, allow_stale: bool = False
 ) -> list[SteppableRegion]:
-    """Convex areas of places for a sole over the whole grid, the largest first; they may overlap.
+    """Convex regions of safe footholds over the whole grid, the largest first; they may overlap.
 
-    Each is as `steppable_region` gives it, of 4 cm^2 or more; smaller pieces of safe ground are left out.
+    Each is a region of `steppable_region` of 4 cm^2 or more; smaller pieces of safe ground are omitted.
 
     Raises:
         InvalidInput: as `check_foothold`, where a leg is given.
@@ -142,16 +144,17 @@ def steppable_regions(
         padded = cv2.copyMakeBorder(left.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
         # The approximate transform: the last bit of the exact one depends on where the memory lies.
         depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-        seed = np.unravel_index(int(depth.argmax()), depth.shape)
-        if (2 * depth[seed] * terrain.resolution) ** 2 < LEAST_AREA_M2:
+        iy, ix = divmod(int(depth.argmax()), nx)
+        if (2 * depth[iy, ix] * terrain.resolution) ** 2 < LEAST_AREA_M2:
             break
-        region = _grow(whole.around(seed, REGION_REACH_M), None, leg)
+        rows, columns = whole.around(iy, ix, REGION_REACH_M)
+        region = _grow(whole.cut(rows, columns), iy - rows.start, ix - columns.start, leg)
         rows, columns = whole.around_points(region.vertices)
         taken = np.ones(left[rows, columns].shape, dtype=bool)
         for a, b, c in region.halfspaces.tolist():
             taken &= a * whole.x[columns] + b * whole.y[rows, None] <= c + 1e-9
         left[rows, columns] &= ~taken
-        left[seed] = False
+        left[iy, ix] = False
         if region.area >= LEAST_AREA_M2:
             found.append(region)
     return sorted(found, key=lambda region: -region.area)
@@ -159,10 +162,10 @@ def steppable_regions(
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """Cells of a part of a grid: their centres, whether a sole may be set on every point of each, and their heights.
+    """Part of a grid: centres of its cells, mask of those on which a sole may be set anywhere, heights and variances.
 
     `bounds` are the half-planes of the part's rectangle, `tolerance` is the largest distance of the ground from its
-    plane, `seed` is the cell around which the part was cut out, if it was.
+    plane.
     """
 
     x: Float
@@ -173,7 +176,6 @@ class _Window:
     bounds: Float
     resolution: float
     tolerance: float
-    seed: tuple[int, int] | None = None
 
     @staticmethod
     def about(
@@ -201,28 +203,21 @@ class _Window:
         )
         return rows, columns
 
-    def around(self, seed: tuple[np.intp, ...], reach: float) -> _Window:
-        iy, ix = (int(i) for i in seed)
+    def around(self, iy: int, ix: int, reach: float) -> tuple[slice, slice]:
+        """Rows and columns within a distance of a cell."""
         n = int(reach / self.resolution)
-        rows, columns = slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
-        part = rows, columns
-        return _Window(
-            self.x[columns],
-            self.y[rows],
-            self.free[part],
-            self.height[part],
-            self.variance[part],
-            np.empty((0, 3)),
-            self.resolution,
-            self.tolerance,
-            (iy - rows.start, ix - columns.start),
-        )
+        return slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
+
+    def cut(self, rows: slice, columns: slice) -> _Window:
+        """Rows and columns of this part, without bounds."""
+        layers = {name: getattr(self, name)[rows, columns] for name in ("free", "height", "variance")}
+        return replace(self, x=self.x[columns], y=self.y[rows], bounds=np.empty((0, 3)), **layers)
 
 
 def _reached(
     terrain: LayeredGrid, cx: Float, cy: Float, free: Mask, height: Float, leg: str, robot: RobotLike | None
 ) -> Mask:
-    """Free cells of which a leg reaches all corners."""
+    """Free cells whose corners a leg reaches."""
     iy, ix = np.nonzero(free)
     half = terrain.resolution / 2 + CORNER_OUTSIDE_M
     reached = np.ones(iy.size, dtype=bool)
@@ -234,9 +229,8 @@ def _reached(
     return result
 
 
-def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, leg: str | None) -> SteppableRegion:
-    """The region around a free cell of a window."""
-    iy, ix = (int(i) for i in (seed if seed is not None else window.seed or (0, 0)))
+def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion:
+    """Grow the region around a free cell of a window."""
     plane, ground = _plane_of(window, iy, ix)
     # Only the cells next to the ground, and the rim of the window, bound it: all others lie behind these.
     padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
@@ -252,11 +246,11 @@ def _grow(window: _Window, seed: tuple[np.intp, ...] | tuple[int, int] | None, l
 
 def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
     """Plane of the ground around a free cell, and the free cells on this plane that are connected to it."""
-    n = int(max(SEED_RADIUS_M, 2 * window.resolution) / window.resolution) + 1
-    rows, columns = slice(max(iy - n, 0), iy + n + 1), slice(max(ix - n, 0), ix + n + 1)
+    radius = max(SEED_RADIUS_M, 2 * window.resolution)
+    rows, columns = window.around(iy, ix, radius + window.resolution)
     aside = np.hypot(window.x[columns] - window.x[ix], window.y[rows, None] - window.y[iy])
     near = np.zeros(window.free.shape, dtype=bool)
-    near[rows, columns] = window.free[rows, columns] & (aside < max(SEED_RADIUS_M, 2 * window.resolution))
+    near[rows, columns] = window.free[rows, columns] & (aside < radius)
     plane = _fitted(window, near)
     ground = near
     for _ in range(2):
@@ -270,17 +264,10 @@ def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
 
 
 def _fitted(window: _Window, cells: Mask) -> Float:
-    """Least squares plane (3,) through the heights of cells; level where they are too few or in a line."""
+    """Least squares plane (3,) through the heights of cells; level if they are too few or in a line."""
     iy, ix = np.nonzero(cells)
-    x, y, z = window.x[ix], window.y[iy], window.height[cells]
-    mean_x, mean_y, mean_z = float(x.mean()), float(y.mean()), float(z.mean())
-    dx, dy, dz = x - mean_x, y - mean_y, z - mean_z
-    xx, xy, yy, xz, yz = (float(u @ v) for u, v in ((dx, dx), (dx, dy), (dy, dy), (dx, dz), (dy, dz)))
-    determinant = xx * yy - xy * xy
-    if not determinant > 1e-9 * xx * yy:
-        return np.array([0.0, 0.0, mean_z])
-    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-    return np.array([a, b, mean_z - a * mean_x - b * mean_y])
+    height = window.height[cells]
+    return np.array(fit_plane(window.x[ix], window.y[iy], height) or (0.0, 0.0, height.mean()))
 
 
 def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask, leg: str | None) -> SteppableRegion:
