@@ -1,15 +1,15 @@
-"""What each message made of a fused map says of that map: its robot, pause and walk, and how long it is valid."""
+"""Fields shared by the messages made of a fused map: its robot, pause, walk and validity."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
-from transport.exceptions import MessageError, VersionError
+from transport.exceptions import VersionError
 from transport.keys import check_name
+from transport.messages.ranges import check_value
 from transport.messages.submessages import finite
-from transport.messages.terrain_message import MAXIMUM_IDENTITY, TerrainMessage
+from transport.messages.terrain_message import TerrainMessage
 
 VERSION_MAJOR, VERSION_MINOR = 1, 0
 
@@ -19,6 +19,7 @@ class MapOrigin:
     """The map that a message is made of.
 
     Attributes:
+        type_name: ROS 2 type of the message.
         robot: instance name.
         sequence: sequence number of the map.
         step: number of the stance pause.
@@ -32,6 +33,8 @@ class MapOrigin:
         version: (major, minor) of the message.
         stale_because: as in `TerrainMessage`.
     """
+
+    type_name: ClassVar[str]
 
     robot: str
     sequence: int
@@ -52,12 +55,10 @@ class MapOrigin:
     def __post_init__(self) -> None:
         """Check what others rely on."""
         check_name(self.robot)
-        if math.isnan(self.valid_for) or self.valid_for < 0:
-            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
+        for name in ("valid_for", "run", "epoch"):
+            check_value(self.type_name, name, getattr(self, name))
         if self.scan_end_clock is not None:
             finite(self.scan_end_clock, "scan_end_clock")
-        if max(len(self.run), len(self.epoch)) > MAXIMUM_IDENTITY:
-            raise MessageError(f"run or epoch is longer than {MAXIMUM_IDENTITY} characters")
 
 
 def origin_of(terrain: TerrainMessage) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Allowed range of every field of every message: one table, applied to each message that is decoded."""
+"""Allowed range of every message field: one table, applied to each message that is decoded."""
 
 from __future__ import annotations
 
@@ -13,16 +13,22 @@ import numpy as np
 from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.messages.typestore import (
+    ARRAYS,
+    QUATERNION,
     QUERY_REQUEST,
     REFUSAL,
     REGIONS,
+    SCAN_END,
     SCAN_REPLY,
     SCAN_REQUEST,
+    SCAN_START,
     STANCE_PAUSE,
     STATUS,
+    STRIPE,
+    SUBMESSAGE,
     SUMMARY,
     TERRAIN,
-    message_class,
+    TIME,
     typestore,
 )
 
@@ -88,162 +94,60 @@ def _list(entries: int) -> Range:
     return Range(entries=entries)
 
 
-def _whole(bits: int) -> Range:
-    return Range(low=0, high=2**bits - 1)
-
-
 NAME, WORD, SENTENCE = _text(100), _text(200), _text(10_000)
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-LENGTH = Range(low=0, high=FURTHEST, unit="m")
-COUNT = Range(low=-LARGEST_COUNT, high=LARGEST_COUNT)
-SECONDS = Range(low=0, high=LONGEST_TIME, unit="s")
-UNBOUNDED_SECONDS = Range(low=0, high=math.inf, unit="s")
 # Largest grid, cells; a list of what lies in it.
 CELLS, PARTS = _list(4_000_000), _list(100_000)
 # Bytes that are unpacked with a limit of their own.
 PACKED = _list(64 * 1024 * 1024)
-EDGE = Range(low=1e-4, high=10, unit="m")
 
-_MAP_ORIGIN = {
-    "version_major": _whole(16),
-    "version_minor": _whole(16),
-    "robot": NAME,
-    "run": NAME,
-    "epoch": NAME,
-    "sequence": _whole(64),
-    "step": COUNT,
+# By the name of the field, which means the same in every message.
+FIELDS: Mapping[str, Range] = {
+    **dict.fromkeys(("robot", "run", "epoch", "extent", "mode", "method", "attitude_source", "unit", "code"), NAME),
+    **dict.fromkeys(("calibration_hash", "name", "hardware_id", "key", "id", "on_topic", "off_topic"), WORD),
+    **dict.fromkeys(("frame_id", "source_frame", "destination_frame"), WORD),
+    **dict.fromkeys(("message", "value"), SENTENCE),
+    **dict.fromkeys(("x", "y", "z", "origin_x", "origin_y", "height"), METRES),
+    **dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), METRES),
+    **dict.fromkeys(("uint16_values", "uint8_values"), CELLS),
+    **dict.fromkeys(("heights", "hazard", "traversability"), PACKED),
+    **dict.fromkeys(("layers", "transforms", "known_ground", "outline"), _list(64)),
+    **dict.fromkeys(("status", "values", "regions"), _list(1000)),
+    **dict.fromkeys(("joint_names", "point_count_names", "stage_names"), Range(entries=256, characters=200)),
+    **dict.fromkeys(("level", "health"), Range(low=0, high=3)),
+    **dict.fromkeys(("nx", "ny"), Range(low=1, high=4_000_000)),
+    **dict.fromkeys(("time_available", "timeout"), Range(low=0, high=LONGEST_TIME, unit="s")),
+    "step": Range(low=-LARGEST_COUNT, high=LARGEST_COUNT),
     "scan_end_clock": Range(low=0, high=1e10, unit="s", nan=True),
-    "valid_for": UNBOUNDED_SECONDS,
-    "valid_pauses": _whole(32),
+    "valid_for": Range(low=0, high=math.inf, unit="s"),
+    "resolution": Range(low=1e-4, high=10, unit="m"),
+    "sigma": Range(low=0, high=FURTHEST, unit="m"),
+    "area": Range(low=0, high=FURTHEST**2, unit="m^2"),
+    "joint_positions": Range(entries=256, low=-1e6, high=1e6, unit="rad", names="joint_names"),
+    "support_feet": Range(entries=64, characters=200),
+    "obstacles": PARTS,
+    "point_count_values": Range(entries=256, low=0, high=2**64 - 1),
+    "stage_ms": Range(entries=256, low=0, high=1e9, unit="ms"),
+    "coverage": Range(low=0, high=1),
+    "health_reasons": Range(entries=1000, characters=10_000),
+    "metadata": _text(4_000_000),
+    "float32_values": Range(entries=4_000_000, low=-FURTHEST, high=FURTHEST, nan=True),
+    "covariance": Range(entries=36, low=-1e12, high=1e12),
+    "boundary": _list(256),
+    "halfspaces": Range(entries=3 * 256, low=-FURTHEST, high=FURTHEST, unit="m"),
+    "state": Range(low=1, high=4),
+    "mirror_angle": Range(low=-1e3, high=1e3, unit="rad"),
+    "sec": Range(low=0, high=2**31 - 1, unit="s"),
+    "nanosec": Range(low=0, high=999_999_999, unit="ns"),
 }
-_POINT = {"x": METRES, "y": METRES, "z": METRES}
-_ONE = Range(low=-1.000001, high=1.000001)
-
-# Every field of every type that this package decodes; flags (bool) and single submessages have no range of their own.
-RANGES: Mapping[str, Mapping[str, Range]] = {
-    STANCE_PAUSE: {
-        "robot": NAME,
-        "step": COUNT,
-        # A phase of a later version is refused in other words, and changes nothing.
-        "phase": _whole(8),
-        "time_available": SECONDS,
-        "known_ground": _list(64),
-        "epoch": NAME,
-    },
-    GROUND_PATCH: {
-        "outline": _list(64),
-        "height": METRES,
-        "sigma": LENGTH,
-    },
-    "guara_msgs/msg/Stance": {
-        "joint_names": Range(entries=256, characters=200),
-        "joint_positions": Range(entries=256, low=-1e6, high=1e6, unit="rad", names="joint_names"),
-        "support_feet": Range(entries=64, characters=200),
-    },
-    TERRAIN: {
-        **{name: _MAP_ORIGIN[name] for name in _MAP_ORIGIN if name not in ("run", "epoch", "scan_end_clock")},
-        "extent": NAME,
-        "mode": NAME,
-        "method": NAME,
-        "calibration_hash": WORD,
-        "resolution": EDGE,
-        "origin_x": METRES,
-        "origin_y": METRES,
-        "nx": Range(low=1, high=4_000_000),
-        "ny": Range(low=1, high=4_000_000),
-        "layers": _list(64),
-        "attitude_source": NAME,
-        "transforms": _list(64),
-        "obstacles": PARTS,
-        "point_count_names": Range(entries=256, characters=200),
-        "point_count_values": Range(entries=256, low=0, high=2**64 - 1),
-        "stage_names": Range(entries=256, characters=200),
-        "stage_ms": Range(entries=256, low=0, high=1e9, unit="ms"),
-        "coverage": Range(low=0, high=1),
-        "health": Range(low=0, high=3),
-        "health_reasons": Range(entries=1000, characters=10_000),
-        "metadata": _text(4_000_000),
-    },
-    "guara_msgs/msg/TerrainLayer": {
-        "name": WORD,
-        "unit": NAME,
-        "type": _whole(8),
-        "float32_values": Range(entries=4_000_000, low=-FURTHEST, high=FURTHEST, nan=True),
-        "uint16_values": CELLS,
-        "uint8_values": CELLS,
-    },
-    "guara_msgs/msg/FrameTransform": {
-        "source_frame": WORD,
-        "destination_frame": WORD,
-        "covariance": Range(entries=36, low=-1e12, high=1e12),
-    },
-    "guara_msgs/msg/Obstacle": {
-        "outline": PARTS,
-        "height": METRES,
-        "sigma": LENGTH,
-        "hazard": _whole(16),
-    },
-    SUMMARY: {
-        **_MAP_ORIGIN,
-        "resolution": EDGE,
-        "origin_x": METRES,
-        "origin_y": METRES,
-        "nx": Range(low=1, high=4_000_000),
-        "ny": Range(low=1, high=4_000_000),
-        "heights": PACKED,
-        "hazard": PACKED,
-        "traversability": PACKED,
-    },
-    REGIONS: {**_MAP_ORIGIN, "regions": _list(1000)},
-    "guara_msgs/msg/SteppableRegion": {
-        "boundary": _list(256),
-        "halfspaces": Range(entries=3 * 256, low=-FURTHEST, high=FURTHEST, unit="m"),
-        "sigma": LENGTH,
-        "area": Range(low=0, high=FURTHEST**2, unit="m^2"),
-    },
-    SCAN_REQUEST: {"id": WORD, "mode": NAME, "timeout": SECONDS},
-    SCAN_REPLY: {
-        "id": WORD,
-        "state": Range(low=1, high=4),
-        "stripes_done": _whole(32),
-        "stripes_total": _whole(32),
-        "step": COUNT,
-        "sequence": _whole(64),
-        "code": NAME,
-        "message": SENTENCE,
-    },
-    REFUSAL: {"id": WORD, "code": NAME, "message": SENTENCE},
-    QUERY_REQUEST: {"extent": NAME, "x_min": METRES, "x_max": METRES, "y_min": METRES, "y_max": METRES},
-    "guara_msgs/msg/ScanStart": {"robot": NAME, "mode": NAME, "step": COUNT, "calibration_hash": WORD},
-    "guara_msgs/msg/Stripe": {
-        "step": COUNT,
-        "index": _whole(16),
-        "mirror_angle": Range(low=-1e3, high=1e3, unit="rad"),
-        "on_topic": WORD,
-        "off_topic": WORD,
-    },
-    "guara_msgs/msg/ScanEnd": {"step": COUNT, "stripes": _whole(32)},
-    STATUS: {"status": _list(1000)},
-    "diagnostic_msgs/msg/DiagnosticStatus": {
-        "level": Range(low=0, high=3),
-        "name": WORD,
-        "message": SENTENCE,
-        "hardware_id": WORD,
-        "values": _list(1000),
-    },
-    "diagnostic_msgs/msg/KeyValue": {"key": WORD, "value": SENTENCE},
-    "std_msgs/msg/Header": {"frame_id": WORD},
-    "builtin_interfaces/msg/Time": {
-        "sec": Range(low=0, high=2**31 - 1, unit="s"),
-        "nanosec": Range(low=0, high=999_999_999, unit="ns"),
-    },
-    "geometry_msgs/msg/Point": _POINT,
-    "geometry_msgs/msg/Vector3": _POINT | {axis: Range(low=-FURTHEST, high=FURTHEST) for axis in "xyz"},
-    "geometry_msgs/msg/Quaternion": dict.fromkeys("xyzw", _ONE),
-    # Nothing but submessages.
-    "geometry_msgs/msg/Transform": {},
-    "geometry_msgs/msg/Pose": {},
+EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
+    "guara_msgs/msg/Obstacle": {"outline": PARTS, "hazard": Range(low=0, high=2**16 - 1)},
+    "geometry_msgs/msg/Vector3": dict.fromkeys("xyz", Range(low=-FURTHEST, high=FURTHEST)),
+    QUATERNION: dict.fromkeys("xyzw", Range(low=-1.000001, high=1.000001)),
 }
+# Types whose fields, with those of all types in them, are checked when decoded.
+TYPES: tuple[str, ...] = (STANCE_PAUSE, TERRAIN, SUMMARY, REGIONS, SCAN_REQUEST, SCAN_REPLY, REFUSAL, QUERY_REQUEST)
+TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME)
 # Length of a vector that points along gravity: in g, m/s^2, or counts of a sensor.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 
@@ -251,19 +155,37 @@ Check = Callable[[Any], None]
 
 
 def check_ranges(message: Any) -> None:
-    """Check every field of a message object, and of those in it; types outside of `RANGES` pass.
+    """Check every field of a message object, and of those in it, if its type is one of `TYPES`.
 
     Raises:
         MessageError: a field is out of its range; the text names field, value and range.
     """
-    if message.__msgtype__ in RANGES:
-        for check in _checks(message.__msgtype__):
-            check(message)
+    if message.__msgtype__ in TYPES:
+        _check_all(message)
+
+
+def _check_all(message: Any) -> None:
+    for check in _checks(message.__msgtype__):
+        check(message)
+
+
+@cache
+def ranges(type_name: str) -> Mapping[str, Range]:
+    """Range of each field of a type; flags and single submessages have none, an integer that of its own type."""
+    own, found = EXCEPTIONS.get(type_name, {}), {}
+    for name, (kind, details) in typestore().get_msgdef(type_name).fields:
+        allowed = own.get(name, FIELDS.get(name))
+        if allowed is None and kind not in (SUBMESSAGE, *ARRAYS) and "int" in details[0]:
+            limits = np.iinfo(str(details[0]))
+            allowed = Range(low=int(limits.min), high=int(limits.max))
+        if allowed is not None and kind != SUBMESSAGE:
+            found[name] = allowed
+    return found
 
 
 def check_value(type_name: str, field: str, value: Any) -> None:
     """Check the value of one field of a type; raises as `check_ranges` does."""
-    _check(f"{field} of {type_name.rpartition('/')[2]}", RANGES[type_name][field], value)
+    _check(f"{field} of {type_name.rpartition('/')[2]}", ranges(type_name)[field], value)
 
 
 def check_gravity(vector: tuple[float, float, float]) -> None:
@@ -276,13 +198,18 @@ def _checks(type_name: str) -> tuple[Check, ...]:
     """Checks of the fields of one type, in the order of its definition."""
     made = []
     for field, (kind, details) in typestore().get_msgdef(type_name).fields:
-        allowed = RANGES[type_name].get(field)
+        allowed = ranges(type_name).get(field)
         if allowed is not None:
             made.append(_field_check(f"{field} of {type_name.rpartition('/')[2]}", field, allowed))
-        inner = details if kind == 2 else details[0][1] if kind in (3, 4) and details[0][0] == 2 else None
-        if inner is not None:
-            made.append(_submessages_check(field, is_list=kind != 2))
+        if _inner_type(kind, details):
+            made.append(_submessages_check(field, is_list=kind != SUBMESSAGE))
     return tuple(made)
+
+
+def _inner_type(kind: int, details: Any) -> str:
+    """Type of the submessages in a field, empty when it holds none."""
+    inner, name = details[0] if kind in ARRAYS else (kind, details)
+    return name if inner == SUBMESSAGE else ""
 
 
 def _field_check(what: str, field: str, allowed: Range) -> Check:
@@ -295,7 +222,7 @@ def _field_check(what: str, field: str, allowed: Range) -> Check:
 def _submessages_check(field: str, *, is_list: bool) -> Check:
     def check(message: Any) -> None:
         for inner in getattr(message, field) if is_list else (getattr(message, field),):
-            check_ranges(inner)
+            _check_all(inner)
 
     return check
 
@@ -330,16 +257,31 @@ def _check_values(what: str, allowed: Range, values: Array, names: Sequence[str]
 
 def _check_number(what: str, allowed: Range, value: float) -> None:
     if not allowed.low <= value <= allowed.high and not (allowed.nan and value != value):
-        raise MessageError(f"{what} is {value:.6g}; allowed: {allowed}")
+        shown = value if isinstance(value, int) else f"{value:.6g}"
+        raise MessageError(f"{what} is {shown}; allowed: {allowed}")
+
+
+def checked_types() -> list[str]:
+    """`TYPES`, each followed by the types of its submessages that have not come before."""
+    found: dict[str, None] = {}
+
+    def add(type_name: str) -> None:
+        if type_name and type_name not in found:
+            found[type_name] = None
+            for _, (kind, details) in typestore().get_msgdef(type_name).fields:
+                add(_inner_type(kind, details))
+
+    for type_name in TYPES:
+        add(type_name)
+    return list(found)
 
 
 def range_rows() -> list[str]:
-    """Rows of the table of ranges in the documentation, a type each."""
+    """Rows of the table of ranges in the documentation, one for each type."""
     rows = []
-    for type_name, fields in RANGES.items():
-        message_class(type_name)
+    for type_name in checked_types():
         parts: dict[str, list[str]] = {}
-        for field, allowed in fields.items():
+        for field, allowed in ranges(type_name).items():
             if str(allowed):
                 parts.setdefault(str(allowed), []).append(f"`{field}`")
         text = "; ".join(f"{', '.join(names)}: {allowed}" for allowed, names in parts.items())

@@ -76,6 +76,7 @@ class RegionsMessage(MapOrigin):
 
     # `GridJudge` judges it as a grid of this kind, not as the map itself.
     extent: ClassVar[str] = "regions"
+    type_name: ClassVar[str] = REGIONS
 
     regions: tuple[RegionMessage, ...]
 

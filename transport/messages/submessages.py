@@ -171,10 +171,8 @@ class GroundPatch:
         check_value(GROUND_PATCH, "outline", outline)
         object.__setattr__(self, "outline", outline)
         object.__setattr__(self, "height", finite(self.height, "height of known ground"))
-        sigma = finite(self.sigma, "sigma of known ground")
-        if sigma < 0.0:
-            raise MessageError(f"sigma of known ground is {sigma}; allowed: 0 or more")
-        object.__setattr__(self, "sigma", sigma)
+        object.__setattr__(self, "sigma", finite(self.sigma, "sigma of known ground"))
+        check_value(GROUND_PATCH, "sigma", self.sigma)
 
 
 def texts(values: Sequence[str], what: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode
 from transport.messages.map_origin import MapOrigin, check_version
+from transport.messages.ranges import check_value
 from transport.messages.shuffle import compress, decompress
 from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import finite
@@ -42,6 +43,7 @@ class SummaryMessage(MapOrigin):
 
     # `GridJudge` judges it as a grid of this kind, not as the map itself.
     extent: ClassVar[str] = "summary"
+    type_name: ClassVar[str] = SUMMARY
 
     resolution: float
     origin: tuple[float, float]
@@ -69,8 +71,7 @@ class SummaryMessage(MapOrigin):
             raise MessageError("withdrawn, and yet cells of the summary are known; allowed: none")
         finite(self.origin[0], "origin x")
         finite(self.origin[1], "origin y")
-        if not finite(self.resolution, "resolution") > 0:
-            raise MessageError(f"resolution is {self.resolution} m; allowed: above 0")
+        check_value(SUMMARY, "resolution", finite(self.resolution, "resolution"))
 
     @property
     def shape(self) -> tuple[int, int]:

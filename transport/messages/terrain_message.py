@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -15,7 +14,9 @@ import numpy as np
 from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.keys import check_name
+from transport.messages.ranges import check_value
 from transport.messages.submessages import ObstacleMessage, StanceMessage, TransformMessage, finite, texts
+from transport.messages.typestore import TERRAIN
 
 VERSION_MAJOR = 1
 VERSION_MINOR = 0
@@ -171,22 +172,16 @@ class TerrainMessage:
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
             if getattr(self, name) not in allowed:
                 raise MessageError(f"{name} is {getattr(self, name)!r}; allowed: {', '.join(map(repr, allowed))}")
-        for name, bits in (("sequence", 64), ("valid_pauses", 32)):
-            if not 0 <= getattr(self, name) < 2**bits:
-                raise MessageError(f"{name} is {getattr(self, name)}; allowed: 0 to 2^{bits} - 1")
+        for name in ("sequence", "valid_for", "valid_pauses", "coverage"):
+            check_value(TERRAIN, name, getattr(self, name))
         if self.scan_end < self.scan_start:
             raise MessageError(f"scan_end {self.scan_end} ns lies before scan_start {self.scan_start} ns")
-        if math.isnan(self.valid_for) or self.valid_for < 0.0:
-            raise MessageError(f"valid_for is {self.valid_for} s; allowed: 0 or more")
         self._check_grid()
-        if not 0.0 <= self.coverage <= 1.0:
-            raise MessageError(f"coverage is {self.coverage}; allowed: 0 to 1")
         self._freeze_details()
 
     def _check_grid(self) -> None:
         resolution = finite(self.resolution, "resolution")
-        if not 1e-4 <= resolution <= 10.0:
-            raise MessageError(f"resolution is {resolution} m; allowed: 0.0001 to 10 m")
+        check_value(TERRAIN, "resolution", resolution)
         if len(self.origin) != 2:
             raise MessageError(f"origin has {len(self.origin)} numbers; allowed: 2, x and y")
         origin = (finite(self.origin[0], "origin x"), finite(self.origin[1], "origin y"))

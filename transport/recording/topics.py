@@ -14,15 +14,14 @@ from transport.messages.typestore import (
     MARKERS,
     OCCUPANCY,
     POINT_CLOUD,
+    SCAN_END,
+    SCAN_START,
     STANCE_PAUSE,
     STATUS,
+    STRIPE,
     TERRAIN,
     TEXT,
 )
-
-SCAN_START = "guara_msgs/msg/ScanStart"
-STRIPE = "guara_msgs/msg/Stripe"
-SCAN_END = "guara_msgs/msg/ScanEnd"
 
 # Type of each topic by its short name: what follows `/<robot>/`, or the whole name where no robot's stands in it.
 TYPES = {

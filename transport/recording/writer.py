@@ -16,10 +16,10 @@ from transport.messages.submessage_codec import make_stance, to_ros
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import make_message
+from transport.messages.typestore import SCAN_END, SCAN_START, STRIPE, make_message
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topic_file import TopicFile
-from transport.recording.topics import CALIBRATION_NAME, SCAN_END, SCAN_START, STRIPE, TYPES, Topics
+from transport.recording.topics import CALIBRATION_NAME, TYPES, Topics
 
 
 class RecordingWriter:
