@@ -16,6 +16,15 @@ from guara_perception.files import LARGEST_TEXT, read_bounded
 
 # Objects in one list: a scan has 70 stripes, a session some hundred pictures.
 MOST_ITEMS = 10_000
+KINDS: dict[type, str] = {
+    dict: "an object",
+    list: "a list",
+    str: "a text",
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    type(None): "null",
+}
 
 
 def read_json(path: str | Path) -> Fields:
@@ -70,7 +79,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
 
 
 class Fields:
-    """A view of one JSON object that checks each field as it is read.
+    """One JSON object, each field of which is checked when it is read.
 
     Attributes:
         data: the parsed object.
@@ -88,7 +97,7 @@ class Fields:
         return f"{self.source}: {self.path}.{name}" if self.path else f"{self.source}: {name}"
 
     def has(self, name: str) -> bool:
-        """Whether the field is there and not null."""
+        """Test that the field is there and not null."""
         return self.data.get(name) is not None
 
     def raw(self, name: str) -> Any:
@@ -102,28 +111,21 @@ class Fields:
 
     def text(self, name: str, allowed: tuple[str, ...] | None = None) -> str:
         """A text field, one of `allowed` where given."""
-        value = self.raw(name)
-        if not isinstance(value, str):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a text")
+        value: str = self._of_type(name, str)
         if allowed is not None and value not in allowed:
             raise FileFormatError(f"{self.path_to(name)} is {value!r}, allowed: {', '.join(map(repr, allowed))}")
         return value
 
     def integer(self, name: str, minimum: int | None = None, maximum: int | None = None) -> int:
         """A whole number within bounds (inclusive)."""
-        value = self.raw(name)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a whole number")
+        value: int = self._of_type(name, int)
         self._check_bounds(name, value, minimum, maximum)
         return value
 
     def number(self, name: str, minimum: float | None = None, maximum: float | None = None) -> float:
         """A finite number within bounds (inclusive)."""
-        value = self.raw(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a number")
         try:
-            number = float(value)
+            number = float(self._of_type(name, float))
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
@@ -151,13 +153,10 @@ class Fields:
 
     def sub(self, name: str) -> Fields:
         """A nested object."""
-        value = self.raw(name)
-        if not isinstance(value, dict):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be an object")
-        return Fields(value, self.source, f"{self.path}.{name}" if self.path else name)
+        return Fields(self._of_type(name, dict), self.source, f"{self.path}.{name}" if self.path else name)
 
     def items(self, name: str) -> Iterator[Fields]:
-        """The objects of a list, one by one, each knowing its path."""
+        """Iterate over the objects of a list."""
         values = self.sequence(name)
         if len(values) > MOST_ITEMS:
             raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")
@@ -169,9 +168,14 @@ class Fields:
 
     def sequence(self, name: str) -> list[Any]:
         """A list, elements unchecked."""
+        found: list[Any] = self._of_type(name, list)
+        return found
+
+    def _of_type(self, name: str, kind: type) -> Any:
+        """The field, of one type; whole numbers are numbers, and true and false are neither."""
         value = self.raw(name)
-        if not isinstance(value, list):
-            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be a list")
+        if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
+            raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be {KINDS[kind]}")
         return value
 
     def _check_bounds(self, name: str, value: float, minimum: float | None, maximum: float | None) -> None:
@@ -182,20 +186,11 @@ class Fields:
 
 
 def _holds_numbers_only(value: Any) -> bool:
-    """Whether a nested list holds numbers and nothing else: NumPy would take "1" and true for numbers."""
+    """Test that a nested list holds nothing but numbers: NumPy would take "1" and true for numbers."""
     if isinstance(value, list):
         return all(map(_holds_numbers_only, value))
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _kind(value: Any) -> str:
-    names: dict[type, str] = {
-        dict: "an object",
-        list: "a list",
-        str: "a text",
-        bool: "true or false",
-        int: "a whole number",
-        float: "a number",
-        type(None): "null",
-    }
-    return names.get(type(value), type(value).__name__)
+    return KINDS.get(type(value), type(value).__name__)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeAlias
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,27 +17,18 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Beyond these a limit is a slip of units (degrees, millimetres), not a robot.
-LARGEST_LIMIT = {
-    "slope": np.pi / 2,
-    "step": 1.0,
-    "drop": 1.0,
-    "roughness": 1.0,
-    "sigma": 1.0,
-    "disc_radius": 1.0,
-    "confidence": 10.0,
-    "sole_length": 1.0,
-    "sole_width": 1.0,
-}
+# A larger limit is a slip of units (degrees, millimetres), not a robot; lengths have this one [m].
+LARGEST_LENGTH = 1.0
+LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path
 
 
 @dataclass(frozen=True, slots=True)
 class TraversabilityLimits:
-    """What the robot's feet can bear; every value is a hard limit, above it a cell is a hazard.
+    """Traversability limits of the robot's feet. A cell that exceeds any of them is a hazard.
 
-    A limit that is added later has a default by which nothing is judged, since grids of older versions lack it; and it
-    sets the nearest existing flag of `Hazard`, which the records of its grids name under `limit_flags`.
+    A limit that is added later needs a default that excludes nothing, since grids of older versions lack it. It sets
+    the nearest existing flag of `Hazard`, which the records of its grids name under `limit_flags`.
 
     Attributes:
         slope: largest angle to the horizontal [rad].
@@ -45,7 +36,7 @@ class TraversabilityLimits:
         drop: largest fall within the disc [m].
         roughness: largest standard deviation about the fitted plane [m].
         sigma: largest standard deviation of the elevation [m].
-        disc_radius: half the window of the plane fit and of the step search [m].
+        disc_radius: radius of the window of the plane fit and of the step search [m].
         confidence: number of standard deviations added before a value is compared.
         sole_length, sole_width: the sole rectangle, along x and y [m].
     """
@@ -63,7 +54,7 @@ class TraversabilityLimits:
     def __post_init__(self) -> None:
         for name in self.__slots__:
             value = getattr(self, name)
-            high = LARGEST_LIMIT[name]
+            high = LARGEST_LIMIT.get(name, LARGEST_LENGTH)
             is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
             if not is_number or not 0 <= value <= high or (value == 0 and name != "confidence"):
                 raise InvalidInput(f"limit {name} is {value!r}, it must be a number above 0 and at most {high:.4g}")
@@ -88,7 +79,7 @@ class Settings:
         coarse_every: stride of a coarse scan: it fires every stripe whose index this number divides.
         mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
         limits: traversability limits.
-        validity_pauses, validity_seconds: how long a look may be used.
+        validity_pauses, validity_seconds: age up to which an observation may be used.
     """
 
     resolution: float
@@ -107,19 +98,13 @@ class Settings:
     validity_seconds: float
 
     @staticmethod
+    @lru_cache(maxsize=16)
     def of(robot: RobotModel) -> Settings:
-        """Read and check the perception tables of a robot.
+        """Read and check the perception tables of a robot, once: every scan asks for them.
 
         Raises:
             FileFormatError: values are missing or impossible; all are reported at once, each with table and field.
         """
-        known = _OF_ROBOTS.get(robot)
-        if known is None:
-            known = _OF_ROBOTS[robot] = Settings._read(robot)
-        return known
-
-    @staticmethod
-    def _read(robot: RobotModel) -> Settings:
         findings = Findings(robot.config.path)
         root = robot.config.root.gathering(findings)
         grid, scan, heights, validity = (root.table(name) for name in ("grid", "scan", "heights", "validity"))
@@ -161,24 +146,22 @@ class Settings:
         return range(0, self.stripes, self.coarse_every if mode == "coarse" else 1)
 
 
-# A robot does not change, and is asked for its settings by every scan.
-_OF_ROBOTS: WeakKeyDictionary[RobotModel, Settings] = WeakKeyDictionary()
-
-
 def _limits(root: Table) -> TraversabilityLimits:
     table = root.table("traversability")
     keys = {"slope": "slope_limit", "step": "step_limit", "drop": "drop_limit", "roughness": "roughness_limit"}
     keys |= {"sigma": "sigma_limit", "disc_radius": "disc_radius"}
-    values = {name: table.number(key, above=0.0, most=LARGEST_LIMIT[name]) for name, key in keys.items()}
-    length, width = root.pair("sole", above=0.0, most=LARGEST_LIMIT["sole_length"])
+    values = {
+        name: table.number(key, above=0.0, most=LARGEST_LIMIT.get(name, LARGEST_LENGTH)) for name, key in keys.items()
+    }
+    length, width = root.pair("sole", above=0.0, most=LARGEST_LENGTH)
     confidence = table.number("confidence", least=0.0, most=LARGEST_LIMIT["confidence"])
     return TraversabilityLimits(**values, confidence=confidence, sole_length=length, sole_width=width)
 
 
 def robot_model(robot: RobotLike) -> RobotModel:
-    """The model itself.
+    """Load a robot that is given by its name or folder.
 
     Raises:
-        kinematics.KinematicsError: there is no such robot, or its folder is not sound.
+        kinematics.KinematicsError: there is no such robot, or its folder is not valid.
     """
     return load_robot(robot) if isinstance(robot, str | Path) else robot

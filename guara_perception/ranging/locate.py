@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
@@ -22,30 +20,12 @@ COUNTS = (16, 24)
 TOLERANCE_PX = 1e-6
 
 
-class Locator(Protocol):
-    """Finds the points of stripes, of one or of several at once; coordinate by coordinate, which is fastest."""
-
-    @property
-    def view_point(self) -> Float:
-        """(3,) point in base_footprint about which heights are orthorectified: the optical centre, if all is right."""
-
-    def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Points (3, ..., n) in base_footprint of stripes at these rows; NaN where there is none.
-
-        Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
-            position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = every column of the picture, in order.
-        """
-
-    def measure(
-        self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
-    ) -> tuple[Float, Float]:
-        """The same points and the standard deviations (..., w) of their heights [m]."""
-
-
 class Triangulator:
-    """Each ray meets the calibrated laser plane: nothing is approximated."""
+    """Points of stripes where the rays of the columns meet the calibrated laser planes; nothing is approximated.
+
+    Attributes:
+        view_point: (3,) optical centre in base_footprint.
+    """
 
     def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float) -> None:
         """Prepare the rays.
@@ -58,21 +38,23 @@ class Triangulator:
         self._per_row = 1.0 / camera.matrix[1, 1]
         self._rotation = transform_camera_to_footprint[:3, :3]
         self._translation = transform_camera_to_footprint[:3, 3]
-
-    @property
-    def view_point(self) -> Float:
-        """Optical centre (3,)."""
-        return np.array(self._translation)
+        self.view_point = np.array(self._translation)
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Points (3, ..., n) in base_footprint."""
+        """Points (3, ..., n) in base_footprint of stripes at these rows, coordinate by coordinate; NaN without a point.
+
+        Args:
+            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
+            position_px: (..., n) rows.
+            columns: (..., n) column of each row; None = every column of the picture, in order.
+        """
         rays = self._rays.at(position_px, columns)
         return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points (3, ..., w) and standard deviations (..., w) of heights [m], by the meeting point's derivative."""
+        """The same points and the standard deviations (..., w) of their heights [m], by the derivative of the depth."""
         rays = self._rays.at(position_px)
         depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)
@@ -105,7 +87,7 @@ class Triangulator:
 
 
 def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
-    """Where rays meet a laser plane.
+    """Depths at which rays meet laser planes: ray r and plane (n, d) at -d / (n . r).
 
     Args:
         rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is none.
@@ -113,8 +95,7 @@ def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
 
     Returns:
         Depth (n,) or (s, n) along the camera's z [m], NaN where the ray meets the plane at a grazing angle or behind
-        the camera; and the rays' products of the same shape with the normal, by which a change of ray changes the
-        depth.
+        the camera; and n . r of the same shape, the denominator.
     """
     x, y = rays
     nx, ny, nz, d = plane_in_camera.T[..., None]
@@ -130,23 +111,26 @@ def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
     return depth, along_normal
 
 
+Locator = Triangulator | PaperRangefinder
+
+
 def locator(
     literal: Literal | None,
     camera: CameraModel,
     transform_camera_to_footprint: Float,
     area: tuple[tuple[float, float], tuple[float, float]],
 ) -> Locator:
-    """The paper's equations where `literal` is given, with what it takes as printed; None = triangulation."""
+    """Choose the paper's equations where `literal` is given, triangulation where it is None."""
     if literal is None:
         return Triangulator(camera, transform_camera_to_footprint)
     return PaperRangefinder(camera, transform_camera_to_footprint, area, literal)
 
 
 class ColumnRays:
-    """Rays of one camera, as `CameraModel.rays` gives them to some millionths of a pixel, in a fraction of the time."""
+    """Rays of one camera by polynomials: those of `CameraModel.rays` within TOLERANCE_PX, in a fraction of the time."""
 
     def __init__(self, camera: CameraModel) -> None:
-        """Fit the polynomials; where none fits the lens, `at` computes each ray with the camera model itself."""
+        """Fit the polynomials; where none fits the lens, `at` uses the camera model."""
         self._camera = camera
         self._centre_row = (camera.size[1] - 1) / 2
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)

@@ -11,7 +11,7 @@ from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
 from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, StripeProfile, bad_frame, channel_of
-from guara_perception.stripes.extract import is_raw_bayer, unusable_frame
+from guara_perception.stripes.extract import is_raw_bayer, picture_fault, unusable_frame
 from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise
@@ -59,13 +59,10 @@ class StripeFinder:
     def _band(self, pair: FramePair, rows: tuple[int, int], shared: SharedFrame | None) -> Band | str:
         """The band of a stripe, or why there is none; `shared` is its laser-off frame where that serves others too."""
         (width, height), on, off = self._size, pair.on, pair.off
-        if not isinstance(on, np.ndarray) or on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3):
-            given = f"{on.dtype} {on.shape}" if isinstance(on, np.ndarray) else type(on).__name__
-            return f"the frame is {given}, it must be a uint8 or uint16 picture"
+        if fault := picture_fault(on):
+            return f"the frame is {fault}"
         if on.shape[:2] != (height, width):
             return f"the frame is {on.shape[1]}x{on.shape[0]} px, the calibrated camera gives {width}x{height}"
-        if on.ndim == 3 and on.shape[2] not in (1, 3):
-            return f"the frame has {on.shape[2]} channels, it must have 1 or 3"
         first, end = rows
         if end <= first:
             return "the stripe lies outside the camera's view at this stance"

@@ -60,7 +60,10 @@ def extract_stripe(
         raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
     if along not in ("columns", "rows"):
         raise InvalidInput(f"along is {along!r}, allowed: 'columns', 'rows'")
-    _check_picture(on)
+    if fault := picture_fault(on):
+        raise InvalidInput(f"the picture is {fault}")
+    if min(on.shape[:2]) < 8:
+        raise InvalidInput(f"the picture is {on.shape}, it must have 8 pixels or more each way")
     if along == "rows":
         on, off = _turned(on), _turned(off) if isinstance(off, np.ndarray) and off.ndim >= 2 else off
     height, width = on.shape[:2]
@@ -74,7 +77,7 @@ def extract_stripe(
 
 
 def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> str:
-    """Why a frame cannot be used, or an empty text.
+    """Reason for which a frame cannot be used; empty for a usable one.
 
     Args:
         band: the rows of the laser-on frame that will be searched.
@@ -102,13 +105,13 @@ def _turned(picture: Image) -> Image:
     return np.asarray(cv2.transpose(picture)).reshape(turned.shape)
 
 
-def _check_picture(on: Image) -> None:
+def picture_fault(on: Image) -> str:
+    """Text that says what was given in place of a camera's picture; empty for a picture."""
     if not isinstance(on, np.ndarray):
-        raise InvalidInput(f"the picture is {type(on).__name__}, it must be a numpy array")
+        return f"{type(on).__name__}, it must be a numpy array"
     if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
-        raise InvalidInput(f"the picture is {on.dtype} {on.shape}, it must be uint8 or uint16, (h, w) or (h, w, 3)")
-    if min(on.shape[:2]) < 8:
-        raise InvalidInput(f"the picture is {on.shape}, it must have 8 pixels or more each way")
+        return f"{on.dtype} {on.shape}, it must be uint8 or uint16, (h, w) or (h, w, 3)"
+    return ""
 
 
 def brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
@@ -135,7 +138,7 @@ def brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
 
 
 def is_raw_bayer(on: Image, off: Image | None) -> bool:
-    """Whether a picture of one channel, or its rows from an even one on, shows the 2 x 2 pattern of a colour filter.
+    """Detect the 2 x 2 pattern of a colour filter in a picture of one channel, or in its rows from an even one on.
 
     Grey pictures have no reason to differ between even and odd columns all over; behind a colour filter these differ,
     in even rows otherwise than in odd ones.
@@ -166,6 +169,6 @@ def _of_sums(sums: Float) -> Float:
 
 
 def _agree(contrast: Float, least: float) -> bool:
-    """Whether one kind of row differs by more than `least`, with one sign, in all quarters but one at the most."""
+    """Test that one kind of row differs by more than `least`, with one sign, in all quarters but one at the most."""
     more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
     return bool((np.maximum(more, less) >= QUARTERS - 1).any())

@@ -33,7 +33,7 @@ DIFFERENCE_PX = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Literal:
-    """What is taken as printed although it is wrong, to show the difference.
+    """Equations taken as printed although they are wrong, to show the difference.
 
     Attributes:
         lens: eq. 8 in one iteration.
@@ -45,7 +45,12 @@ class Literal:
 
 
 class PaperRangefinder:
-    """Everything that the paper calibrates, for one stance, derived from a calibration."""
+    """Points of stripes by the paper's equations, its constants derived from a calibration for one stance.
+
+    Attributes:
+        view_point: (3,) point in base_footprint about which the picture is orthorectified, the optical centre; with
+            `Literal.ortho` the centre of the area, at the height of the optical centre.
+    """
 
     def __init__(
         self,
@@ -65,18 +70,14 @@ class PaperRangefinder:
         self._camera = camera
         self._transform = transform_camera_to_footprint
         self._literal = literal
-        self.lens_k = radial_coefficient(camera)
+        self._lens_k = radial_coefficient(camera)
         (x0, x1), (y0, y1) = area
         marks = np.array([(x0, y0), (x0, y1), (x1, y1), (x1, y0)])
         self._coefficients = surface_coefficients(self._seen_by_pinhole(marks), marks)
-        self.camera_height = float(transform_camera_to_footprint[2, 3])
-        self.nadir = transform_camera_to_footprint[:2, 3].copy()
-        self.centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
-
-    @property
-    def view_point(self) -> Float:
-        """(3,) the point about which heights are moved, at the height of the optical centre."""
-        return np.append(self.centre if self._literal.ortho else self.nadir, self.camera_height)
+        self._camera_height = float(transform_camera_to_footprint[2, 3])
+        self.view_point = transform_camera_to_footprint[:3, 3].copy()
+        if literal.ortho:
+            self.view_point[:2] = (marks[0] + marks[2]) / 2
 
     def stripe(self, plane_in_camera: Float) -> tuple[StripeConstants, Float]:
         """Constants of stripes and the horizontal directions (..., 2) across them, in which their v is measured.
@@ -92,11 +93,11 @@ class PaperRangefinder:
         nx, ny, nz, d = np.reshape(planes, plane_in_camera.shape).transpose(-1, *range(plane_in_camera.ndim - 1))
         steepness = np.hypot(nx, ny)
         across = np.stack((nx, ny), axis=-1) / steepness[..., None]
-        z = [self.camera_height - h for h in PLATE_HEIGHTS_M]
-        nadir = across[..., 0] * self.nadir[0] + across[..., 1] * self.nadir[1]
+        z = [self._camera_height - h for h in PLATE_HEIGHTS_M]
+        nadir = across[..., 0] * self._transform[0, 3] + across[..., 1] * self._transform[1, 3]
         # Where the laser plane meets each plate, seen from the optical centre on the floor.
         v = [
-            nadir + (-(nz * h + d) / steepness - nadir) * self.camera_height / (self.camera_height - h)
+            nadir + (-(nz * h + d) / steepness - nadir) * self._camera_height / (self._camera_height - h)
             for h in PLATE_HEIGHTS_M
         ]
         return stripe_constants(v[0], z[0], v[1], z[1]), across
@@ -113,12 +114,12 @@ class PaperRangefinder:
         matrix = self._camera.matrix
         u_r = ((np.arange(rows.shape[-1]) if columns is None else columns) - matrix[0, 2]) / matrix[0, 0]
         v_r = (rows - matrix[1, 2]) / matrix[1, 1]
-        u, v = undistort(u_r, v_r, self.lens_k, literal=self._literal.lens)
+        u, v = undistort(u_r, v_r, self._lens_k, literal=self._literal.lens)
         x, y = surface_x(self._coefficients, u, v), surface_y(self._coefficients, u, v)
         constants, across = self.stripe(plane_in_camera[..., None, :])
-        h = height(depth_from_constants(across[..., 0] * x + across[..., 1] * y, constants), self.camera_height)
-        centre = self.view_point
-        return np.stack((ortho_v(x, h, self.camera_height, centre[0]), ortho_u(y, h, self.camera_height, centre[1]), h))
+        h = height(depth_from_constants(across[..., 0] * x + across[..., 1] * y, constants), self._camera_height)
+        x0, y0, z0 = self.view_point
+        return np.stack((ortho_v(x, h, z0, x0), ortho_u(y, h, z0, y0), h))
 
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
