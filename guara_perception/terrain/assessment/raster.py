@@ -253,24 +253,23 @@ def pool(raster: Raster, factor: int) -> Raster:
     """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
     if factor == 1:
         return raster
-    ny, nx = (n // factor for n in raster.elevation.shape)
-
-    def blocks(layer: Float) -> Float:
-        return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
-
     return Raster(
-        elevation=blocks(raster.elevation).mean(axis=-1),
-        variance=blocks(raster.variance).mean(axis=-1),
-        low=blocks(raster.low).min(axis=-1),
-        high=blocks(raster.high).max(axis=-1),
+        elevation=blocks(raster.elevation, factor).mean(axis=-1),
+        variance=blocks(raster.variance, factor).mean(axis=-1),
+        low=blocks(raster.low, factor).min(axis=-1),
+        high=blocks(raster.high, factor).max(axis=-1),
     )
 
 
 def pool_flags(flags: Flags, factor: int) -> Flags:
     """Flags of coarser cells: those of any of their `factor` x `factor` fine ones."""
-    ny, nx = (n // factor for n in flags.shape)
-    blocks = flags.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
-    return np.asarray(np.bitwise_or.reduce(blocks, axis=-1), dtype=np.uint16)
+    return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
+
+
+def blocks(layer: Array, factor: int) -> Array:
+    """Values (ny, nx, factor^2) of the `factor` x `factor` fine cells of each coarser cell."""
+    ny, nx = (n // factor for n in layer.shape)
+    return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
 
 
 def changed_columns(now: Array, before: Array) -> Mask:

@@ -1,4 +1,4 @@
-"""What planners ask of a grid: footholds, paths, obstacles, explanations, coarser copies.
+"""Queries of planners: footholds, paths, obstacles, explanations, coarser grids.
 
 Imports `layers` and `assessment`; `TerrainGrid` offers each as a method.
 """

@@ -1,4 +1,4 @@
-"""`best_foothold`: the best place for a sole near a wish, the same every time, and steady from pause to pause."""
+"""Best foothold near a nominal position, deterministic and stable from pause to pause."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
 
 
-# At the rim of the search a place scores half: near the wish the body moves as the gait planned it.
+# Factor at the rim of the search: near the nominal position the body moves as the gait planned it.
 VALUE_AT_RIM = 0.5
-# Beside an edge a place scores half of one in the open.
+# Factor beside an edge.
 VALUE_AT_EDGE = 0.5
-# A new place must score a third more than the previous choice, or the choice flips between two sides of an edge.
+# A new position must score a third more than the previous choice; otherwise the choice would alternate.
 HYSTERESIS = 1 / 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foothold(FrozenArrays):
-    """A place for a sole.
+    """Position for a sole.
 
     Attributes:
         x, y: centre of the sole in base_footprint [m].
         z: height of the ground there [m].
         normal: (3,) unit normal of the ground.
-        score: traversability of the place, above 0 ... 1.
-        value: figure by which it was chosen, above 0 ... 1: score, distance from the wish and clearance together.
-        leg: the leg that was asked for, or None.
+        score: traversability of the position, above 0 ... 1.
+        value: objective of the choice, above 0 ... 1: score, distance from the nominal position and clearance.
+        leg: leg of the query, or None.
     """
 
     x: float
@@ -71,17 +71,17 @@ def best_foothold(
     *,
     allow_stale: bool = False,
 ) -> Foothold | None:
-    """The best place for a sole near a wish; None where there is none.
+    """Find the best foothold near a nominal position; None if there is none.
 
-    Every candidate passes `check_foothold`. The value is score times nearness to the wish times clearance; ties go
-    to the nearer place, then the smaller x, then the smaller y.
+    Every candidate passes `check_foothold`. The objective is the product of score, nearness and clearance; ties go to
+    the nearer position, then to the smaller x, then to the smaller y.
 
     Args:
-        x, y: the wish in base_footprint [m].
+        x, y: nominal position in base_footprint [m].
         radius: radius of the search [m].
         leg, robot: as in `check_foothold`.
-        previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius,
-            and no other place scores a third more.
+        previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius, and no
+            other position scores a third more.
 
     Raises:
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
@@ -101,13 +101,11 @@ def best_foothold(
         kept = None
     verdicts = check_foothold(terrain, px, py, leg, robot)
     assert isinstance(verdicts, FootholdVerdicts)
-    value = _values(terrain, verdicts, np.hypot(px - x, py - y), float(radius))
+    distance = np.hypot(px - x, py - y)
+    value = _values(terrain, verdicts, distance, float(radius))
     if not (value > 0).any():
         return None
-    # Equal values: the nearest, then the smallest x, then the smallest y.
-    distance = np.round(np.hypot(px - x, py - y), 9)
-    order = np.lexsort((py, px, distance, -np.round(value, 9)))
-    best = int(order[0])
+    best = int(np.lexsort((py, px, np.round(distance, 9), -np.round(value, 9)))[0])
     if kept is not None and value[-1] > 0 and value[best] < value[-1] * (1 + HYSTERESIS):
         best = px.size - 1
     bx, by = float(px[best]), float(py[best])
@@ -123,7 +121,7 @@ def best_foothold(
 
 
 def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
-    """The wish itself and the cell centres within the radius."""
+    """The nominal position and the cell centres within the radius."""
     cx, cy = terrain.geometry.centres()
     cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
     gx, gy = (a.ravel() for a in np.meshgrid(cx, cy))
@@ -134,7 +132,7 @@ def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tupl
 def _values(terrain: LayeredGrid, verdicts: FootholdVerdicts, distance: Float, radius: float) -> Float:
     enough = enough_clearance(terrain, terrain.record.required_limits)
     clearance = np.asarray(look_up(terrain, "clearance", verdicts.x, verdicts.y, np.float32(0)), dtype=np.float64)
-    # The value rises with the clearance, up to twice the clearance that is always enough.
+    # The value rises up to twice the clearance that is always enough.
     openness = np.clip(clearance / (2 * enough), 0.0, 1.0)
     nearness = 1 - (1 - VALUE_AT_RIM) * (distance / radius) ** 2 if radius > 0 else np.ones(distance.shape)
     return np.asarray(verdicts.score * nearness * (VALUE_AT_EDGE + (1 - VALUE_AT_EDGE) * openness))

@@ -1,4 +1,4 @@
-"""Large convex polygons between squares that may not be entered.
+"""Large convex polygons that avoid squares.
 
 Half-planes and an ellipse take turns, as in IRIS (Deits and Tedrake, Computing large convex regions of obstacle-free
 space through semidefinite programming, WAFR 2014): each half-plane keeps out the square that is nearest in the
@@ -41,11 +41,11 @@ class ConvexPolygon:
 
 
 def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> ConvexPolygon:
-    """A large convex polygon around a seed that enters no square.
+    """Grow a large convex polygon around a seed that enters no square.
 
     Args:
         seed: (2,) inside `bounds` and outside all squares.
-        bounds: (k, 3) half-planes that bound the polygon in any case.
+        bounds: (k, 3) half-planes that bound the polygon.
         squares: (n, 2) centres of squares along the axes.
         half: half the edge of each.
     """
@@ -60,7 +60,7 @@ def grow_polygon(seed: Float, bounds: Float, squares: Float, half: float) -> Con
 
 
 def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float) -> Float:
-    """Half-planes (n, 3) that keep out every square, the nearest one in the metric first; the seed stays inside."""
+    """Half-planes (n, 3) that exclude every square, the nearest in the metric first, and contain the seed."""
     cuts: list[tuple[float, float, float]] = []
     reach = half + OFF_M
     x, y = np.ascontiguousarray(squares.T)
@@ -73,7 +73,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
         at_x, at_y, dx, dy = (float(values[0]) for values in (x, y, offset_x, offset_y))
         a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
         if not a * seed_x + b * seed_y < edge:
-            # That would cut the seed off: across the way from the seed to the square's nearest point instead.
+            # It would exclude the seed: take the normal from the seed to the square's nearest point instead.
             dx, dy = _nearest(np.array([at_x - seed_x, at_y - seed_y]), reach).tolist()
             a, b, edge = _side(dx, dy, at_x, at_y, reach)
         cuts.append((a, b, edge))
@@ -84,7 +84,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinates of the point of each square that is nearest to where the offsets to their centres begin."""
+    """Coordinates of the nearest point of each square, relative to the origin of the offsets to their centres."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 
@@ -98,11 +98,11 @@ def _side(normal_x: float, normal_y: float, x: float, y: float, reach: float) ->
 
 
 def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
-    """What half-planes leave of the plane around a point inside all of them, which they must bound.
+    """Polygon of half-planes with a point inside all of them; they must bound it.
 
-    Seen from that point, a line at distance c with normal n has the dual point n / c: those on the convex hull of all
-    of them are the sides, in order. OpenCV's hull is of float32: a line that it takes for redundant may cut off less
-    than 1e-6 of its own distance, which is less than OFF_M.
+    Relative to that point, a line at distance c with normal n has the dual point n / c: the points on the convex hull
+    of all dual points are the sides, in order. OpenCV's hull is of float32: a line that it takes for redundant cuts off
+    less than 1e-6 of its own distance, which is less than OFF_M.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside
     dual = (normals / offsets[:, None]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""`distance_field`: how far points in space are from the ground, for planners that keep a leg or the body off it."""
+"""Signed distance field above the ground, for planners that keep a leg or the body off it."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class DistanceField(FrozenArrays):
     resolution: float
 
     def at(self, points: npt.ArrayLike) -> Float:
-        """Distances (n,) of points (n, 3), never too large [m]; minus infinity beside or below the field, NaN above it.
+        """Lower bounds (n,) of the distances of points (n, 3) [m]; -inf beside or below the field, NaN above it.
 
-        Between voxels: the distance of the nearest centre, minus the way to that centre.
+        Between voxel centres: the distance of the nearest centre minus the distance to that centre.
 
         Raises:
             InvalidInput: points of another shape, or not finite.
@@ -55,16 +55,16 @@ class DistanceField(FrozenArrays):
 
 
 def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale: bool = False) -> DistanceField:
-    """Signed distance from the ground in voxels of the cells' size, from height `low` to `high` over the grid [m].
+    """Signed distance from the ground in voxels as large as the cells, from height `low` to `high` over the grid [m].
 
-    Ground is its highest samples plus confidence; what is unknown, STALE or beside the grid is solid at every
-    height. No distance is larger than the true one from that. Computed when asked for, and not kept.
+    The ground is at its highest samples plus confidence; unknown and STALE cells and everything beside the grid are
+    solid at every height. Distances are lower bounds. They are computed at every call.
 
     Raises:
         InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
     """
     terrain = asked(terrain, allow_stale)
-    # Costs as much to import as all the rest of a grid, which most programs want without it.
+    # Imported here: it takes as long as all the rest of a grid, and few programs need it.
     from scipy.ndimage import distance_transform_edt
 
     if not (np.isfinite([low, high]).all() and low < high):

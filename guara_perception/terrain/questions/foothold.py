@@ -1,7 +1,8 @@
-"""`check_foothold`: whether a sole may be set here, and the reasons against it; `explain` says it in a sentence."""
+"""Foothold check: is a position safe for a sole, and which tests fail otherwise."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Flags, Float, Index, Mask
+from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -21,7 +22,7 @@ from kinematics.arrays import FrozenArrays
 if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
 
-# Positions that are computed together: keeps the memory small for whole grids of positions.
+# Positions per block; bounds the memory for whole grids of positions.
 CHUNK = 4096
 # A sole that only shares an edge with a cell does not cover it.
 TOLERANCE_CELLS = 1e-6
@@ -29,12 +30,12 @@ TOLERANCE_CELLS = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class FootholdVerdict:
-    """The answer for one place.
+    """Result of a foothold check.
 
     Attributes:
-        ok: whether a sole may be set there.
-        score: traversability of the place, 0 where not ok.
-        reasons: each failed test with value and limit; empty where ok.
+        ok: True if a sole may be set there.
+        score: traversability of the position, 0 if not ok.
+        reasons: each failed test with value and limit; empty if ok.
     """
 
     ok: bool
@@ -45,25 +46,24 @@ class FootholdVerdict:
         return self.ok
 
     def __repr__(self) -> str:
-        """The same text as `str` with the name of the class."""
         return f"FootholdVerdict({self})"
 
     def __str__(self) -> str:
-        """Text for people, in millimetres and degrees."""
+        """Text in millimetres and degrees."""
         return f"ok, score {self.score:.2f}" if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdVerdicts(FrozenArrays):
-    """The answers for several places; `verdicts[i]` is the FootholdVerdict of place i, with its reasons.
+    """Results for several positions; `verdicts[i]` is the FootholdVerdict of position i, with its reasons.
 
     Attributes:
-        terrain: grid that gave the answers.
-        x, y: (n,) places in base_footprint [m].
+        terrain: grid that was queried.
+        x, y: (n,) positions in base_footprint [m].
         ok: (n,) bool.
         score: (n,) float64, 0 where not ok.
-        leg: leg that was asked for, or None.
-        beyond: (n,) how far its joints would go beyond their limits [rad], NaN out of reach; zeros without a leg.
+        leg: leg of the query, or None.
+        beyond: (n,) excess of the leg's joints over their limits [rad], NaN out of reach; zeros without a leg.
     """
 
     terrain: LayeredGrid
@@ -75,14 +75,13 @@ class FootholdVerdicts(FrozenArrays):
     beyond: Float
 
     def __repr__(self) -> str:
-        """How many places are safe."""
         return f"FootholdVerdicts({int(self.ok.sum())} of {len(self)} places ok, leg={self.leg!r})"
 
     def __len__(self) -> int:
         return int(self.x.size)
 
     def __getitem__(self, i: int) -> FootholdVerdict:
-        """The verdict of place i, counted in the flattened arrays."""
+        """The verdict of position i of the flattened arrays."""
         ok = bool(self.ok.ravel()[i])
         if ok:
             return FootholdVerdict(True, float(self.score.ravel()[i]), ())
@@ -126,19 +125,19 @@ def check_foothold(
     *,
     allow_stale: bool = False,
 ) -> FootholdVerdict | FootholdVerdicts:
-    """Whether a sole, aligned with x, may be set down centred on each point, and if not, why.
+    """Check positions for a sole that is aligned with x.
 
     Args:
-        x, y: positions in base_footprint [m].
-        leg: also ask whether this leg reaches the place with the body where it stood at the scan.
-        robot: model for `leg`; None = the one of the grid's robot name.
+        x, y: centres of the sole in base_footprint [m].
+        leg: also require that this leg reaches the position with the body where it stood at the scan.
+        robot: model for `leg`; None = the robot of the grid.
 
     Returns:
-        For numbers a FootholdVerdict; for arrays FootholdVerdicts with `ok` and `score` as arrays and each
-        place's verdict by index.
+        A FootholdVerdict for numbers; for arrays FootholdVerdicts with arrays `ok` and `score` and the verdict of each
+        position by index.
 
     Raises:
-        InvalidInput: x and y do not fit together, or the grid's metadata lacks limits, or stance where a leg is
+        InvalidInput: x and y of different shapes; metadata of the grid without limits, or without stance if a leg is
             given.
         kinematics.KinematicsError: no such leg or robot.
     """
@@ -156,21 +155,13 @@ def check_foothold(
         z = np.asarray(terrain.height_at(flat_x, flat_y), np.float64)
         beyond = beyond_reach_of_ground(terrain, leg, np.column_stack((flat_x, flat_y, z)), robot)
         ok &= beyond == 0
-    shape = px.shape
-    verdicts = FootholdVerdicts(
-        terrain,
-        px,
-        py,
-        ok.reshape(shape),
-        np.where(ok, score, 0.0).reshape(shape),
-        leg,
-        beyond.reshape(shape),
-    )
+    score, shape = np.where(ok, score, 0.0), px.shape
+    verdicts = FootholdVerdicts(terrain, px, py, ok.reshape(shape), score.reshape(shape), leg, beyond.reshape(shape))
     return verdicts[0] if px.ndim == 0 else verdicts
 
 
 def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
-    """Every failed test of one place."""
+    """Failed tests of one position."""
     if not (np.isfinite(x) and np.isfinite(y)):
         yield Reason("unknown", 1.0, 0.0, "share", "the place is not finite")
         return
@@ -186,7 +177,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     record = terrain.record
     record.check("validity_pauses", "validity_seconds", "limit_flags")
     validity = 255.0 if record.validity_pauses is None else float(record.validity_pauses)
-    # Age is limited in pauses and in seconds; the layer holds pauses only.
+    # Age has limits in pauses and in seconds; the layer holds pauses.
     seconds = record.validity_seconds
     too_old = "" if seconds is None else f"or last seen more than {seconds:g} s ago"
     sigma = f"plus {limits.confidence:g} sigma"
@@ -201,8 +192,8 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     for flag, test, layer, limit, unit, detail in tests:
         where = (hazard & np.uint16(flag)) != 0
         if where.any():
-            value = float(np.nanmax(_values(terrain, layer, rows, columns)[where]))
-            yield Reason(test, value, limit, unit, detail)
+            value = float(np.nanmax(terrain.layers[layer][rows, columns][where]))
+            yield Reason(test, math.sqrt(value) if layer == "variance" else value, limit, unit, detail)
     for name, (flag, limit) in terrain.record.other_limits().items():
         cells = int(((hazard & np.uint16(flag)) != 0).sum())
         if cells:
@@ -211,33 +202,22 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
     if disputed:
         yield Reason("conflict", disputed, 0.0, "cells", "looks disagree")
-    here = terrain.hazard_at(x, y)
-    if here & Hazard.EDGE and not count:
-        yield Reason("edge", _clearance_at(terrain, x, y), enough_clearance(terrain, limits), "m", _EDGE)
+    if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
+        clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
+        detail = "too near to something unknown, hazardous or off the grid; this much clearance is always enough"
+        yield Reason("edge", clearance, enough_clearance(terrain, limits), "m", detail)
     if leg is not None and beyond != 0:
         yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
 
 
-_EDGE = "too near to something unknown, hazardous or off the grid; this much clearance is always enough"
-
-
-def _values(terrain: LayeredGrid, layer: str, rows: slice, columns: slice) -> Array:
-    values = terrain.layers[layer][rows, columns].astype(np.float64)
-    return np.sqrt(values) if layer == "variance" else values
-
-
-def _clearance_at(terrain: LayeredGrid, x: float, y: float) -> float:
-    return float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
-
-
 def enough_clearance(terrain: LayeredGrid, limits: TraversabilityLimits) -> float:
-    """Clearance from which on a cell is never EDGE [m]: distance of the farthest corner that its tests read."""
+    """Clearance above which a cell cannot be EDGE [m]: the reach of the largest test window."""
     kernel = disc_kernel(limits.disc_radius / terrain.resolution)
     return widest_window(kernel, terrain.resolution, limits, is_map=terrain.extent == "map")
 
 
 def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits: TraversabilityLimits) -> Flags:
-    """Union of the flags of all cells that the sole rectangle, aligned with x, covers wholly or partly.
+    """Union of the flags of all cells that the sole rectangle, aligned with x, touches.
 
     Args:
         hazard: (ny, nx).
@@ -265,7 +245,7 @@ def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits
 def sole_window(
     geometry: GridGeometry, x: float, y: float, limits: TraversabilityLimits
 ) -> tuple[slice, slice, int, int]:
-    """Rows and columns of the cells on the grid that one sole covers, how many it covers, and how many are off it."""
+    """Rows and columns of the cells on the grid under a sole, number of cells under it, and of those off the grid."""
     columns = np.unique(_covered(np.array([x]), geometry.origin[0], limits.sole_length, geometry.resolution))
     rows = np.unique(_covered(np.array([y]), geometry.origin[1], limits.sole_width, geometry.resolution))
     ny, nx = geometry.shape
@@ -277,19 +257,19 @@ def sole_window(
 
 
 def _covered(centre: Float, origin: float, length: float, resolution: float) -> Index:
-    """Cell indices (n, w) along one axis; where a sole covers fewer than w the last one is repeated."""
+    """Cell indices (n, w) along one axis; a sole that covers fewer than w repeats the last one."""
     at = (centre - origin) / resolution
     half = length / 2 / resolution
-    # Far off the grid is off the grid: no overflow for absurd positions.
-    first = np.clip(np.floor(at - half + TOLERANCE_CELLS), -(2**31), 2**31).astype(np.int64)
-    last = np.clip(np.ceil(at + half - TOLERANCE_CELLS) - 1, -(2**31), 2**31).astype(np.int64)
+    # Clipped against overflow: such positions are off the grid anyway.
+    ends = np.floor(at - half + TOLERANCE_CELLS), np.ceil(at + half - TOLERANCE_CELLS) - 1
+    first, last = (np.clip(end, -(2**31), 2**31).astype(np.int64) for end in ends)
     last = np.maximum(last, first)
     width = int((last - first).max()) + 1 if first.size else 1
     return np.minimum(first[:, None] + np.arange(width), last[:, None])
 
 
 def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = False) -> str:
-    """One sentence: what is known about the ground at a point, and why a foot may or may not go there."""
+    """Describe the ground at a point in one sentence, with the reasons for or against a foothold."""
     terrain = asked(terrain, allow_stale)
     flags = terrain.hazard_at(float(x), float(y))
     point = f"x={float(x):.3f} y={float(y):.3f}"
@@ -298,32 +278,23 @@ def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = Fal
         (x0, y0), (ny, nx) = terrain.origin, terrain.shape
         end_x, end_y = x0 + nx * terrain.resolution, y0 + ny * terrain.resolution
         return f"{point} is off the grid (x {x0:.3f} ... {end_x:.3f}, y {y0:.3f} ... {end_y:.3f} m): not traversable"
-    causes = "; ".join(MEANING[flag] for flag in Hazard if flag and flag in flags)
+    causes = "; ".join(MEANING[flag] for flag in flags)
     if int(flags) & int(UNKNOWN_MASK):
         return f"{point} is unknown: {causes}; not traversable"
     layer = {name: float(values[iy, ix]) for name, values in terrain.layers.items()}
-    phrases = [
-        f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm)",
-        _slope_words(layer["slope"], layer["roughness"]),
-        f"step {layer['step_height'] * 1e3:.1f} mm",
-        f"clearance {layer['clearance'] * 1e3:.0f} mm",
-        _seen_words(int(layer["looks"]), int(layer["age"])),
-    ]
-    text = ", ".join(phrases)
+    slope = "slope not known (too little around it)"
+    if np.isfinite(layer["slope"]):
+        slope = f"slope {np.degrees(layer['slope']):.1f} deg, roughness {layer['roughness'] * 1e3:.1f} mm"
+    looks, age = int(layer["looks"]), int(layer["age"])
+    source = f"seen by {looks} scan" + "s" * (looks > 1) if looks else "felt by a foot or declared by the gait"
+    text = (
+        f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm), "
+        f"{slope}, step {layer['step_height'] * 1e3:.1f} mm, clearance {layer['clearance'] * 1e3:.0f} mm, {source}, "
+        + (f"last {age} pause{'s' * (age > 1)} ago" if age else "now")
+    )
     if flags == Hazard.NONE:
         return f"{text}: traversable, score {layer['traversability']:.2f}"
     verdict = check_foothold(terrain, x, y)
     assert isinstance(verdict, FootholdVerdict)
     tests = "; ".join(str(reason) for reason in verdict.reasons)
     return f"{text}: not traversable: {causes}" + (f" [{tests}]" if tests else "")
-
-
-def _slope_words(slope: float, roughness: float) -> str:
-    if not np.isfinite(slope):
-        return "slope not known (too little around it)"
-    return f"slope {np.degrees(slope):.1f} deg, roughness {roughness * 1e3:.1f} mm"
-
-
-def _seen_words(looks: int, age: int) -> str:
-    source = "felt by a foot or declared by the gait" if looks == 0 else f"seen by {looks} scan" + "s" * (looks > 1)
-    return source + (f", last {age} pause{'s' * (age > 1)} ago" if age else ", now")

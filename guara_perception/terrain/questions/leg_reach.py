@@ -1,4 +1,4 @@
-"""Whether a leg reaches a place on a grid, with the body where it stood when the grid was made."""
+"""Reach of a leg on a grid, with the body where it stood when the grid was made."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from kinematics.transforms import transform_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingSole:
-    """A sole that carried the body when the grid was made: centre (3,) [m] and its covariance (3, 3), in its frame."""
+    """A sole that carried the body when the grid was made: centre (3,) [m] and covariance (3, 3), in its frame."""
 
     centre: Float
     covariance: Float
 
 
-# [rad] At a height between two that are tried, a joint goes at most this much further than at both.
+# [rad] Between two heights that are tried, a joint goes at most this much further than at both.
 BETWEEN_HEIGHTS = 1e-6
 
 
 def beyond_reach_of_ground(
     terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
 ) -> Float:
-    """As `beyond_reach` for places whose z was looked up in the grid: the worst height within the rounding counts."""
+    """`beyond_reach` of positions whose z is from the grid: the worst over the rounding of its heights."""
     off = terrain.record.checked_rounding.elevation
     if off == 0:
         return beyond_reach(terrain, leg, soles_in_footprint, robot)
@@ -52,13 +52,13 @@ def beyond_reach(
     *,
     margin: float = 0.0,
 ) -> Float:
-    """How far the leg's joints would have to go beyond their limits [rad]: 0 within reach, NaN where nothing helps.
+    """Excess of the leg's joints over their limits [rad]: 0 within reach, NaN if no joint positions reach.
 
     Args:
         terrain: grid with the stance in its record.
         leg: name of the leg.
         soles_in_footprint: (n, 3) sole centres on the ground [m].
-        robot: model, name or folder of the robot; None = the description in the grid, or the robot of the grid's name.
+        robot: model, name or folder of the robot; None = the description in the grid, or the robot of that name.
         margin: angle to keep from the limits [rad].
 
     Raises:
@@ -76,7 +76,7 @@ def beyond_reach(
 
 
 def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None) -> Float:
-    """Where a leg's sole centre was when the grid was made, (3,) in its base_footprint [m].
+    """Sole centre of a leg when the grid was made, (3,) in its base_footprint [m].
 
     Raises:
         InvalidInput: the grid does not say robot, stance and transform.
@@ -134,13 +134,13 @@ def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
 
 @lru_cache(maxsize=4)
 def _loaded(robot: str | Path) -> RobotModel:
-    """A planner asks many times: its robot is loaded once."""
+    """Load a robot once per process."""
     return robot_model(robot)
 
 
 @lru_cache(maxsize=4)
 def _robot(name: str, description: str | None) -> RobotModel:
-    """The robot whose description a grid carries; without a description, the robot of that name."""
+    """The robot of a description, loaded once per process; without a description, the robot of that name."""
     if description is not None:
         return robot_from_description(description)
     try:

@@ -1,4 +1,4 @@
-"""Normals of the ground at places of a grid."""
+"""Normals of the ground."""
 
 from __future__ import annotations
 
@@ -7,32 +7,23 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.terrain.assessment.disc import KNOWN_SHARE, disc_kernel
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 
 
 def normal_at(terrain: LayeredGrid, x: npt.ArrayLike, y: npt.ArrayLike, *, allow_stale: bool = False) -> Float:
     """Unit normals (..., 3) of the plane fitted around the cell under each point; NaN where no slope is known."""
     terrain = asked(terrain, allow_stale)
     px, py = coordinates(x, y)
-    return _normals(terrain, px.ravel(), py.ravel()).reshape(*px.shape, 3)
-
-
-def _normals(terrain: LayeredGrid, x: Float, y: Float) -> Float:
-    """Unit normals (n, 3) of the plane fitted to the disc around the cell under each point (n,).
-
-    The disc and the least share of it that must be known are those of the slope layer; NaN where that is NaN.
-    """
+    x, y = px.ravel(), py.ravel()
     geometry = terrain.geometry
+    # Disc and least known fraction are those of the slope layer.
     kernel = disc_kernel(terrain.record.required_limits.disc_radius / terrain.resolution)
-    half = kernel.shape[0] // 2
-    dy, dx = (a - half for a in np.nonzero(kernel))
+    dy, dx = (a - kernel.shape[0] // 2 for a in np.nonzero(kernel))
     iy, ix = geometry.indices(x, y)
-    inside = geometry.contains(iy, ix)
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
     on = geometry.contains(jy, jx)
     height = np.where(on, terrain.elevation[np.where(on, jy, 0), np.where(on, jx, 0)].astype(np.float64), np.nan)
-    own_height = np.where(inside, terrain.elevation[np.where(inside, iy, 0), np.where(inside, ix, 0)], np.nan)
-    height -= own_height[:, None]
+    height -= look_up(terrain, "elevation", x, y, np.float32(np.nan))[:, None]
     known = np.isfinite(height)
     weight = known.astype(np.float64)
     n = weight.sum(axis=1)
@@ -45,8 +36,7 @@ def _normals(terrain: LayeredGrid, x: Float, y: Float) -> Float:
         cxz, cyz = (ax * az).sum(1), (ay * az).sum(1)
         determinant = cxx * cyy - cxy**2
         a, b = (cyy * cxz - cxy * cyz) / determinant, (cxx * cyz - cxy * cxz) / determinant
-    slope_known = np.where(inside, np.isfinite(terrain.slope[np.where(inside, iy, 0), np.where(inside, ix, 0)]), False)
-    enough = slope_known & (n >= KNOWN_SHARE * kernel.sum())
+    enough = np.isfinite(look_up(terrain, "slope", x, y, np.float32(np.nan))) & (n >= KNOWN_SHARE * kernel.sum())
     normal = np.column_stack((-a / terrain.resolution, -b / terrain.resolution, np.ones(n.size)))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(enough[:, None], normal, np.nan)
+    return np.where(enough[:, None], normal, np.nan).reshape(*px.shape, 3)

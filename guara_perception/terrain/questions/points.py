@@ -1,4 +1,4 @@
-"""A grid in other forms: larger cells, points, an xarray data set, heights under given points."""
+"""Other forms of a grid: points, an xarray data set, heights under given points, larger cells."""
 
 from __future__ import annotations
 
@@ -10,27 +10,31 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Float, Mask
+from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput, optional_library
+from guara_perception.terrain.assessment.raster import blocks, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up, numbers
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
+# Layers of which a coarse cell takes the largest and the least value of its fine cells.
+LARGEST = ("variance", "elevation_max", "slope", "step_height", "roughness", "age")
+LEAST = ("elevation_min", "clearance", "traversability", "looks")
 Grid = TypeVar("Grid", bound=LayeredGrid)
 
 
 def known_cells(terrain: LayeredGrid) -> Mask:
-    """Cells (ny, nx) whose height is known."""
+    """Mask (ny, nx) of the cells with a known height."""
     return (terrain.layers["hazard"] & UNKNOWN_MASK) == 0
 
 
 def points(terrain: LayeredGrid) -> Float:
-    """Centres of the known cells with their heights, (n, 3) in base_footprint [m]; unknown cells give none.
+    """Centres of the known cells with their heights, (n, 3) in base_footprint [m].
 
-    A cell that is known may still be a hazard: `hazard_at(x, y)` says so.
+    A known cell may be a hazard: see `hazard_at(x, y)`.
     """
     x, y = np.meshgrid(*terrain.geometry.centres())
     known = known_cells(terrain)
@@ -48,23 +52,17 @@ def to_xarray(terrain: LayeredGrid) -> Any:
     return xarray.Dataset(
         {name: (("y", "x"), values) for name, values in terrain.layers.items()},
         coords={"x": ("x", x, {"units": "m"}), "y": ("y", y, {"units": "m"})},
-        attrs={
-            "frame": terrain.frame,
-            "stamp": terrain.stamp,
-            "step": terrain.step,
-            "extent": terrain.extent,
-            "resolution": terrain.resolution,
-        },
+        attrs={name: getattr(terrain, name) for name in ("frame", "stamp", "step", "extent", "resolution")},
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightScan(FrozenArrays):
-    """Heights of the ground under points, and which of them are known.
+    """Heights of the ground under points, with a mask of the known ones.
 
     Attributes:
         heights: (n,) heights of the ground in base_footprint [m]; NaN where unknown.
-        known: (n,) whether each height is known.
+        known: (n,) mask of the known heights.
         sigma: (n,) standard deviation of the heights [m]; NaN where unknown.
         points: (n, 3) the given points, in base_footprint [m].
     """
@@ -79,16 +77,16 @@ class HeightScan(FrozenArrays):
 
     @property
     def below(self) -> Float:
-        """(n,) how far the ground lies below each point [m]; NaN where unknown."""
+        """(n,) height of each point above the ground [m]; NaN where unknown."""
         return np.asarray(self.points[:, 2] - self.heights)
 
 
 def height_scan(
     terrain: LayeredGrid, points: npt.ArrayLike, frame: str = "base_footprint", *, allow_stale: bool = False
 ) -> HeightScan:
-    """Heights of the ground under points, as locomotion policies take them, with a mask of what is known.
+    """Sample heights of the ground under points, the input of locomotion policies.
 
-    Unknown heights are NaN and are never filled: the policy decides what to use instead.
+    Unknown heights are NaN and never filled in: the policy decides what to use instead.
 
     Args:
         points: (n, 2) or (n, 3) in `frame` [m]; points without z lie in its plane z = 0.
@@ -100,10 +98,7 @@ def height_scan(
     terrain = asked(terrain, allow_stale)
     if frame not in FRAMES:
         raise InvalidInput(f"frame is {frame!r}, allowed: {', '.join(FRAMES)}")
-    try:
-        given = np.array(points, dtype=np.float64)
-    except (ValueError, TypeError):
-        raise InvalidInput("points are no array of numbers, (n, 2) or (n, 3) is needed") from None
+    given = numbers(points, "points")
     if given.ndim != 2 or given.shape[1] not in (2, 3):
         raise InvalidInput(f"points have shape {given.shape}, (n, 2) or (n, 3) is needed")
     placed = np.zeros((len(given), 3))
@@ -121,10 +116,10 @@ def height_scan(
 
 
 def coarser(terrain: Grid, factor: int) -> Grid:
-    """The same terrain in cells `factor` times as long; each holds the worst value of its fine cells.
+    """Grid with cells `factor` times as long, each with the worst value of its fine cells.
 
-    One unknown fine cell makes a coarse one unknown; flags are joined, slope, step, roughness, variance and age
-    are the largest, score, clearance and looks the smallest.
+    One unknown fine cell makes a coarse one unknown; flags are combined; slope, step, roughness, variance and age are
+    the largest, score, clearance and looks the smallest.
 
     Raises:
         InvalidInput: a factor that does not divide the grid; the message lists those that do.
@@ -136,33 +131,17 @@ def coarser(terrain: Grid, factor: int) -> Grid:
         raise InvalidInput(
             f"factor is {factor!r}, it must divide the {nx} x {ny} cells: {', '.join(map(str, allowed))}"
         )
-    shape = (ny // factor, nx // factor)
-
-    def blocks(name: str) -> Array:
-        return terrain.layers[name].reshape(shape[0], factor, shape[1], factor).swapaxes(1, 2).reshape(*shape, -1)
-
-    hazard = np.asarray(np.bitwise_or.reduce(blocks("hazard"), axis=-1), dtype=np.uint16)
+    hazard = pool_flags(terrain.hazard, factor)
     unknown = (hazard & UNKNOWN_MASK) != 0
     # A safe coarse cell keeps a ring of known cells around it, as fine ones do.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     hazard[beside & ~unknown] |= np.uint16(Hazard.EDGE)
-    nan = np.where(unknown, np.float32(np.nan), np.float32(0))
-    layers: dict[str, Array] = {
-        "elevation": blocks("elevation").astype(np.float64).mean(axis=-1).astype(np.float32),
-        "variance": blocks("variance").max(axis=-1),
-        "elevation_min": blocks("elevation_min").min(axis=-1),
-        "elevation_max": blocks("elevation_max").max(axis=-1),
-        "clearance": blocks("clearance").min(axis=-1),
-        "traversability": np.where(hazard == 0, blocks("traversability").min(axis=-1), np.float32(0)),
-        "hazard": hazard,
-        "age": blocks("age").max(axis=-1),
-        "looks": blocks("looks").min(axis=-1),
-    }
-    for name in ("slope", "step_height", "roughness"):
-        # A value that a fine cell does not have is not known to be small: NaN wins.
-        layers[name] = blocks(name).max(axis=-1)
+    fine = {name: blocks(layer, factor) for name, layer in terrain.layers.items()}
+    # Slope, step and roughness that a fine cell lacks are not known to be small: NaN wins.
+    layers = {name: fine[name].max(axis=-1) for name in LARGEST} | {name: fine[name].min(axis=-1) for name in LEAST}
+    layers |= {"elevation": fine["elevation"].astype(np.float64).mean(axis=-1).astype(np.float32), "hazard": hazard}
     for name in ("elevation", "variance", "elevation_min", "elevation_max", "slope", "step_height", "roughness"):
-        layers[name] = (layers[name] + nan).astype(np.float32)
-    layers["traversability"] = layers["traversability"].astype(np.float32)
-    geometry = GridGeometry(terrain.origin, terrain.resolution * factor, shape)
+        layers[name] = np.where(unknown, np.float32(np.nan), layers[name])
+    layers["traversability"] = np.where(hazard == 0, layers["traversability"], np.float32(0))
+    geometry = GridGeometry(terrain.origin, terrain.resolution * factor, (ny // factor, nx // factor))
     return dataclasses.replace(terrain, layers=layers, geometry=geometry, pictures={})
