@@ -1,10 +1,10 @@
-"""Limits on what a recording may ask of its reader: a file may come from anywhere, 128 kB can unpack to gigabytes."""
+"""Limits on the memory that reading a recording takes: 128 kB of a hostile file can unpack to gigabytes."""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
-from io import BytesIO
+from io import BufferedReader, BytesIO, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -18,38 +18,22 @@ MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 
-class BoundedFile:
-    """A file that is never asked for more bytes than it has left, whatever a length in it says."""
+class BoundedFile(BufferedReader):
+    """A file of which no more bytes are read than it has left, whatever a length in it says."""
 
     def __init__(self, path: Path) -> None:
         """Open it for reading; OSError when that fails."""
-        self._file = path.open("rb")
+        super().__init__(FileIO(path))
         self.size = path.stat().st_size
 
-    def read(self, count: int = -1) -> bytes:
+    def read(self, count: int | None = -1) -> bytes:
         """At most `count` bytes."""
-        left = max(0, self.size - self._file.tell())
-        return self._file.read(left if count < 0 else min(count, left))
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Move; returns the position."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """The position."""
-        return self._file.tell()
-
-    def seekable(self) -> bool:
-        """True."""
-        return True
-
-    def close(self) -> None:
-        """Close; safe to call twice."""
-        self._file.close()
+        left = max(0, self.size - self.tell())
+        return super().read(left if count is None or count < 0 else min(count, left))
 
 
 class Unpacker:
-    """Unpacks the chunks of one file, and gives up when they ask for more than a file of its length may."""
+    """Unpacks the chunks of one file, and refuses more than a recording of its length can hold."""
 
     def __init__(self, size: int) -> None:
         """For a file of `size` bytes."""

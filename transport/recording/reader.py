@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, Self, cast
 
 from transport.exceptions import RecordingError
@@ -22,7 +21,7 @@ CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compre
 
 
 class StoredMessage(NamedTuple):
-    """A message as it lies in a file: offset of its chunk, topic, its own stamp, when it was written, payload."""
+    """A message in a file: offset of its chunk, topic, own stamp [ns], time of writing [ns], payload."""
 
     chunk: int
     topic: str
@@ -32,7 +31,7 @@ class StoredMessage(NamedTuple):
 
 
 class Recording:
-    """An open MCAP recording; use it in a `with` block. Frames are read one by one, when asked for.
+    """An open MCAP recording; use it in a `with` block. Each frame is read from the file when it is needed.
 
     Attributes:
         path: file.
@@ -71,9 +70,7 @@ class Recording:
         """The recording itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close."""
         self.close()
 
@@ -86,9 +83,9 @@ class Recording:
         """
         topic, stamp = reference.topic, reference.stamp
         if (topic, stamp) in self._frames:
-            for _, found, payload in self._iterate([topic], self._frames[topic, stamp]):
-                if found == stamp:
-                    return read_frame(decode(payload, TYPES[short_name(topic)]), stamp)
+            for found in self._messages([topic], self._frames[topic, stamp]):
+                if found.stamp == stamp:
+                    return read_frame(decode(found.payload, TYPES[short_name(topic)]), stamp)
         raise RecordingError(f"{self.path} holds no frame of {topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
@@ -129,13 +126,8 @@ class Recording:
         return [channel.topic for channel in channels if short_name(channel.topic) in short_names]
 
     def _payloads(self, short: str) -> Iterator[bytes]:
-        for _, _, payload in self._iterate(self._topics(short)):
-            yield payload
-
-    def _iterate(self, topics: list[str], chunk: int | None = None) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, stamp and payload, all or those of the chunk at one offset, in the order of writing."""
-        for found in self._messages(topics, chunk):
-            yield found.topic, found.stamp, found.payload
+        for found in self._messages(self._topics(short)):
+            yield found.payload
 
     def _messages(self, topics: list[str], chunk: int | None = None) -> Iterator[StoredMessage]:
         """Messages of some topics, all or those of the chunk at one offset, in the order of writing."""
@@ -183,11 +175,8 @@ class Recording:
                         yield at, record
 
     def _read_calibration(self) -> bytes | None:
-        found = None
-        for attachment in self._reader.iter_attachments():
-            if attachment.name == CALIBRATION_NAME:
-                found = attachment.data
-        return found
+        found = [item.data for item in self._reader.iter_attachments() if item.name == CALIBRATION_NAME]
+        return found[-1] if found else None
 
     def _read_scans(self) -> Iterator[ScanRecord]:
         start: Any = None

@@ -1,4 +1,4 @@
-"""`TopicFile`: an MCAP file in the making, in which payloads stand by topic; what was flushed survives the process."""
+"""An MCAP file in the making, to which payloads are added by topic; what was flushed survives the process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, cast
 from transport.exceptions import RecordingError
 from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
-from transport.recording.topics import TYPES, Topics, quality_of_service
+from transport.recording.topics import TYPES, full_name, quality_of_service
 
 # [byte] Larger chunks compress no better, and a killed process loses the last one.
 CHUNK_SIZE = 1024 * 1024
@@ -21,7 +21,7 @@ MAXIMUM_PENDING = 64 * 1024 * 1024
 class TopicFile:
     """Not thread-safe. A topic is known to the file from its first payload on."""
 
-    def __init__(self, path: Path, topics: Topics, *, atomic: bool, sync: bool) -> None:
+    def __init__(self, path: Path, robot: str, *, atomic: bool, sync: bool) -> None:
         """Create the file; arguments as those of `RecordingWriter`.
 
         Raises:
@@ -29,7 +29,7 @@ class TopicFile:
         """
         from mcap.writer import CompressionType, Writer
 
-        self._path, self._topics, self._atomic, self._sync = path, topics, atomic, sync
+        self._path, self._robot, self._atomic, self._sync = path, robot, atomic, sync
         self._partial = path.with_name(f".{path.name}.part") if atomic else path
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -46,7 +46,7 @@ class TopicFile:
 
     @property
     def size(self) -> int:
-        """[byte] Size of the file, with what waits for the disk."""
+        """Size of the file, with what waits for the disk [byte]."""
         return self._file.tell()
 
     def attach(self, name: str, kind: str, content: bytes) -> None:
@@ -129,8 +129,6 @@ class TopicFile:
             if name not in self._schemas:
                 text = message_definition(name).encode()
                 self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
-            topic = self._topics.name(short)
-            self._channels[short] = self._writer.register_channel(
-                topic, "cdr", self._schemas[name], {"offered_qos_profiles": quality_of_service(short)}
-            )
+            topic, metadata = full_name(short, self._robot), {"offered_qos_profiles": quality_of_service(short)}
+            self._channels[short] = self._writer.register_channel(topic, "cdr", self._schemas[name], metadata)
         return self._channels[short]

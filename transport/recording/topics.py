@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from transport.keys import check_name
 from transport.messages.typestore import (
     CAMERA_INFO,
     COMPRESSED_IMAGE,
@@ -23,8 +20,9 @@ from transport.messages.typestore import (
     TEXT,
 )
 
-# Type of each topic by its short name: what follows `/<robot>/`, or the whole name where no robot's stands in it.
-TYPES = {
+# Type of each topic by its short name: what follows `/<robot>/`, or the whole name where it holds no robot's.
+# A late subscriber to one of these wants only the messages that follow,
+STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
     "scan/end": SCAN_END,
@@ -32,11 +30,15 @@ TYPES = {
     "camera/off": IMAGE,
     "camera/on/compressed": COMPRESSED_IMAGE,
     "camera/off/compressed": COMPRESSED_IMAGE,
+    "status": STATUS,
+    "/tf": FRAMES,
+}
+# to one of the others the last message too.
+TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,
     "occupancy": OCCUPANCY,
     "grid_map": GRID_MAP,
-    "status": STATUS,
     "stance": STANCE_PAUSE,
     "camera/camera_info": CAMERA_INFO,
     "scan/points": POINT_CLOUD,
@@ -44,22 +46,8 @@ TYPES = {
     "map/occupancy": OCCUPANCY,
     "map/grid_map": GRID_MAP,
     "markers": MARKERS,
-    "/tf": FRAMES,
     "/tf_static": FRAMES,
     "/robot_description": TEXT,
-}
-
-# Topics whose last message a late subscriber wants; of the others it wants only the messages that follow.
-LATCHED = frozenset(TYPES) - {
-    "scan/start",
-    "scan/stripe",
-    "scan/end",
-    "camera/on",
-    "camera/off",
-    "camera/on/compressed",
-    "camera/off/compressed",
-    "status",
-    "/tf",
 }
 
 # What ROS 2 takes for no limit of time: 2^63 - 1 ns.
@@ -69,31 +57,19 @@ _ENDLESS = "{sec: 9223372036, nsec: 854775807}"
 CALIBRATION_NAME = "calibration.json"
 
 
-@dataclass(frozen=True, slots=True)
-class Topics:
-    """Topics of one robot."""
-
-    robot: str
-
-    def __post_init__(self) -> None:
-        """Check the name."""
-        check_name(self.robot)
-
-    def name(self, short: str) -> str:
-        """Full name of a topic, as `/guara/scan/start`; KeyError for one that is not in `TYPES`."""
-        if short not in TYPES:
-            raise KeyError(short)
-        return short if short.startswith("/") else f"/{self.robot}/{short}"
+def full_name(short: str, robot: str) -> str:
+    """Full name of a topic, such as `/guara/scan/start`."""
+    return short if short.startswith("/") else f"/{robot}/{short}"
 
 
 def short_name(topic: str) -> str:
-    """A topic's name without the robot's, empty when nothing follows; names that hold no robot's stay as they are."""
+    """Name of a topic without the robot's, empty when nothing follows; names without a robot's stay as they are."""
     return topic if topic in TYPES else topic.lstrip("/").partition("/")[2]
 
 
 def quality_of_service(short: str) -> str:
-    """How a topic is offered, in rosbag2's YAML: `ros2 bag play` publishes it with these settings."""
-    depth, durability = (1, "transient_local") if short in LATCHED else (10, "volatile")
+    """Quality of service of a topic as YAML of rosbag2, with which `ros2 bag play` publishes it."""
+    depth, durability = (10, "volatile") if short in STREAMED else (1, "transient_local")
     return "\n".join(
         (
             "- history: keep_last",

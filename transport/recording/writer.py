@@ -1,15 +1,14 @@
-"""Writes a recording while the robot works; what was acknowledged survives a killed process."""
+"""Writer of recordings; what it has acknowledged survives a killed process."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from transport.exceptions import RecordingError
-from transport.keys import DEFAULT_ROBOT
+from transport.keys import DEFAULT_ROBOT, check_name
 from transport.messages.codec import encode, make_header, make_time
 from transport.messages.stance_pause import StancePause, encode_stance_pause
 from transport.messages.submessage_codec import make_stance, to_ros
@@ -19,7 +18,7 @@ from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_END, SCAN_START, STRIPE, make_message
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topic_file import TopicFile
-from transport.recording.topics import CALIBRATION_NAME, TYPES, Topics
+from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
 
 class RecordingWriter:
@@ -52,16 +51,16 @@ class RecordingWriter:
             sync: whether to wait for the disk at each acknowledgement too, against loss of power.
 
         Raises:
-            RecordingError: the file exists or cannot be created; a full disk is told when something is acknowledged.
+            RecordingError: the file exists or cannot be created; a full disk is reported at the next acknowledgement.
         """
         self.path = Path(path)
-        self._topics = Topics(robot)
+        self._robot = check_name(robot)
         self._atomic = atomic
         self._lock = threading.RLock()
         self._stamps: dict[str, int] = {}
         self._scan: ScanRecord | None = None
         self._stripes = 0
-        self._file = TopicFile(self.path, self._topics, atomic=atomic, sync=sync)
+        self._file = TopicFile(self.path, robot, atomic=atomic, sync=sync)
         if calibration is not None:
             self._file.attach(CALIBRATION_NAME, "application/json", calibration)
 
@@ -69,15 +68,13 @@ class RecordingWriter:
         """The writer itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Finish the file; an atomic one is dropped when the block was left by an error."""
-        if error is not None and self._atomic:
-            with self._lock:
+        with self._lock:
+            if error is not None and self._atomic:
                 self._file.discard()
-        else:
-            self.close()
+            else:
+                self.close()
 
     @property
     def size(self) -> int:
@@ -121,7 +118,7 @@ class RecordingWriter:
             stamp = max(given, self._stamps.get(short, -1) + 1)
             self._stamps[short] = stamp
             self._file.add(short, encode(make_frame(frame, stamp)), stamp)
-            return FrameReference(self._topics.name(short), stamp)
+            return FrameReference(full_name(short, self._robot), stamp)
 
     def add_stripe(
         self,
@@ -145,15 +142,14 @@ class RecordingWriter:
             RecordingError: no scan is open.
         """
         with self._lock:
-            if self._scan is None:
-                raise RecordingError("no scan is open; call begin_scan first")
+            scan = self._open_scan()
             on_at = self.add_frame(on, laser_on=True) if isinstance(on, FrameRecord) else on
             off_at = self.add_frame(off, laser_on=False) if isinstance(off, FrameRecord) else off
-            when = stamp if stamp is not None else (on_at.stamp if on_at else self._scan.stamp)
+            when = stamp if stamp is not None else (on_at.stamp if on_at else scan.stamp)
             message = make_message(
                 STRIPE,
                 header=make_header(when, CAMERA_FRAME),
-                step=self._scan.step,
+                step=scan.step,
                 index=index,
                 mirror_angle=float(mirror_angle),
                 on_topic=on_at.topic if on_at else "",
@@ -171,11 +167,10 @@ class RecordingWriter:
             RecordingError: no scan is open, or the disk is full.
         """
         with self._lock:
-            if self._scan is None:
-                raise RecordingError("no scan is open; call begin_scan first")
-            when = stamp if stamp is not None else self._scan.stamp
+            scan = self._open_scan()
+            when = stamp if stamp is not None else scan.stamp
             given = {} if stance_end is None else {"has_stance_end": True, "stance_end": make_stance(stance_end)}
-            header, step = make_header(when, "base_link"), self._scan.step
+            header, step = make_header(when, "base_link"), scan.step
             message = make_message(SCAN_END, header=header, step=step, stripes=self._stripes, **given)
             self._file.add("scan/end", encode(message))
             self._scan = None
@@ -235,6 +230,11 @@ class RecordingWriter:
         """
         with self._lock:
             self._file.close()
+
+    def _open_scan(self) -> ScanRecord:
+        if self._scan is None:
+            raise RecordingError("no scan is open; call begin_scan first")
+        return self._scan
 
     def _put(self, short: str, payload: bytes | bytearray) -> None:
         with self._lock:
