@@ -25,6 +25,9 @@ ROLLED_CAMERA = (
     "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
     "is mounted upside down"
 )
+# What a driver does to pictures, by axes of the camera and, for a mirror image, the side on which marks appear.
+_QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
+_MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (
     "lay the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
@@ -85,19 +88,10 @@ def locate_camera(
     check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
         return _from_given(camera, fiducials, nominal_camera_to_footprint)
-    best: FloorPose | None = None
-    most_found = 0
-    for mount, turn in MOUNTS.items():
-        nominal = nominal_camera_to_footprint @ turn
-        marks = find_crosses(grey, camera, nominal, fiducials.points_in_footprint)
-        found = [mark for mark in marks if mark is not None]
-        most_found = max(most_found, len(found))
-        if len(found) < len(marks):
-            continue
-        pose = _fit(camera, fiducials.points_in_footprint, found, nominal, mount)
-        if best is None or pose.rms_px < best.rms_px:
-            best = pose
+    best, most_found = _find(grey, camera, fiducials.points_in_footprint, nominal_camera_to_footprint)
     count = len(fiducials.points_in_footprint)
+    if best is None or best.rms_px > MAX_RESIDUAL_PX["found"]:
+        _refuse_changed(grey, camera, fiducials.points_in_footprint, nominal_camera_to_footprint)
     if best is None:
         raise CalibrationRefused(
             f"fiducials: {most_found} of {count} crosses were found near where the nominal mount predicts them: check "
@@ -110,6 +104,41 @@ def locate_camera(
         )
     _check_nominal(best, nominal_camera_to_footprint)
     return best
+
+
+def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, int]:
+    """Pose that fits the crosses best, None where some are not found, and the largest number found."""
+    poses: list[FloorPose] = []
+    most_found = 0
+    for mount, turn in MOUNTS.items():
+        marks = find_crosses(grey, camera, nominal @ turn, points)
+        found = [mark for mark in marks if mark is not None]
+        most_found = max(most_found, len(found))
+        if len(found) == len(marks):
+            poses.append(_fit(camera, points, found, nominal @ turn, mount))
+    return min(poses, key=lambda pose: pose.rms_px, default=None), most_found
+
+
+def _refuse_changed(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> None:
+    """Refuse a picture that shows the crosses once it is seen as mirrored, or turned by 90 degrees.
+
+    Raises:
+        CalibrationRefused: it does.
+    """
+    # A mirrored picture is one of the world on the other side of the plane y = 0.
+    mirrored = points * (1.0, -1.0), _MIRROR_Y @ nominal @ _MIRROR_X
+    changes = {
+        "mirrored": mirrored,
+        "turned by 90 degrees": (points, nominal @ _QUARTER),
+        "mirrored and turned by 90 degrees": (mirrored[0], mirrored[1] @ _QUARTER),
+    }
+    for change, (seen_points, seen_nominal) in changes.items():
+        pose, _ = _find(grey, camera, seen_points, seen_nominal)
+        if pose is not None and pose.rms_px <= MAX_RESIDUAL_PX["found"]:
+            raise CalibrationRefused(
+                f"fiducials: the picture of the crosses is {change}: switch that off in the camera's driver and record "
+                "the session again"
+            )
 
 
 def check_extent(points: Float) -> None:

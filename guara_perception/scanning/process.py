@@ -55,7 +55,7 @@ def run_scan(
     except KinematicsError as error:
         raise InvalidInput(f"{scan.source}: stance: {error}") from error
     width, height = calibration.camera.size
-    fitting = done = 0
+    fitting = turned = done = 0
     unreadable: list[MissingFile | FileFormatError] = []
     reader = FrameReader(scan)
     for group in in_groups(list(scan.stripes)):
@@ -73,6 +73,7 @@ def run_scan(
             if strict and profile.is_frame_bad:
                 raise InvalidInput(f"{scan.source}: frame {name}: {profile.reason}")
             fitting += pair.on.shape[:2] == (height, width)
+            turned += pair.on.shape[:2] == (width, height)
         for _ in group:
             done += 1
             if progress is not None:
@@ -80,9 +81,8 @@ def run_scan(
     if len(unreadable) == len(scan.stripes):
         raise unreadable[0]
     if not fitting:
-        raise CalibrationMismatch(
-            f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: another camera's calibration?"
-        )
+        why = "the frames are turned by 90 degrees" if turned else "another camera's calibration?"
+        raise CalibrationMismatch(f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: {why}")
     return processor
 
 

@@ -18,6 +18,7 @@ from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scanning.light_diagnosis import FrameSamples
+from guara_perception.scanning.scan_drift import mirrored
 from guara_perception.scanning.scan_report import scan_record
 from guara_perception.scanning.scan_surface import ScanSurface
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
@@ -296,6 +297,7 @@ class ScanProcessor:
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,
+                mirrored=lambda: mirrored(self),
             )
         lost = {index for index, profile in self._profiles.items() if profile.is_frame_bad}
         is_lost = np.array([index in lost for index in self._geometry.stripes])

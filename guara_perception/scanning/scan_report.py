@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -119,6 +119,7 @@ def scan_record(
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     samples: FrameSamples,
+    mirrored: Callable[[], str],
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     from kinematics import describe_robot
@@ -150,8 +151,8 @@ def scan_record(
     elif coverage < LOW_COVERAGE:
         wrong = samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
-    elif texture := samples.texture():
-        reasons.append(texture)
+    else:
+        reasons += filter(None, (mirrored(), samples.texture()))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")

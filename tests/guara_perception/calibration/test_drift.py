@@ -164,8 +164,10 @@ def test_mirrored_frames_are_distinguished_from_a_drift(
 ) -> None:
     """Left and right swapped look like a camera that moved; the check says that they are swapped, and only then."""
     mirrored = dataclasses.replace(paper_scan, read_frame=lambda name: paper_scan.read_frame(name)[:, ::-1].copy())
-    drift = scan_drift(run_scan(mirrored, calibration, robot))
+    processor = run_scan(mirrored, calibration, robot)
+    drift = scan_drift(processor)
     assert drift.verdict == DRIFTING and drift.reasons[0].startswith("mirrored left to right, the frames fit")
+    assert processor.finish().record.health == gp.terrain.layers.record.Health("degraded", (drift.reasons[0],))
     slipped = tuple(
         dataclasses.replace(stripe, plane=stripe.plane + [0, 0, 0, 0.002 * (stripe.index > 30)])
         for stripe in calibration.stripes

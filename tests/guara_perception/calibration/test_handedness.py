@@ -8,13 +8,16 @@ import pytest
 
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points, parse_board
-from guara_perception.calibration.board import MIRRORED, BoardSpec
+from guara_perception.calibration.board import MIRRORED, BoardSpec, to_grey
 from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.find_board import find_board
-from guara_perception.calibration.mount import looks_mirrored
-from guara_perception.calibration.session import CalibrationSession
+from guara_perception.calibration.mount import locate_camera, looks_mirrored
+from guara_perception.calibration.session import CalibrationSession, Fiducials
 from guara_perception.exceptions import CalibrationRefused
-from kinematics import RobotModel
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.target_pictures import TargetCamera
+from kinematics import RobotModel, Stance
 from tests.guara_perception.calibration.breaking import Picture, with_frames, with_pictures
 
 Flip = Callable[[Picture], Picture]
@@ -63,6 +66,32 @@ def test_five_crosses_tell_mirrored_pictures(session: CalibrationSession, robot:
     """The crosses that are printed differ from their mirror image; four in the corners of a rectangle do not."""
     assert not looks_mirrored(cross_points(robot))
     assert looks_mirrored(session.fiducials.points_in_footprint)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("flip", "name"),
+    [
+        (LEFT_RIGHT, "mirrored"),
+        (UP_DOWN, "mirrored"),
+        (QUARTER, "turned by 90 degrees"),
+        (lambda p: np.ascontiguousarray(p.swapaxes(0, 1)), "mirrored and turned by 90 degrees"),
+    ],
+)
+def test_changed_pictures_of_five_crosses_are_named(robot: RobotModel, flip: Flip, name: str) -> None:
+    """The crosses fit once the picture is seen as it was changed, with the lens of such pictures."""
+    truth = specimen(robot, (640, 512), None)
+    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    to_footprint = robot.stance_pose(stance).transform_base_to_footprint
+    points = cross_points(robot)
+    picture = flip(TargetCamera.of(truth.camera).crosses(points, to_footprint @ truth.transform_camera_to_base))
+    # The nominal lens is centred and its pixels are square: turned, only its sides are exchanged.
+    (focal, *_), _, _ = truth.camera.matrix
+    height, width = picture.shape[:2]
+    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    camera = CameraModel((width, height), matrix, truth.camera.distortion)
+    with pytest.raises(CalibrationRefused, match=f"fiducials: the picture of the crosses is {name}: switch that off"):
+        locate_camera(to_grey(picture), camera, Fiducials("", points), to_footprint @ robot.transform_camera_to_base)
 
 
 @pytest.mark.parametrize("flip", [LEFT_RIGHT, UP_DOWN])
