@@ -1,4 +1,4 @@
-"""Decides whether ground that the gait declares may go into the map."""
+"""Checks of ground that the gait declares, before it goes into the map."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Two patches for each of four feet, twice.
+# Two patches for each of four feet, twice over.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Far beyond any step; ground outside of the map is clipped.
+# [m] Far beyond any step; ground outside the map is clipped.
 FURTHEST = 20.0
 # [m] Ground with a larger sigma is of no use as known ground.
 LARGEST_SIGMA = 0.1
 
 
 def declared_ground(announcement: StancePause, settings: Settings) -> tuple[KnownGround, ...]:
-    """The patches of an announcement, for the map.
+    """Known ground of an announcement, for the map.
 
     Raises:
         InvalidInput: they are in another frame, or too many, or one of them has too many corners, reaches too far,
@@ -38,20 +38,14 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
             f"known ground has {len(patches)} patches; allowed: up to {MAXIMUM_PATCHES}. None of them is used"
         )
     for patch in patches:
-        low, high = settings.minimum_height, settings.maximum_height
-        for what, value, is_allowed, allowed in (
-            (
-                "number of corners",
-                len(patch.outline),
-                len(patch.outline) <= MAXIMUM_CORNERS,
-                f"up to {MAXIMUM_CORNERS}",
-            ),
-            ("height [m]", patch.height, low <= patch.height <= high, f"{low:g} to {high:g}"),
-            ("sigma [m]", patch.sigma, patch.sigma <= LARGEST_SIGMA, f"up to {LARGEST_SIGMA:g}"),
-            ("reach [m]", reach := float(np.abs(patch.outline).max()), reach <= FURTHEST, f"up to {FURTHEST:g}"),
+        for name, value, low, high in (
+            ("number of corners", len(patch.outline), 0, MAXIMUM_CORNERS),
+            ("height [m]", patch.height, settings.minimum_height, settings.maximum_height),
+            ("sigma [m]", patch.sigma, 0.0, LARGEST_SIGMA),
+            ("reach [m]", float(np.abs(patch.outline).max()), 0.0, FURTHEST),
         ):
-            if not is_allowed:
+            if not low <= value <= high:
                 raise InvalidInput(
-                    f"a patch of known ground: its {what} is {value:g}; allowed: {allowed}. No patch is used"
+                    f"a patch of known ground: its {name} is {value:g}; allowed: {low:g} to {high:g}. No patch is used"
                 )
     return tuple(KnownGround(patch.outline, patch.height, patch.sigma) for patch in patches)

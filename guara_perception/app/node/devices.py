@@ -1,4 +1,4 @@
-"""Chooses the rangefinder of a live command: the real devices of this machine, or simulated ones."""
+"""Devices of a live command: those of this machine, or simulated ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """What a live command works with.
+    """Robot and devices of a live command.
 
     Attributes:
         robot: model of the robot.
@@ -49,14 +49,14 @@ class Rig:
 def choose_rig(
     chosen: DeviceOptions, *, simulated: bool, needs_calibration: bool = True, on_the_move: bool = False
 ) -> Rig:
-    """Make the rig that the options of a command ask for.
+    """Make the rig that the options of a command name.
 
     Args:
         chosen: devices as the options name them.
         simulated: True for a simulated robot, world and devices.
         needs_calibration: False for a scan to calibrate with.
-        on_the_move: True when feet will be set by the grids: then values of robot.toml that concern safety must have
-            been measured.
+        on_the_move: True when feet will be set by the grids, for which the values of robot.toml that concern safety
+            must have been measured.
 
     Raises:
         InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
@@ -85,8 +85,8 @@ def choose_rig(
     return Rig(model, calibration, rangefinder_of(devices), None)
 
 
-# Tables and keys of robot.toml by which a foot is set. The mounts of camera and laser are not among them: the
-# calibration overrides them, and there is no live scan without one.
+# Tables and keys of robot.toml that footholds depend on. The mounts of camera and laser are not among them: the
+# calibration, without which there is no live scan, overrides them.
 SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 
 
@@ -105,7 +105,7 @@ def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
 
     Args:
         devices: devices as their file names them.
-        free: let the camera run freely although it has a trigger, as for pictures of a checkerboard.
+        free: run the camera freely although it has a trigger, as for pictures of a checkerboard.
 
     Raises:
         InvalidInput: see `Devices.camera` and `Devices.sweep_options`.

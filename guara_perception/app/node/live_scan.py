@@ -1,4 +1,4 @@
-"""One live scan: sweeps the laser over the stripes and feeds every stripe to a ScanProcessor as it arrives."""
+"""Live scan: sweep the laser over the stripes and feed each to a ScanProcessor as it arrives."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ STRIPES_AFTER = 3
 
 @dataclass(frozen=True, slots=True)
 class LiveScan:
-    """The result of a live scan.
+    """Devices' record of a live scan.
 
     Attributes:
         start: instant before the first frame [ns since the epoch].
         end: instant at which the host had the last frame [ns since the epoch].
         last_frame: the same instant by `transport.clock` [s].
-        problems: what went wrong; empty for a good scan.
+        problems: faults of the devices; empty for a good scan.
         stopped_early: whether the pause ended before the scan.
         failed: whether a device failed; what had been scanned by then is in the processor.
         instants: instant by `transport.clock` at which the host had the last frame of each stripe [s], by index.
@@ -49,13 +49,13 @@ def live_scan(
     should_stop: Callable[[], bool],
     on_stripe: Callable[[StripeCapture], None] | None = None,
 ) -> LiveScan:
-    """Take a scan; a device that fails ends it early, with everything up to then kept.
+    """Take a scan; a device that fails ends it early, and the stripes up to then are kept.
 
-    A stripe that was fired but whose frame was lost, or does not show this stripe, is marked as bad: it was looked at
-    and nothing was seen. A stripe that was never fired was not looked at.
+    A stripe that was fired but whose frame was lost, or does not show this stripe, is marked as bad: its ground was
+    scanned and not seen. Ground of a stripe that was never fired stays unscanned.
 
-    Before the first stripe the camera's locked settings are read back, and the light is checked in the first frames:
-    the problems name a setting that changed, and light that is clipped or too dark.
+    The camera's locked settings are read back before the first stripe and the light is checked in the first frames; the
+    problems name a setting that changed, and light that is clipped or too dark.
 
     Args:
         rangefinder: open devices.
@@ -99,7 +99,7 @@ def live_scan(
 
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
-    """Instant at which the host had both frames of a stripe; now for what has no stamp, or one of an emulated clock."""
+    """Instant at which the host had both frames of a stripe; now without stamps, or with those of an emulated clock."""
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()
@@ -112,20 +112,15 @@ def _take(
     light: LightCheck,
     on_stripe: Callable[[StripeCapture], None] | None,
 ) -> None:
-    for capture in group:
-        light.look(capture, processor.band(capture.index))
-    _process(processor, group)
-    if on_stripe is not None:
-        for capture in group:
-            on_stripe(capture)
-
-
-def _process(processor: ScanProcessor, group: Sequence[StripeCapture]) -> None:
     pairs = []
     for capture in group:
+        light.look(capture, processor.band(capture.index))
         if capture.on is None or not capture.verdict.in_step:
             processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
         else:
             pairs.append(FramePair(capture.index, capture.on, capture.off))
     if pairs:
         processor.add_all(pairs)
+    if on_stripe is not None:
+        for capture in group:
+            on_stripe(capture)

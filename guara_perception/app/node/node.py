@@ -1,4 +1,4 @@
-"""The perception node: scans at every stance pause, and when asked to, on a thread of its own."""
+"""Perception node: scans at every stance pause, and on request, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -46,21 +46,21 @@ logger = logging.getLogger(__name__)
 
 # How long `close` waits for a scan to notice that it should end.
 STOP_TIMEOUT_S = 5.0
-# A pause is looked at a little after its end, not a little before.
+# Wait beyond the end of a pause, so that it has expired when the thread wakes.
 EXPIRY_SLACK_S = 0.01
 SCAN_THREAD = "guara-scans"
-# [s] A scan thread that works and goes on for so long neither to the next stripe nor to waiting hangs. A camera that is
-# gone takes up to 15 s to be given up.
+# [s] A scan thread that works this long without reaching the next stripe hangs. A camera that is gone takes up to 15 s
+# to be given up.
 HANG_TIME_S = 30.0
-# Walk of a pause that cannot be scanned, where a gait without epochs counts anew.
+# Walk of a pause that cannot be scanned, where a gait without epochs starts counting again.
 UNKNOWN_WALK = "unknown"
-# Longest wait for work; then the thread looks again.
+# Longest wait for work without a check.
 LONGEST_WAIT_S = 3600.0
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
 
 class PerceptionNode:
-    """Follows the gait and serves requests.
+    """Node that follows the gait, scans its stance pauses and serves scan requests.
 
     Example:
         with rangefinder, PerceptionNode(robot, calibration, rangefinder, server) as node:
@@ -94,7 +94,7 @@ class PerceptionNode:
             method: method of stripe extraction.
             recorder: writes every scan, or None.
             status: collects what the status messages report; None = a new one.
-            mirror: carries what ROS 2 tools draw of each pause, or None.
+            mirror: publishes each pause for ROS 2 tools, or None.
 
         Raises:
             InvalidInput: unknown mode.
@@ -111,7 +111,7 @@ class PerceptionNode:
             robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder, mirror=mirror
         )
         self._changed = threading.Condition()
-        self._gait_clock = server.gait_clock(self._on_clock)
+        self._gait_clock = server.gait_clock(self._wake)
         self._pause: Pause | None = None
         self._walks = Walks(server.robot, server.run)
         self._has_news = False
@@ -138,10 +138,10 @@ class PerceptionNode:
         self.close()
 
     def on_pause(self, announcement: StancePause) -> None:
-        """Take note of what the gait says of a stance pause; returns at once, the scan runs on the node's own thread.
+        """Handle an announcement of a stance pause; returns at once, the scan runs on the node's own thread.
 
-        A stance that cannot be used (an unknown foot) ends the pause that it speaks of: what is not known to stand
-        still is not scanned, and a scan under way is not used.
+        A stance that cannot be used (an unknown foot) ends its pause: a robot that is not known to stand still is not
+        scanned, and a scan under way is not used.
         """
         now = clock.now()
         if self._recorder is not None:
@@ -157,8 +157,7 @@ class PerceptionNode:
             stance = None
         with self._changed:
             begun = self._follow(announcement, stance, now)
-            self._has_news = True
-            self._changed.notify_all()
+            self._wake()
         if begun is not None:
             self.status.solved("stance")
             self._gait_clock.wake()
@@ -174,7 +173,7 @@ class PerceptionNode:
             self._server.end_step()
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
-        """Apply an announcement to the pause that it speaks of; return the pause that it begins, if any."""
+        """Apply an announcement to its pause; return the pause that it begins, if any."""
         current, last = self._standing(), self._pause
         phase, step, stamp = announcement.phase, announcement.step, announcement.stamp
         is_same = last is not None and (last.step, last.given_epoch) == (step, announcement.epoch)
@@ -184,7 +183,7 @@ class PerceptionNode:
             elif phase is PausePhase.END or stance is None:
                 current.end(stance, now, stamp)
             elif not announcement.epoch and stamp > current.newest_stamp:
-                # A gait without epochs that died, and counts anew where the robot was carried to, says the same.
+                # A gait without epochs that restarted where the robot was carried to sends the same.
                 current.end(None)
             elif current.begin_again(stance, now, stamp):
                 return None
@@ -222,14 +221,14 @@ class PerceptionNode:
     def _is_later(self, announcement: StancePause, current: Pause) -> bool:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
 
-    def _on_clock(self) -> None:
-        """Look again at what the gait's stamps confirm: its clock is known, or better known."""
+    def _wake(self) -> None:
+        """Let the thread check again what the gait confirms, by an announcement or a better known clock."""
         with self._changed:
             self._has_news = True
             self._changed.notify_all()
 
     def on_refused(self, error: TransportError) -> None:
-        """Take note that the gait announced something that cannot be read, a joint that is NaN for instance.
+        """Handle an announcement that cannot be read, such as one with a joint that is NaN.
 
         It may have been the END of the pause, so the pause is ended. A phase of a later version changes nothing.
         """
@@ -239,7 +238,7 @@ class PerceptionNode:
         self._end_unknown()
 
     def _on_failure(self, failure: Failure) -> None:
-        """End the pause, and with it the scan: a part of this process failed, on whose thread this runs."""
+        """End the pause, and with it the scan: a thread of this process failed; this runs on it."""
         self._end_unknown()
 
     def _end_unknown(self) -> None:
@@ -249,14 +248,13 @@ class PerceptionNode:
             if current is not None:
                 current.end(None)
                 self._server.end_step()
-            self._has_news = True
-            self._changed.notify_all()
+            self._wake()
 
     def _is_hung(self) -> bool:
         return clock.now() - self._progress_at > HANG_TIME_S
 
     def _thread_item(self) -> StatusItem:
-        """State of the scan thread: it must live, and go on with its work."""
+        """State of the scan thread: it must run and make progress."""
         name = f"thread {SCAN_THREAD}"
         is_due = self._thread.ident is not None and not self._closing.is_set()
         if not is_due or (self._thread.is_alive() and not self._is_hung()):
@@ -270,7 +268,7 @@ class PerceptionNode:
         return self._scanner.latest_map
 
     def wait_for_step(self, step: int, timeout: float, epoch: str | None = None) -> bool:
-        """Wait until the scan of a pause is done, or given up; False when `timeout` [s] passed before.
+        """Wait until the scan of a pause is done or given up; False when `timeout` [s] passed first.
 
         Args:
             step: number of the pause, or of an earlier one.
@@ -286,12 +284,12 @@ class PerceptionNode:
             return self._changed.wait_for(is_done, timeout)
 
     def wait_for_requests(self, timeout: float) -> bool:
-        """Wait until no scan that was asked for is under way; False when `timeout` [s] passed before."""
+        """Wait until no requested scan is under way; False when `timeout` [s] passed first."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
 
     def close(self) -> None:
-        """End the scan under way, laser off, and the thread; safe to call twice."""
+        """Turn the laser off, end the scan under way and the thread; safe to call twice."""
         forget(self._on_failure)
         self._closing.set()
         with self._changed:
@@ -368,7 +366,7 @@ class PerceptionNode:
         pause = self._pause
         if pause is None or pause.ended.is_set():
             return None
-        # The clock's own waits are bounded: what a robot.toml states may be longer.
+        # Waits of a condition are bounded; a limit in robot.toml may be longer.
         return min(max(pause.deadline - clock.now(), 0.0) + EXPIRY_SLACK_S, LONGEST_WAIT_S)
 
     def _settle(self) -> None:
@@ -394,7 +392,7 @@ class PerceptionNode:
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
     ) -> TerrainMessage | Exception:
-        """Scan; whatever goes wrong is logged and shown in the status, and the next pause scans again."""
+        """Scan; an error is logged and shown in the status, and the next pause scans again."""
 
         def should_stop() -> bool:
             now = clock.now()

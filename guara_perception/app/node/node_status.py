@@ -1,4 +1,4 @@
-"""What the node reports about itself: last scan, calibration, and the newest problem of each subsystem."""
+"""Status of the node: last scan, calibration, and the newest problem of each subsystem."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from guara_perception.app.messages import LEVELS
 from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift, DriftWatch
 from guara_perception.terrain.layers.record import Health as GridHealth
 from transport import Health, StatusItem, TransportError
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
     from guara_perception.calibration.calibration import Calibration
     from guara_perception.terrain.grid import TerrainGrid
 
-LEVELS = {"ok": Health.OK, "degraded": Health.WARN, "failed": Health.ERROR}
 VERDICTS = {"good": Health.OK, "usable": Health.OK, "unknown": Health.WARN, "refused": Health.ERROR}
 
 
 class NodeStatus:
-    """Collected by the scan thread, read by the status thread."""
+    """Items of the node's status, collected by the scan thread and read by the status thread."""
 
     def __init__(self, calibration: Calibration | None = None) -> None:
         """Start with nothing scanned.
@@ -53,7 +53,7 @@ class NodeStatus:
             )
 
     def scanned(self, terrain: TerrainGrid, scan: LiveScan, latency: float) -> None:
-        """Take note of a finished scan.
+        """Report a finished scan.
 
         Args:
             terrain: grid of the scan.
@@ -84,7 +84,7 @@ class NodeStatus:
         self.on_scan(terrain)
 
     def confirmed(self, step: int) -> None:
-        """Take note that the pause has confirmed the last grid."""
+        """Report that the pause has confirmed the last grid."""
         with self._lock:
             scanner = self._items.get("scanner")
             if scanner is not None and scanner.values["step"] == str(step):
@@ -92,33 +92,20 @@ class NodeStatus:
         self.on_change()
 
     def drift(self, drift: Drift) -> None:
-        """Take note of whether the last scan's floor still fits the calibration; one scan alone is no warning."""
+        """Report the fit of the last scan's floor to the calibration; one scan alone is no warning."""
         self._drift.add(drift)
         verdict, counts = self._drift.verdict, self._drift.counts
-        of_this_scan = {
-            name: str(value) for name, value in drift.to_dict().items() if name not in ("reasons", "verdict")
-        }
-        self.set(
-            StatusItem(
-                name="drift",
-                level=Health.WARN if verdict == DRIFTING else Health.OK,
-                message="; ".join(
-                    (
-                        f"calibration: {verdict}, a floor in {sum(counts.values()) - counts[UNKNOWN]} of "
-                        f"{sum(counts.values())} scans",
-                        *(f"last scan: {reason}" for reason in drift.reasons),
-                    )
-                ),
-                values={
-                    "verdict": verdict,
-                    **{f"scans_{name}": str(count) for name, count in counts.items()},
-                    **of_this_scan,
-                },
-            )
-        )
+        values = {"verdict": verdict, **{f"scans_{name}": str(count) for name, count in counts.items()}}
+        of_scan = drift.to_dict().items()
+        values |= {name: str(value) for name, value in of_scan if name not in ("reasons", "verdict")}
+        scans = sum(counts.values())
+        message = f"calibration: {verdict}, a floor in {scans - counts[UNKNOWN]} of {scans} scans"
+        message = "; ".join((message, *(f"last scan: {reason}" for reason in drift.reasons)))
+        level = Health.WARN if verdict == DRIFTING else Health.OK
+        self.set(StatusItem(name="drift", level=level, message=message, values=values))
 
     def problem(self, subsystem: str, message: str) -> None:
-        """Take note of what went wrong in a subsystem; it is reported until that works again or fails again."""
+        """Report a problem of a subsystem until that works again or has another one."""
         with self._lock:
             if subsystem == "scan":
                 self._failures += 1
@@ -126,7 +113,7 @@ class NodeStatus:
         self.on_change()
 
     def solved(self, subsystem: str) -> None:
-        """Take note that a subsystem works again."""
+        """Report that a subsystem works again."""
         with self._lock:
             self._problems.pop(subsystem, None)
 
@@ -136,7 +123,7 @@ class NodeStatus:
             self._items[item.name] = item
 
     def note(self, name: str, message: str) -> None:
-        """Add or replace a warning; take it out where the message is empty."""
+        """Add or replace a warning; remove it where the message is empty."""
         with self._lock:
             if message:
                 self._items[name] = StatusItem(name=name, level=Health.WARN, message=message)
@@ -144,41 +131,30 @@ class NodeStatus:
                 self._items.pop(name, None)
 
     def follow(self, item: Callable[[], StatusItem]) -> None:
-        """Ask for an item again with every status; `item` must be quick."""
+        """Evaluate an item with every status; `item` must be quick."""
         with self._lock:
             self._followed.append(item)
 
     def items(self) -> list[StatusItem]:
         """All items, problems as errors of their subsystem."""
         with self._lock:
-            problems = [
-                StatusItem(
-                    name=subsystem,
-                    level=Health.ERROR,
-                    message=message,
-                    values={"seconds_ago": f"{time.time() - when:.1f}"},
-                )
-                for subsystem, (when, message) in self._problems.items()
-            ]
-            items = [*self._items.values(), *problems]
-            followed = list(self._followed)
+            items, followed = list(self._items.values()), list(self._followed)
+            for subsystem, (when, message) in self._problems.items():
+                values = {"seconds_ago": f"{time.time() - when:.1f}"}
+                items.append(StatusItem(name=subsystem, level=Health.ERROR, message=message, values=values))
         return [*items, *(item() for item in followed)]
 
 
 def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
-    """Where the robot is in its walk, and when the next grid is to be expected.
+    """Phase of the walk, and when the next grid is to be expected.
 
     Args:
         pause: the newest pause, None before the first.
         is_scanned: whether its own scan is over, or was given up.
     """
     if pause is None:
-        return StatusItem(
-            name="pause",
-            level=Health.OK,
-            message="no stance pause was announced yet: nothing is scanned before the gait says BEGIN",
-            values={"state": "none"},
-        )
+        message = "no stance pause was announced yet: nothing is scanned before the gait says BEGIN"
+        return StatusItem(name="pause", level=Health.OK, message=message, values={"state": "none"})
     seconds = time.monotonic() - pause.begun
     if pause.ended.is_set():
         state, message = "moving", "is over; the next grid comes with the next pause"
@@ -190,12 +166,8 @@ def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
         )
     else:
         state, message = "scanning", "the robot stands, its scan is to come"
-    return StatusItem(
-        name="pause",
-        level=Health.OK,
-        message=f"step {pause.step}: {message}",
-        values={"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"},
-    )
+    values = {"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"}
+    return StatusItem(name="pause", level=Health.OK, message=f"step {pause.step}: {message}", values=values)
 
 
 def certificates_item(folder: Path) -> StatusItem:

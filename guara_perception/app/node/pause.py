@@ -1,4 +1,4 @@
-"""The stance pause that the gait is in, as the node follows it: until when the robot is known to have stood still."""
+"""Stance pause as the node follows it, with the instant until which the robot is known to have stood still."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from transport import StancePause
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-# A pause that is announced longer than this is taken for as long: the gait says HOLD long before.
+# Longest announced pause; a longer one is cut to it, and the gait sends HOLD long before.
 LONGEST_S = 3600.0
-# A stamp this far ahead of its arrival is not of the clock that the gait tells; less is the rounding of stamps.
+# A stamp further ahead of its arrival is of another clock than the gait tells; less is the rounding of stamps.
 AHEAD_S = 0.005
 
 UNKNOWN_END = (
@@ -35,9 +35,9 @@ UNKNOWN_END = (
 class Pause:
     """One pause, begun and perhaps ended. Instants are of `transport.clock` [s], stamps of the gait's clock [ns].
 
-    A frame is confirmed by joints that were read after it and show that the robot stood as BEGIN said, by one that
-    came no later than `still_until`. How late a message arrives does not count: its stamp does, taken for as early as
-    the gait's clock can have shown it, and never for later than its arrival.
+    Joints that were read after a frame and show that the robot stood as at BEGIN confirm it: the frame is no later than
+    `still_until`. The stamp of a message counts, not its arrival: it is taken for the earliest instant at which the
+    gait's clock can have shown it, and never for later than its arrival.
 
     Attributes:
         step: number of the pause.
@@ -49,12 +49,12 @@ class Pause:
         begun: instant at which BEGIN came.
         stamp: stamp of BEGIN.
         given_epoch: identity of the walk as the gait gave it, empty when it gave none.
-        known_ground: what the gait declares, in base_footprint of this pause.
+        known_ground: ground that the gait declares, in base_footprint of this pause.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
         ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
         end_stance: stance read again at the end, None until then and when it could not be used.
         newest_stamp: latest stamp of this pause's announcements.
-        broken: why the robot is not known to have stood still to the end; empty otherwise.
+        broken: reason why the robot is not known to have stood still to the end; empty otherwise.
         moved: whether the robot moved, or cannot be shown to have stood still.
     """
 
@@ -86,20 +86,20 @@ class Pause:
 
     @property
     def still_until(self) -> float:
-        """Instant until which the robot is known to have stood as BEGIN said; -inf while the clock is not known."""
+        """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known."""
         stamp, arrival = self._still
         earliest = self.earliest(stamp)
         return -math.inf if earliest is None or earliest > arrival + AHEAD_S else min(earliest, arrival)
 
     @property
     def is_clock_known(self) -> bool:
-        """Whether stamps can be compared with frames: not when one lies ahead, of another clock or one that was set."""
+        """Whether stamps can be compared with frames: not if one lies ahead, from another clock or one that was set."""
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
     @property
     def planned_end(self) -> float:
-        """Instant at which the gait moves on by its own word; no frame is taken after it."""
+        """Announced instant at which the gait moves on; no frame is taken after it."""
         stamp, arrival, length = self._plan
         if not length:
             return arrival + self.limits.time_limit
@@ -112,7 +112,7 @@ class Pause:
         return self.planned_end + self.limits.grace(self._plan[2] or self.limits.time_limit)
 
     def hold(self, stance: Stance | None, now: float, stamp: int, time_available: float = 0.0) -> None:
-        """The gait says that the robot still stands.
+        """Handle HOLD: the robot still stands.
 
         Args:
             stance: stance at the stamp, None when it cannot be used.
@@ -130,7 +130,7 @@ class Pause:
                 self._plan = (stamp, now, 0.0)
 
     def end(self, stance: Stance | None, now: float = 0.0, stamp: int = 0) -> None:
-        """The gait moves on; without a stance it is not known whether the robot stood still until now."""
+        """Handle END; without a stance it is not known whether the robot stood still until now."""
         if stance is None:
             self._break(UNKNOWN_END)
         elif self._add(stance, now, stamp):
@@ -138,14 +138,14 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """A second BEGIN of this pause: True when it repeats the first; else this pause is over."""
+        """Handle a second BEGIN of this pause: True when it repeats the first; else this pause is over."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
         return False
 
     def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
-        """Joints that come after END: what was read before it still counts, the rest is of the swing that follows."""
+        """Handle joints that arrive after END: those read before it count, others are of the swing that follows."""
         if stance is not None and not self.broken and stamp < self.newest_stamp:
             self._add(stance, now, stamp)
 
@@ -176,7 +176,7 @@ class Pause:
             self._still = (still, now if still > self._still[0] else self._still[1])
         if motion:
             if is_late:
-                # The test takes readings in the order of their arrival: since when the camera moved is not known.
+                # The test takes readings in the order of their arrival: the start of the motion is not known.
                 self._still = (self.stamp, self.begun)
             self._break(motion, moved=True)
         return not motion
@@ -187,15 +187,15 @@ class Pause:
 
 
 def _sound(time_available: float) -> float:
-    """A length of a pause [s] that can be waited for; 0, not known, for what is none."""
+    """Length of a pause [s], bounded; 0, not known, for an impossible one."""
     return min(time_available, LONGEST_S) if 0.0 < time_available < math.inf else 0.0
 
 
 def stance_of(announcement: StancePause, robot: RobotModel) -> Stance:
-    """The stance that an announcement carries.
+    """Stance of an announcement.
 
     Raises:
-        kinematics.KinematicsError: it is not a stance of this robot, or a joint is where no joint can be.
+        kinematics.KinematicsError: not a stance of this robot, or a joint at an impossible position.
     """
     stance = message_to_stance(announcement.stance)
     for foot in stance.support_feet:

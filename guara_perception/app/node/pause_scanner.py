@@ -1,4 +1,4 @@
-"""Everything that happens at one pause: sweep, process, publish, check the mirror, fuse, publish the map, record."""
+"""Run one stance pause: scan, publish the grid, check the mirror, update and publish the map, record."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.published_scans import PublishedScans
 from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.app.node.recorder import ScanRecorder, ScanRecording
+from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import ADAPTIVE, Sweeper, SweepJob
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.scene.live_view import LiveView
@@ -26,12 +26,12 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
-from kinematics import RobotModel, Stance
+from kinematics import RobotModel
 from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Scans whose time from the last frame to the published grid tells how long that of the next one takes: the longest.
+# Number of scans whose longest time from the last frame to the published grid is expected of the next one.
 TAILS = 5
 
 
@@ -120,14 +120,14 @@ class PauseScanner:
             if published.newest is not None:
                 published.newest.will_be_refined = False
             if recording is not None:
-                recording.abandon()
+                recording.finish()
             raise
         self._tails.append(clock.now() - swept.scan.last_frame)
         message, scan, processor = messages[-1], swept.scan, swept.processor
         assert published.newest is not None
         terrain = published.newest.terrain
-        if recording is not None:
-            recording.add_points(processor.points, scan.end)
+        if self._recorder is not None and recording is not None:
+            self._recorder.add_points(processor.points, scan.end)
         if self._mirror is not None:
             self._mirror.points(processor.points, scan.end)
         self._view.send(processor.points, scan.end)
@@ -137,21 +137,20 @@ class PauseScanner:
         self._status.drift(scan_drift(processor))
         try:
             self._check_steps()
+            messages.append(published.publish_map())
         except MirrorSlipped as error:
             messages.append(published.take_back(pause, str(error)))
-            self._finish(recording, messages, pause.end_stance)
             raise
-        try:
-            messages.append(published.publish_map())
         finally:
-            self._finish(recording, messages, pause.end_stance)
+            if recording is not None:
+                recording.finish(tuple(messages), pause.end_stance)
         if swept.is_cut:
             published.record_cut(pause, [])
         published.settle()
         return message
 
     def settle(self) -> None:
-        """Confirm, cut or withdraw what was published of the newest pause, by what the gait has said since."""
+        """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
         self._published.settle()
 
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
@@ -166,7 +165,7 @@ class PauseScanner:
         )
 
     def _check_steps(self) -> None:
-        """Count the motor steps that the mirror lost: only then is it known that every stripe lay where commanded.
+        """Refuse a scan in which the mirror lost motor steps, so that stripes lay elsewhere than commanded.
 
         Homing takes a tenth of a second, so the grid is published before it, and withdrawn when steps were lost. The
         scan is fused into the map only after it.
@@ -179,7 +178,7 @@ class PauseScanner:
             )
 
     def _lost_steps(self) -> int:
-        """What `Rangefinder.lost_steps` gives for the standard pattern; 0 where the board cannot be asked."""
+        """Motor steps that the mirror lost since it was last home; 0 where the board cannot be asked."""
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:
@@ -188,10 +187,3 @@ class PauseScanner:
             return 0
         self._status.solved("board")
         return lost
-
-    def _finish(
-        self, recording: ScanRecording | None, terrains: list[TerrainMessage], stance_end: Stance | None
-    ) -> None:
-        """Hand the end of a scan to its recording, if there is one; the disk never costs the scan."""
-        if recording is not None:
-            recording.finish(tuple(terrains), stance_end)

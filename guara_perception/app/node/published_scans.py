@@ -1,4 +1,4 @@
-"""Grids of the newest pause that were published: confirmed, cut or withdrawn by what the gait says of it."""
+"""Published grids of the newest pause: confirmed, cut or withdrawn by the announcements of the gait."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Published:
 
     Attributes:
         pause: pause in which it was taken.
-        swept: the scan and what it was made of.
+        swept: the scan and its processors.
         terrain: grid of the scan alone.
         fused: the map with it, None while it is not in the map.
         is_confirmed: whether the pause has confirmed it.
@@ -53,7 +53,7 @@ class Published:
 
 
 class PublishedScans:
-    """Publishes grids and maps of one pause after the other; used from one thread.
+    """Publishes the grids and maps of successive pauses; used from one thread.
 
     Attributes:
         newest: the scan whose grid was published last, None where it was withdrawn.
@@ -81,7 +81,7 @@ class PublishedScans:
         self.fused: Published | None = None
 
     def begin(self, pause: Pause) -> None:
-        """Leave the pause before: what it confirmed stays in the map, all else is out of it."""
+        """Leave the pause before: confirmed scans of it stay in the map, all others are withdrawn."""
         before = self.newest or self.fused
         if before is None or before.pause is pause:
             return
@@ -93,10 +93,10 @@ class PublishedScans:
         self.newest = self.fused = None
 
     def usable(self, pause: Pause, swept: Swept) -> Swept:
-        """What of a scan may be published: all of it while the pause lasts, then what the gait has confirmed.
+        """The part of a scan that may be published: all of it during the pause, then what the gait has confirmed.
 
         Raises:
-            CameraMoved: nothing of it.
+            CameraMoved: none of it.
         """
         if not pause.ended.is_set() or pause.still_until >= swept.scan.last_frame:
             return swept
@@ -112,19 +112,19 @@ class PublishedScans:
         return self._send(self.newest, terrain)
 
     def publish_map(self) -> TerrainMessage:
-        """Put the newest scan into the map, if no other one of its pause is there, and publish that."""
+        """Fuse the newest scan into the map, unless the pause has one there already, and publish the map."""
         if self.fused is None or self.fused.fused is None:
             assert self.newest is not None
             return self._fuse(self.newest)
         return self._send(self.fused, self.fused.fused)
 
     def take_back(self, pause: Pause, reason: str) -> TerrainMessage:
-        """Publish that the newest grid is wrong; an earlier scan of its pause stays in the map."""
+        """Withdraw the newest grid; an earlier scan of its pause stays in the map."""
         self.newest = None
         return publish_terrain(self._server, self._nothing_seen(pause, reason))
 
     def settle(self) -> None:
-        """Confirm, cut or withdraw what was published of the newest pause, by what the gait has said since."""
+        """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
         newest, fused = self.newest, self.fused
         either = newest or fused
         if either is None:
@@ -132,7 +132,7 @@ class PublishedScans:
         pause = either.pause
         for published in dict.fromkeys(each for each in (fused, newest) if each is not None):
             was_confirmed = published.is_confirmed
-            # A motion that comes to light later may have begun before the last frame.
+            # A motion that is detected later may have begun before the last frame.
             published.is_confirmed = pause.still_until >= published.swept.scan.last_frame
             if published.is_confirmed and not was_confirmed:
                 self._confirm(published)
@@ -148,16 +148,15 @@ class PublishedScans:
             self._cut(newest)
 
     def record_cut(self, pause: Pause, messages: list[TerrainMessage]) -> None:
-        """Record that not all frames of a scan may be used: it is left out of replays, as one that was withdrawn."""
+        """Record that some frames of a scan may not be used: replays leave it out, like a withdrawn one."""
         if self._recorder is not None:
             nothing = self._nothing_seen(pause, TOO_LITTLE)
-            mark = terrain_to_message(
-                nothing, robot=self._server.robot, sequence=self._server.next_sequence("footprint")
-            )
+            number = self._server.next_sequence("footprint")
+            mark = terrain_to_message(nothing, robot=self._server.robot, sequence=number)
             self._recorder.add_terrains(pause.step, [mark, *messages])
 
     def _fuse(self, published: Published) -> TerrainMessage:
-        """Put a scan into the map, and publish that."""
+        """Fuse a scan into the map and publish the map."""
         pause, swept = published.pause, published.swept
         published.fused = self._map.update(
             pause.step,
@@ -179,7 +178,7 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Leave out what was taken later than the joints that confirm the scan, once the pause has ended well."""
+        """Leave out stripes taken later than the joints that confirm the scan, after a pause that ended well."""
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)
         if cut is None:
@@ -194,7 +193,7 @@ class PublishedScans:
         self.settle()
 
     def _withdraw(self, pause: Pause) -> None:
-        """Publish that nothing of the grid is known any more; if it is not confirmed, undo it in the map too.
+        """Withdraw the grid, and undo it in the map unless it was confirmed.
 
         A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
         """
@@ -225,23 +224,20 @@ class PublishedScans:
             scan_end=scan.end,
             scan_end_clock=scan.last_frame,
             valid_for=max(limit, 0.0),
-            stated={
-                **walk_of(pause, is_provisional=is_provisional),
-                "refinement_follows": published.will_be_refined,
-            },
+            stated=walk_of(pause, is_provisional=is_provisional) | {"refinement_follows": published.will_be_refined},
         )
 
     def _why_not(self, pause: Pause) -> str:
-        """Why what was scanned in an ended pause is not used."""
+        """Reason for which a scan of an ended pause is not used."""
         return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
-        """The grid that takes another one back: nothing known, and why."""
+        """A grid that withdraws another one: nothing known, with the reason."""
         return self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
-    """The grid, with the problems of the devices in its health."""
+    """The grid with the problems of the devices in its health."""
     if not scan.problems and not scan.stopped_early:
         return terrain
     health = terrain.record.health or Health()

@@ -1,4 +1,4 @@
-"""The rangefinder as the node uses it: a laser board and a camera that sweep together."""
+"""Rangefinder: a laser board and a camera that sweep together."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FiringOrder = Sequence[tuple[int, float]]
 
 # Number of stripes that are processed together. At 30 frames per second that takes a third less processor time than one
-# by one, but memory for all their frames; the last stripe, for which the gait waits, is processed alone.
+# by one, and memory for all their frames; the last stripe, for which the gait waits, is processed alone.
 STRIPES_TOGETHER = 16
 
 
@@ -75,7 +75,7 @@ class Rangefinder:
         self._close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock settings of the open camera; `setting_changes` compares with what it held then.
+        """Lock settings of the open camera; `setting_changes` compares with those that it held then.
 
         Raises:
             drivers.CameraError: the camera does not take one.
@@ -84,7 +84,7 @@ class Rangefinder:
         return self._locked
 
     def setting_changes(self) -> tuple[str, ...]:
-        """Which locked settings the camera does not hold any more, and what to do; empty where it cannot be read.
+        """Locked settings that the camera no longer holds, each with what to do; empty where it cannot be read.
 
         It reads a few settings, which takes some milliseconds.
         """
@@ -98,14 +98,14 @@ class Rangefinder:
     def sweep(
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
-        """One scan, to be taken in a `with` block; see `drivers.acquire`."""
+        """A scan, to be taken in a `with` block; see `drivers.acquire`."""
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
         return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
-        """Bring the mirror home, then to the first stripe; returns the motor steps lost since it was last home.
+        """Bring the mirror home, then to the first stripe; return the motor steps lost since it was last home.
 
-        If that is not 0, stripes since then lay elsewhere than commanded, and their heights are wrong.
+        Any lost step means that stripes since then lay elsewhere than commanded, so that their heights are wrong.
 
         Raises:
             drivers.BoardError: the board cannot be reached, or found no home.

@@ -1,4 +1,4 @@
-"""Writes live scans, with the stance before and after each, and their grids into MCAP files, on its own thread."""
+"""Recorder of live scans: frames, stances and grids go into MCAP files on a thread of its own."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ CLOSE_TIMEOUT_S = 30.0
 class ScanRecorder:
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
 
-    Where a file is there already the recording goes on in the next one. In a folder it also does when a file is full,
-    between two pauses: each opens by itself.
+    Where the file exists the recording goes on in the next one. In a folder it also does when a file is full, between
+    two pauses; each file opens by itself.
 
-    No scan waits for the disk: copies of its frames, and its grid, are written on another thread. What a slow or full
-    disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
+    No scan waits for the disk: copies of its frames, and its grid, are written on another thread. Data that a slow or
+    full disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class ScanRecorder:
         """Create the file.
 
         Args:
-            path: file that ends with .mcap, or folder; `RecordingFiles` says what becomes of it.
+            path: file that ends with .mcap, or folder; see `RecordingFiles`.
             robot: instance name.
             calibration: calibration in use; attached to the file.
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
-            scene: makes what 3-D viewers draw: robot, transforms, clouds, markers, ROS grids; None leaves these out.
+            scene: makes the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
             limit: [byte] that all files of a folder may take; the oldest are removed.
-            first: step from which on scans and grids are written.
+            first: step of the first scan that is written.
 
         Raises:
             transport.RecordingError: it cannot be created.
@@ -89,7 +89,7 @@ class ScanRecorder:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Write what waits, and the end of the file."""
+        """Write what is waiting, and the end of the file."""
         if self._thread.close(CLOSE_TIMEOUT_S):
             self.writer.close()
         else:
@@ -106,7 +106,7 @@ class ScanRecorder:
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
-        """Start a scan; None for one that is left out."""
+        """Start a scan; None for one before the first step that is recorded."""
         if step < self._first:
             return None
         self.post(0, self._go_on)
@@ -122,13 +122,12 @@ class ScanRecorder:
         scene = self._scene
         if scene is not None:
             self._add_later(
-                f"the stance of step {step}",
-                lambda: self.writer.add_messages(scene.of_stance(stance, stamp)),
+                f"the stance of step {step}", lambda: self.writer.add_messages(scene.of_stance(stance, stamp))
             )
         return ScanRecording(self, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
-        """Add grids that came after their scan had ended, as when it is withdrawn; returns at once."""
+        """Add grids that are published after their scan has ended, as when it is withdrawn; returns at once."""
         if step < self._first:
             return
 
@@ -141,7 +140,7 @@ class ScanRecorder:
         self.post(0, add)
 
     def add_stance(self, pause: StancePause) -> None:
-        """Add what the gait said of a stance pause; returns at once."""
+        """Add an announcement of a stance pause; returns at once."""
         if pause.phase is PausePhase.BEGIN:
             self.post(0, self._go_on)
         self._add_later("a stance", lambda: self.writer.add_stance_pause(pause))
@@ -151,14 +150,14 @@ class ScanRecorder:
         self._add_later("a status", lambda: self.writer.add_status(payload))
 
     def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """Add the points of a scan's stripes, by index; returns at once. They are never changed, so none is copied."""
+        """Add the points of a scan's stripes, by index; returns at once. No array is copied: none ever changes."""
         scene = self._scene
         if scene is not None:
             kept = dict(points)
             self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
-        """Write grids, then what is drawn of them; on the recorder's thread."""
+        """Write grids, then their messages for viewers; on the recorder's thread."""
         for terrain in terrains:
             self.writer.add_terrain(terrain)
         if self._scene is not None:
@@ -170,7 +169,7 @@ class ScanRecorder:
         return self._thread.flush(timeout)
 
     def status_item(self) -> StatusItem:
-        """How many scans were recorded and how many were lost; why, if the last one was."""
+        """Number of scans recorded and lost; the reason, if the last one was lost."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -206,9 +205,9 @@ class ScanRecorder:
     def _make_room(self) -> None:
         try:
             self._files.make_room()
-            self._say("")
+            self._report("")
         except RecordingError as error:
-            self._say(str(error))
+            self._report(str(error))
 
     def _go_on(self) -> None:
         """Go on in a new file when this one is full; on the recorder's thread, between two scans."""
@@ -222,7 +221,7 @@ class ScanRecorder:
             full.flush()
             self.writer = self._open()
         except RecordingError as error:
-            self._say(f"no new file: {error}")
+            self._report(f"no new file: {error}")
             return
         try:
             full.close()
@@ -230,14 +229,14 @@ class ScanRecorder:
             logger.error("%s; `guara recover` restores what is in it", error)
         _guarded("the robot", self._add_robot)
 
-    def _say(self, trouble: str) -> None:
-        """Note what keeps the recording from going on as it should, once."""
+    def _report(self, trouble: str) -> None:
+        """Log and keep what disturbs the recording, once."""
         if trouble and trouble != self._trouble:
             logger.error("recording: %s", trouble)
         self._trouble = trouble
 
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
-        """Hand over something besides the scans; when it cannot be written the log says so, and the scans go on."""
+        """Add something besides the scans; an error of the disk is logged, and the scans go on."""
         self.post(0, lambda: _guarded(what, add))
 
 
@@ -249,7 +248,7 @@ def _guarded(what: str, add: Callable[[], None]) -> None:
 
 
 class ScanRecording:
-    """One scan being recorded; an error of the disk ends its recording, not the scan."""
+    """Recording of one scan; an error of the disk ends the recording, not the scan."""
 
     def __init__(self, recorder: ScanRecorder, record: ScanRecord, jpeg_quality: int | None) -> None:
         """Begin; made by `ScanRecorder.begin`."""
@@ -276,12 +275,8 @@ class ScanRecording:
             self._is_full = True
             self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
 
-    def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """Record the points of the stripes, by index; returns at once."""
-        self._recorder.add_points(points, stamp)
-
     def extend(self, mode: str | None) -> None:
-        """The scan goes on with the stripes between those that it has.
+        """Continue with the stripes between those recorded so far.
 
         Args:
             mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the
@@ -292,17 +287,13 @@ class ScanRecording:
         else:
             self._post(0, lambda: self._begin_again(mode))
 
-    def finish(self, terrains: tuple[TerrainMessage, ...], stance_end: Stance | None) -> None:
-        """End the scan and add its grids; returns at once, the recorder's status says whether it was written."""
+    def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
+        """End the scan and add its grids, none where it failed; returns at once, the recorder's status reports it."""
         if not self._is_done:
             self._is_done = True
             end = None if stance_end is None else stance_to_message(stance_end)
             now = time.time_ns()
             self._recorder.post(0, lambda: self._finish(terrains, end, now))
-
-    def abandon(self) -> None:
-        """End a scan that gave no grid."""
-        self.finish((), None)
 
     def _post(self, size: int, action: Callable[[], None]) -> None:
         self._recorder.post(size, lambda: self._guarded(action))
@@ -331,14 +322,7 @@ class ScanRecording:
         for index, angle, on, off, _ in self._stripes:
             self._recorder.writer.add_stripe(index, angle, on, off, stamp=last)
 
-    def _add(
-        self,
-        index: int,
-        angle: float,
-        on: Image | None,
-        off: tuple[object, Image] | None,
-        stamp: int,
-    ) -> None:
+    def _add(self, index: int, angle: float, on: Image | None, off: tuple[object, Image] | None, stamp: int) -> None:
         off_at: FrameReference | None = None
         if off is not None:
             if self._offs is None or self._offs[0] is not off[0]:

@@ -1,4 +1,4 @@
-"""A simulated robot as the node sees it: emulated laser board, simulated camera, a walk with stance pauses."""
+"""Simulated robot for the node: emulated laser board, simulated camera, a walk with stance pauses."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ LATENCY_S = 0.001
 class SimulatedRobot:
     """Robot, world and rangefinder, all simulated; laser and mirror are those of the emulated board.
 
-    The devices have a clock of their own: a scan takes as long as its computation, and a busy machine loses no frame.
+    The devices run on a clock of their own: a scan takes as long as its computation, and a busy machine loses no frame.
 
     Attributes:
         robot: the model.
         world: the terrain.
-        calibration: what the rangefinder truly is.
+        calibration: true geometry of the rangefinder.
         rangefinder: emulated board through the real driver, and the simulated camera.
     """
 
@@ -52,7 +52,7 @@ class SimulatedRobot:
         fps: float = 30.0,
         seed: int = 0,
     ) -> None:
-        """Build it, standing at the world's origin.
+        """Build the robot, standing at the world's origin.
 
         Args:
             robot: name or folder of the robot.
@@ -85,10 +85,7 @@ class SimulatedRobot:
     def walk(
         self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0
     ) -> Iterator[WalkPause]:
-        """The pauses of a walk along x, each `number` with noise of its own; the robot is not moved by this.
-
-        See `simulate_walk`.
-        """
+        """Pauses of a walk along x, as `simulate_walk`; each `number` has its own noise. The robot is not moved."""
         return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed + number)
 
 
@@ -108,18 +105,18 @@ class SimulatedGait:
         self._time_available = time_available
 
     def begin(self, pause: WalkPause) -> None:
-        """The robot stands."""
-        self._say(pause, PausePhase.BEGIN, self._time_available)
+        """Announce that the robot stands."""
+        self._announce(pause, PausePhase.BEGIN, self._time_available)
 
     def hold(self, pause: WalkPause) -> None:
-        """The robot still stands; after the last frame of a scan this confirms it."""
-        self._say(pause, PausePhase.HOLD)
+        """Confirm that the robot still stands, after the last frame of a scan."""
+        self._announce(pause, PausePhase.HOLD)
 
     def end(self, pause: WalkPause) -> None:
-        """The robot moves on."""
-        self._say(pause, PausePhase.END)
+        """Announce that the robot moves on."""
+        self._announce(pause, PausePhase.END)
 
-    def _say(self, pause: WalkPause, phase: PausePhase, time_available: float = 0.0) -> None:
+    def _announce(self, pause: WalkPause, phase: PausePhase, time_available: float = 0.0) -> None:
         self._publisher.publish(
             StancePause(
                 robot=self._instance,

@@ -1,4 +1,4 @@
-"""Lets a simulated robot walk under a running node: the gait that `guara run --simulated` brings along."""
+"""Gait of `guara run --simulated`: a simulated robot walks under a running node."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from transport.stance_link import StancePublisher
 logger = logging.getLogger(__name__)
 
 SCAN_TIMEOUT_S = 60.0
-# How soon a stop is seen while a scan is waited for.
+# Longest time until a stop is noticed while waiting for a scan.
 STOP_POLL_S = 0.2
-# Time to look at a pause before the robot goes on: planners that are slow to subscribe still follow.
+# Rest after each scan, so that planners that are slow to subscribe can follow.
 REST_S = 1.0
-# The demo's world ends there.
+# The world of the demo ends there.
 CYCLES = 11
 
 
@@ -35,7 +35,7 @@ def walk_until_stopped(
     stop: threading.Event,
     tell: Callable[[str], None] = logger.info,
 ) -> None:
-    """Walk to the end of the world, scanning at each pause; then anew from its beginning, as another walk.
+    """Walk to the end of the world, scanning at each pause, and start again as another walk.
 
     Args:
         robot: simulated robot with open devices.
@@ -65,16 +65,16 @@ def walk_until_stopped(
         except (WalkEnded, OutOfReach) as error:
             end = f"ended early: {error}"
             node.status.problem("gait", str(error))
-        tell(f"the simulated walk {end}; the robot is carried back, and begins another")
+        tell(f"the simulated walk {end}; the robot is carried back and begins another")
 
 
 def _stand(
     robot: SimulatedRobot, node: PerceptionNode, gait: SimulatedGait, pause: WalkPause, stop: threading.Event
 ) -> None:
-    """One pause, with its scan and those that are asked for; it lasts on when it is stopped.
+    """Stand for one pause, with its scan and those that are requested; a stop leaves the robot standing.
 
     Raises:
-        WalkEnded: no scan came: another gait may have spoken, whose walk put an end to this one.
+        WalkEnded: no scan came; the walk of another gait may have replaced this one.
     """
     robot.stand_at(pause)
     gait.begin(pause)

@@ -1,4 +1,4 @@
-"""The sweep of one pause: a fixed pattern, or coarse first and the stripes between where there is an obstacle."""
+"""Sweep of one pause: a fixed pattern, or a coarse one and the stripes between where there is an obstacle."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
-# [s] Beside the measured time from the last frame to the published grid: for what else the machine does meanwhile.
+# [s] Added to the measured time from the last frame to the published grid, for other load of the machine.
 MARGIN_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepJob:
-    """What a sweep needs to know of its pause.
+    """Inputs of a sweep from its pause.
 
     Attributes:
         processor: makes the ScanProcessor of a mode.
@@ -57,11 +57,11 @@ class SweepJob:
 
 @dataclass(frozen=True, slots=True)
 class Swept:
-    """The result of a sweep.
+    """Result of a sweep.
 
     Attributes:
         terrain: grid of the sweep.
-        scan: what the devices did in it.
+        scan: record of the devices.
         processor: processor that made the grid.
         coarse: processor of the coarse stripes alone, where some of those between were fired as well; else None.
         is_cut: whether stripes that were taken are left out, as in `until`.
@@ -74,10 +74,7 @@ class Swept:
     is_cut: bool = False
 
     def until(self, instant: float) -> Swept | None:
-        """The same scan without the stripes whose frames came later, as if they had never been fired.
-
-        None when nothing is known without them.
-        """
+        """The scan without the stripes whose frames came later, as if never fired; None when nothing is left known."""
         kept = [index for index, came in self.scan.instants.items() if came <= instant]
         coarse = None if self.coarse is None else self.coarse.restricted(kept)
         processor = self.processor.restricted(kept)
@@ -90,19 +87,16 @@ class Swept:
             f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken later than the "
             "joints that confirm the scan, and left out"
         )
-        scan = dataclasses.replace(
-            self.scan,
-            last_frame=max(self.scan.instants[index] for index in kept),
-            problems=(*self.scan.problems, problem),
-            instants={index: self.scan.instants[index] for index in kept},
-        )
+        instants = {index: self.scan.instants[index] for index in kept}
+        problems, last = (*self.scan.problems, problem), max(instants.values())
+        scan = dataclasses.replace(self.scan, last_frame=last, problems=problems, instants=instants)
         return Swept(terrain, scan, processor, coarse, is_cut=True)
 
     def wide(self, terrain: TerrainGrid) -> TerrainGrid:
-        """The same scan with what it saw beside the footprint, for the map.
+        """Grid of the whole scanned ground, also beside the footprint, for the map.
 
         Args:
-            terrain: grid of the footprint as it was published; the wide grid gets its record.
+            terrain: published grid of the footprint; the wide grid gets its record.
         """
         record = terrain.scan_record
         wide = self.processor.finish("wide", record=record)
@@ -113,7 +107,7 @@ class Swept:
 
 
 class Sweeper:
-    """Sweeps pause after pause; remembers how long the way has been clear."""
+    """Sweeps the patterns of pauses; its policy remembers how long the path has been clear."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
         """Sweep with `rangefinder`, whose `calibration` knows the mirror angles."""
@@ -149,7 +143,7 @@ class Sweeper:
         if not between:
             return Swept(coarse, first, processor)
         job.publish(Swept(coarse, first, processor))
-        logger.info("stripes between: %s", "; ".join(decision.reasons) or "the way was not clear of late")
+        logger.info("stripes between: %s", "; ".join(decision.reasons) or "an earlier scan found obstacles")
         if job.recording is not None:
             job.recording.extend("standard" if decision.is_whole else None)
         processor = processor.extended()

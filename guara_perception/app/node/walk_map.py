@@ -1,11 +1,11 @@
-"""The fused map along a walk: leg odometry joins the pauses, the rolling map keeps what was seen."""
+"""Fused map of a walk: leg odometry joins the pauses, a rolling map keeps the observed ground."""
 
 from __future__ import annotations
 
 import copy
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class _WalkState:
-    """Everything that a walk has gathered so far; `withdraw` goes back to a copy of it."""
+    """State of a walk; `withdraw` goes back to a copy of it."""
 
     odometry: LegOdometry
     map: TerrainMap
@@ -32,26 +32,16 @@ class _WalkState:
 
     def copy(self) -> _WalkState:
         """A copy with its own odometry. The map is shared: it is large, and keeps what it needs to go back itself."""
-        return _WalkState(
-            copy.copy(self.odometry),
-            self.map,
-            self.epoch,
-            self.step,
-            self.stance,
-            self.pose,
-            self.last,
-            list(self.restarts),
-        )
+        return replace(self, odometry=copy.copy(self.odometry), restarts=list(self.restarts))
 
 
 class WalkMap:
-    """Follows one walk. When the odometry is lost or another walk begins, the map starts again and says so.
+    """Map of one walk, which starts again when the odometry is lost or another walk begins; its record says so.
 
-    A scan that is fused may turn out to be wrong: `withdraw` undoes all since `keep`.
+    A fused scan may turn out to be wrong: `withdraw` undoes all updates since `keep`.
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
-        """Start before the first pause."""
         self._robot = robot
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
@@ -60,12 +50,12 @@ class WalkMap:
 
     @property
     def latest(self) -> TerrainGrid | None:
-        """The map that `update` or `withdraw` returned last."""
+        """The map that `update` or `withdraw` returned last, None before the first."""
         return self._latest
 
     @property
     def restarts(self) -> tuple[str, ...]:
-        """Why the map was started again, each time."""
+        """Reason of each restart of the map."""
         return tuple(self._state.restarts)
 
     def update(
@@ -78,13 +68,13 @@ class WalkMap:
         epoch: str = "",
         time: float | None = None,
     ) -> TerrainGrid:
-        """Fuse the scan of one pause and give the map in base_footprint of that pause.
+        """Fuse the scan of one pause and return the map in base_footprint of that pause.
 
         Args:
             step: number of the pause, growing along a walk.
             stance: stance of the robot at that pause.
             terrain: grid of the scan alone.
-            known_ground: what the gait declares, in base_footprint of this pause.
+            known_ground: ground that the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
             time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
 
@@ -100,25 +90,21 @@ class WalkMap:
         elif state.step is not None and step <= state.step:
             self._restart(f"step {step} came after step {state.step}: another walk")
         state.pose = pose = self._locate(stance)
-        state.last = self._latest = state.map.update(
-            terrain,
-            pose,
-            known_ground=known_ground,
-            time=time,
-        ).restated(**self._reported(pose))
+        fused = state.map.update(terrain, pose, known_ground=known_ground, time=time)
+        state.last = self._latest = fused.restated(**self._reported(pose))
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
 
     def keep(self) -> None:
-        """Make all that was fused so far permanent: `withdraw` goes back to here."""
+        """Make all updates so far permanent: `withdraw` goes back to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
 
     def withdraw(self, terrain: TerrainGrid, *, time: float | None = None) -> TerrainGrid:
-        """Undo all since `keep`, and give the map of the pauses before, in base_footprint of the withdrawn one.
+        """Undo all updates since `keep`; return the map of the pauses before, in base_footprint of the withdrawn one.
 
         Args:
-            terrain: grid of the withdrawn pause, without a known cell; its health says why.
+            terrain: grid of the withdrawn pause, without a known cell; its health gives the reason.
             time: as in `update`.
 
         Raises:
@@ -137,11 +123,8 @@ class WalkMap:
         self._kept = self._state.copy()
         # A map that began again with this pause has another `odom` than the map before, of which nothing may be shown.
         known = TerrainMap(self._robot) if began_again else self._state.map
-        self._latest = known.view(
-            terrain,
-            pose,
-            time=time,
-        ).restated(**self._reported(pose), health=terrain.record.health)
+        view = known.view(terrain, pose, time=time)
+        self._latest = view.restated(**self._reported(pose), health=terrain.record.health)
         return self._latest
 
     def _reported(self, pose: OdometryPose) -> dict[str, object]:

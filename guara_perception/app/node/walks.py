@@ -1,4 +1,4 @@
-"""Which walk an announcement of the gait belongs to, and whether it is for this node at all."""
+"""Assignment of announcements to walks; refusal of those that are late or for another node."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ REMEMBERED = 64
 
 
 class Walks:
-    """Knows the walks that ended; names the walks of a gait that gives no epoch."""
+    """Register of walks: refuses those that ended, names those of a gait that gives no epoch."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Start before the first walk.
@@ -24,7 +24,7 @@ class Walks:
         self._past: list[str] = []
 
     def refusal(self, announcement: StancePause, last: Pause | None) -> str:
-        """Why an announcement is not for this node; empty when it is. `last` is the newest pause."""
+        """Reason to refuse an announcement, empty when there is none; `last` is the newest pause."""
         if announcement.robot != self._robot:
             return f"the announcement is for robot {announcement.robot!r}, this node is {self._robot!r}"
         epoch = announcement.epoch
@@ -39,7 +39,7 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """The walk that a pause belongs to; where the gait gives none, a lower step begins another walk."""
+        """Walk of a pause; where the gait names none, a lower step begins another walk."""
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
         if announcement.epoch:

@@ -1,4 +1,4 @@
-"""A thread that writes for others: tasks wait in memory up to a limit, and whoever hands one over never waits."""
+"""Thread that runs tasks for others: they wait in memory up to a limit, and handing one over never blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ logger = logging.getLogger(__name__)
 
 
 class WriterThread:
-    """Runs tasks one after the other, in the order in which they came, until it is closed."""
+    """Runs tasks one after the other, in the order of their arrival, until it is closed."""
 
     def __init__(self, name: str, limit: int) -> None:
         """Start.
@@ -32,7 +32,7 @@ class WriterThread:
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait."""
+        """Bytes of the waiting tasks."""
         with self._changed:
             return self._waiting
 
@@ -47,12 +47,12 @@ class WriterThread:
             return True
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all that was handed over is done; False when `timeout` [s] passed before."""
+        """Wait until all tasks are done; False when `timeout` [s] passed first."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._tasks and not self._is_busy, timeout)
 
     def close(self, timeout: float) -> bool:
-        """Take nothing more, and end when all is done; False when `timeout` [s] passed before, and it goes on alone."""
+        """Accept no more tasks and end when all are done; False when `timeout` [s] passed first: it then goes on."""
         is_done = self.flush(timeout)
         with self._changed:
             self._is_closing = True
