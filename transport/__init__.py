@@ -29,7 +29,7 @@ from transport.links.outbox import Outbox as Outbox
 from transport.links.publisher import Publisher as Publisher
 from transport.links.received import Received as Received
 from transport.links.receiver import NewestReceiver as NewestReceiver
-from transport.links.ros2 import Ros2Mirror as Ros2Mirror
+from transport.links.ros2 import Ros2Bridge as Ros2Bridge
 from transport.links.session import Session as Session
 from transport.links.session import open_client as open_client
 from transport.links.session import open_node as open_node

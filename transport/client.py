@@ -1,4 +1,4 @@
-"""The whole transport of a planner or viewer: the newest grid, scan requests, queries, sign of life."""
+"""Transport of a planner or viewer: newest grids, scan requests, queries, liveliness."""
 
 from __future__ import annotations
 
@@ -56,10 +56,8 @@ class PerceptionClient:
         self.robot = robot
         self._encoding = check_encoding(encoding)
         self._session = session
-        self._receivers: dict[str, NewestReceiver[TerrainMessage]] = {}
+        self._receivers: dict[str, NewestReceiver[Any]] = {}
         self._since: dict[str, float] = {}
-        self._made_of_map: dict[str, NewestReceiver[Any]] = {}
-        self._start = time.monotonic()
         self._judge = GridJudge(session, robot)
         self._waiter = GridWaiter(self._judge, robot)
 
@@ -80,13 +78,7 @@ class PerceptionClient:
         """
         if extent not in EXTENTS:
             raise MessageError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
-        if extent not in self._receivers:
-            key = terrain_key(self.robot, extent, self._encoding)
-            self._receivers[extent] = NewestReceiver(
-                self._session, key, decode_terrain, refusal=lambda terrain: self._judge.refusal(terrain, extent)
-            )
-            self._since[extent] = time.monotonic()
-        return self._receivers[extent]
+        return self._receiver(extent, terrain_key(self.robot, extent, self._encoding), decode_terrain)
 
     @property
     def is_alive(self) -> bool:
@@ -166,7 +158,7 @@ class PerceptionClient:
             ReceiveTimeout: none came although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
         """
-        receiver = self._of_map(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
+        receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
         return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
@@ -174,18 +166,19 @@ class PerceptionClient:
 
         Arguments and errors as in `summary`, but the last regions sent before the first call are received too.
         """
-        receiver = self._of_map(RegionsMessage.extent, regions_key(self.robot), decode_regions)
+        receiver = self._receiver(RegionsMessage.extent, regions_key(self.robot), decode_regions)
         return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
-    def _of_map(
+    def _receiver(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
     ) -> NewestReceiver[G]:
-        """The receiver of what is made of the map, subscribed to when first asked for."""
-        if extent not in self._made_of_map:
-            self._made_of_map[extent] = NewestReceiver(
-                self._session, key, decode, latched=latched, refusal=lambda made: self._judge.refusal(made, extent)
+        """The receiver of one kind of grid, subscribed to at its first use."""
+        if extent not in self._receivers:
+            self._receivers[extent] = NewestReceiver(
+                self._session, key, decode, latched=latched, refusal=lambda grid: self._judge.refusal(grid, extent)
             )
-        return self._made_of_map[extent]
+            self._since[extent] = time.monotonic()
+        return self._receivers[extent]
 
     def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
         return self._waiter.first(self.receiver(extent), self._since[extent] + within - time.monotonic())
@@ -279,7 +272,7 @@ class PerceptionClient:
             try:
                 callback(self._judge.check(received, mine, patience=SETTLE, is_superseded=newer))
             except StaleTerrain as error:
-                notices.say("not handed over: %s", error)
+                notices.log("not handed over: %s", error)
 
         receiver.on_newest(hand_over)
 

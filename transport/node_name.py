@@ -27,6 +27,14 @@ NAME_TIMEOUT = 15.0
 POLL = 0.25
 # [s] To reach the node that holds the port.
 KNOCK_TIMEOUT = 0.5
+TWO_NODES = (
+    "another node lives under the name {}, beyond an uplink: readers there take the grids of one of the two. Give one "
+    "of them another name"
+)
+WAITING_NODE = (
+    "another node wants the name {} and waits until this one is gone: one robot has one node. Stop one of the two, or "
+    "give it another name"
+)
 ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
@@ -145,23 +153,12 @@ class NameWatch:
     def items(self) -> list[StatusItem]:
         """Empty when nobody else is there."""
         if self._runs.names - {self._run}:
-            level, message = (
-                Health.ERROR,
-                (
-                    f"another node lives under the name {self._robot!r}, beyond an uplink: readers there take the "
-                    "grids of one of the two. Give one of them another name"
-                ),
-            )
+            level, text = Health.ERROR, TWO_NODES
         elif self._claims.names:
-            level, message = (
-                Health.WARN,
-                (
-                    f"another node wants the name {self._robot!r} and waits until this one is gone: one robot has one "
-                    "node. Stop one of the two, or give it another name"
-                ),
-            )
+            level, text = Health.WARN, WAITING_NODE
         else:
             return []
+        message = text.format(repr(self._robot))
         return [StatusItem(name="name", level=level, message=message, hardware_id=self._robot)]
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The whole transport of a perception node: grids, scan requests, queries, status, sign of life."""
+"""Transport of a perception node: grids, scan requests, queries, status, liveliness."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from transport.keys import (
 from transport.links.last_message import Payload
 from transport.links.liveliness import AliveToken
 from transport.links.outbox import Outbox
-from transport.links.ros2 import Ros2Mirror
+from transport.links.ros2 import Ros2Bridge
 from transport.links.session import Resource, Session
 from transport.messages.codec import encode
 from transport.messages.regions_message import RegionsMessage
@@ -69,8 +69,8 @@ class PerceptionServer(Resource):
             session: open session of the node.
             robot: instance name.
             collect_status: function that gives further status items; runs once a second on the reporter's thread.
-            ros2_domain: ROS 2 domain into which occupancy, grid map and status (as `/diagnostics`) are mirrored; None
-                mirrors nothing.
+            ros2_domain: ROS 2 domain to which occupancy, grid map and status (as `/diagnostics`) are bridged; None
+                for no bridge.
             name_timeout: [s] how long to wait for another node of this name to vanish.
 
         Raises:
@@ -83,8 +83,8 @@ class PerceptionServer(Resource):
         self._collect = collect_status
         self._lock = threading.Lock()
         self._newest: dict[str, TerrainMessage] = {}
-        # Footprint whose occupancy and grid map are out.
-        self._mirrored: TerrainMessage | None = None
+        # Footprint whose occupancy and grid map were published.
+        self._derived: TerrainMessage | None = None
         self._sequences = dict.fromkeys(EXTENTS, 0)
         self._step: int | None = None
         self._epoch = ""
@@ -97,16 +97,16 @@ class PerceptionServer(Resource):
         self._outbox = Outbox()
         self._grids = GridPublishers(session, robot, self._outbox)
         self.views = ViewSender(session, robot=robot)
-        self._mirror = None if ros2_domain is None else Ros2Mirror(session, robot=robot, domain=ros2_domain)
+        self._bridge = None if ros2_domain is None else Ros2Bridge(session, robot=robot, domain=ros2_domain)
         self._draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]] | None = None
         self._queries = QueryServer(session, self._newest.get, robot=robot)
         self._scans: ScanServer | None = None
         self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
         self._status = StatusReporter(session, self._items, robot=robot)
-        if self._mirror is not None:
-            mirror = self._mirror
-            self._status.follow(lambda payload: mirror.put("/diagnostics", STATUS, payload))
+        if self._bridge is not None:
+            bridge = self._bridge
+            self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
         # Last: whoever sees the tokens asks at once.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
         self._names = NameWatch(session, robot, self.run, self._status.changed)
@@ -157,7 +157,7 @@ class PerceptionServer(Resource):
             self._newest[terrain.extent] = terrain
             is_over = self._standing is not None and self._is_other_pause(terrain)
             if terrain.extent == "footprint" and not is_over:
-                self._mirrored = terrain
+                self._derived = terrain
             if self._standing is None and terrain.extent == "footprint":
                 # Nobody announces pauses here, as in a replay: the newest scan is of the newest pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
@@ -172,7 +172,7 @@ class PerceptionServer(Resource):
 
     def _post_derived(self, terrain: TerrainMessage, occupancy: Percent | None) -> None:
         if occupancy is not None and terrain.extent == "footprint":
-            self._grids.post_derived(terrain, occupancy, self._mirror if self._draw is None else None)
+            self._grids.post_derived(terrain, occupancy, self._bridge if self._draw is None else None)
         if self._draw is not None:
             draw = self._draw
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
@@ -183,26 +183,26 @@ class PerceptionServer(Resource):
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Let the mirror carry what `draw` makes of each grid: pairs of topic, as in `mirror`, and message object.
+        """Send what `draw` makes of each grid to ROS 2: pairs of topic, as in `mirror`, and message object.
 
-        Occupancy and grid map of the mirror then come from there too.
+        Occupancy and grid map for ROS 2 then come from there too.
         """
         self._draw = draw
 
     def mirror(self, make: Callable[[], Iterable[tuple[str, Any]]], *, lane: str) -> None:
-        """Send message objects to ROS 2, if it is mirrored; returns at once, they are made on a thread of the outbox.
+        """Send message objects to ROS 2 if there is a bridge; returns at once, they are made on a thread of the outbox.
 
         Args:
             make: function that gives pairs of topic, below `/<robot>/`, and message object.
             lane: name of a queue of which only the newest message is sent; one that still waits there is left out.
         """
-        mirror = self._mirror
-        if mirror is None:
+        bridge = self._bridge
+        if bridge is None:
             return
 
         def send() -> None:
             for name, message in make():
-                mirror.put(name, message.__msgtype__, encode(message))
+                bridge.put(name, message.__msgtype__, encode(message))
 
         self._outbox.post(f"ros2 {lane}", send, lane=f"ros2 {lane}")
 
@@ -242,10 +242,10 @@ class PerceptionServer(Resource):
                 # Another pause of the same number: readers take the grid before for overtaken.
                 self._sequences["footprint"] += 1
                 self._given_up = self._sequences["footprint"]
-            mirrored, self._mirrored = self._mirrored, None
+            derived, self._derived = self._derived, None
         self._status.changed()
-        if mirrored is not None:
-            self._empty(mirrored)
+        if derived is not None:
+            self._empty(derived)
 
     def end_step(self) -> None:
         """Say that the pause is over: the robot moves, or nobody knows."""
@@ -305,17 +305,8 @@ class PerceptionServer(Resource):
     def _release(self) -> None:
         # What waits is sent first.
         self._outbox.close()
-        resources: list[Any] = [
-            self._failures,
-            self._status,
-            *self._tokens,
-            self._names,
-            self._scans,
-            self._queries,
-            self._mirror,
-        ]
-        resources += [self._grids, self.views]
-        for resource in resources:
+        resources: list[Any] = [self._failures, self._status, *self._tokens, self._names, self._scans, self._queries]
+        for resource in (*resources, self._bridge, self._grids, self.views):
             if resource is not None:
                 resource.close()
 

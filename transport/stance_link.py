@@ -191,7 +191,7 @@ class StanceReceiver(NewestReceiver[StancePause]):
 
     def _hand_on(self, announcement: StancePause | MessageError) -> None:
         if isinstance(announcement, MessageError):
-            self._refusals.say("announcement on %s refused: %s", self.key, announcement)
+            self._refusals.log("announcement on %s refused: %s", self.key, announcement)
             if self._on_refused is not None:
                 self._on_refused(announcement)
         elif self._on_pause is not None:

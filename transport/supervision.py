@@ -1,4 +1,4 @@
-"""Supervised threads and callbacks: their failures are logged and told to followers, and threads are restarted."""
+"""Supervised threads and callbacks: failures are logged and reported to followers, threads are restarted."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ LOG_PERIOD = 10.0
 
 
 class Seldom:
-    """Writes the first line of a kind at once, and after that one per period, with the number that it stands for."""
+    """Rate-limited log lines: the first at once, then one per period with the number of those left out."""
 
-    def __init__(self, log: logging.Logger, level: int = logging.WARNING, period: float = LOG_PERIOD) -> None:
-        """Write to `log`."""
-        self._log, self._level, self._period = log, level, period
+    def __init__(self, target: logging.Logger, level: int = logging.WARNING, period: float = LOG_PERIOD) -> None:
+        """Write to the logger `target`."""
+        self._target, self._level, self._period = target, level, period
         self._lock = threading.Lock()
         self._next = 0.0
         self._held_back = 0
 
-    def say(self, text: str, *values: object) -> None:
+    def log(self, text: str, *values: object) -> None:
         """Write a line, or count it; arguments as in `logging.Logger.log`."""
         now = time.monotonic()
         with self._lock:
@@ -49,7 +49,7 @@ class Seldom:
             self._next, held_back, self._held_back = now + self._period, self._held_back, 0
         if held_back:
             text += f" ({held_back} more like this in the last {self._period:g} s or longer)"
-        self._log.log(self._level, text, *values)
+        self._target.log(self._level, text, *values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def forget(take: Follower) -> None:
 
 
 def report(part: str, error: BaseException, *, is_final: bool = False) -> Failure:
-    """Tell all followers of a failure, then log it; a part that fails again and again is logged now and then."""
+    """Notify all followers of a failure and log it; repeated failures of one part are rate-limited."""
     failure = Failure(part, f"{type(error).__name__}: {error}", is_final, time.monotonic())
     with _lock:
         followers = list(_followers)
@@ -102,9 +102,9 @@ def report(part: str, error: BaseException, *, is_final: bool = False) -> Failur
         try:
             take(failure)
         except Exception:
-            logger.exception("telling of a failure failed")
-    say = logger.critical if is_final else line.say
-    say("%s\n%s", failure, "".join(traceback.format_exception(error)).rstrip())
+            logger.exception("reporting a failure failed")
+    write = logger.critical if is_final else line.log
+    write("%s\n%s", failure, "".join(traceback.format_exception(error)).rstrip())
     return failure
 
 

@@ -171,4 +171,4 @@ class LiveMoments:
             self._show(Moment(grids, footholds=planned, **parts))
             self._has_shown = True
         except (KinematicsError, PerceptionError) as error:
-            self._refusals.say("not shown; is it from another robot than %r (--robot)? %s", self._model.name, error)
+            self._refusals.log("not shown; is it from another robot than %r (--robot)? %s", self._model.name, error)

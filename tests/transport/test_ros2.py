@@ -1,4 +1,4 @@
-"""Tests of the mirror for ROS 2: keys, tokens, attachment, and a subscriber as rmw_zenoh declares it."""
+"""Tests of the bridge to ROS 2: keys, tokens, attachment, and a subscriber as rmw_zenoh declares it."""
 
 import json
 import struct
@@ -110,7 +110,7 @@ def test_names_that_ros_does_not_take_are_refused(endpoint: str, domain: int, ro
     """Domain and robot name must be such that ROS 2 can use them."""
     with transport.open_node(listen=endpoint) as session:
         with pytest.raises(ConfigurationError, match=expected_text):
-            transport.Ros2Mirror(session, robot=robot, domain=domain)
+            transport.Ros2Bridge(session, robot=robot, domain=domain)
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ class GridJudge:
             if age is not None:
                 return max(age, received.age)
             if self.node.is_alive:
-                self._unasked.say(
+                self._unasked.log(
                     "the node of %r does not answer for its clock: ages come from the wall clocks of both "
                     "machines. Access rules made by an earlier version? `guara security renew` on their machine",
                     self._robot,

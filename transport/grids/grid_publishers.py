@@ -12,7 +12,7 @@ from transport.keys import grid_map_key, occupancy_key, regions_key, summary_key
 from transport.links.last_message import MadeOnce, Payload
 from transport.links.outbox import Outbox
 from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher
-from transport.links.ros2 import Ros2Mirror
+from transport.links.ros2 import Ros2Bridge
 from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.compact import encode_compact
@@ -93,8 +93,8 @@ class GridPublishers:
         self._summary.close()
         self._regions.close()
 
-    def post_derived(self, terrain: TerrainMessage, occupancy: Percent, mirror: Ros2Mirror | None) -> None:
-        """Hand over occupancy and grid map of a footprint; `mirror` takes them for ROS 2 too."""
+    def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
+        """Hand over occupancy and grid map of a footprint; `bridge` also publishes them for ROS 2."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
 
         def make_occupancy() -> bytearray:
@@ -110,11 +110,11 @@ class GridPublishers:
             (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),
         )
         for publisher, made, name, kind in sent:
-            self._outbox.post(publisher.key, partial(_send, publisher, made, mirror, name, kind), lane=terrain.extent)
+            self._outbox.post(publisher.key, partial(_send, publisher, made, bridge, name, kind), lane=terrain.extent)
 
 
-def _send(publisher: Publisher, made: MadeOnce, mirror: Ros2Mirror | None, name: str, kind: str) -> None:
-    """Put on the publisher's key, and on a topic of ROS 2 where that is mirrored."""
+def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:
+    """Put on the publisher's key, and on a topic of ROS 2 if there is a bridge."""
     publisher.put(made)
-    if mirror is not None:
-        mirror.put(name, kind, made())
+    if bridge is not None:
+        bridge.put(name, kind, made())

@@ -1,4 +1,4 @@
-"""Who is alive: the token that a node shows, and the watcher that sees it come and go."""
+"""Liveliness tokens: declared by a node, watched by those who depend on it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from transport.links.session import Resource, Session
 
 
 class AliveToken(Resource):
-    """Shows that this session lives; others see it vanish when it closes, dies or hangs."""
+    """Liveliness token of this session; others see it vanish when the session closes, dies or hangs."""
 
     def __init__(self, session: Session, key: str) -> None:
         """Declare the token on `key`, as in `keys.alive_key`."""
@@ -23,46 +23,6 @@ class AliveToken(Resource):
         self._session.undeclare(self._raw)
 
 
-class AliveWatcher(Resource):
-    """Watcher of the token on one key.
-
-    Attributes:
-        key: key of the token.
-        is_alive: whether the token is there now.
-        was_seen: whether the token was there at any time.
-    """
-
-    def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] | None = None) -> None:
-        """Watch `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
-        self.key = key
-        self._changed = threading.Condition()
-        self.is_alive = self.was_seen = False
-        self._on_change = on_change
-        self._raw: Any = session.attempt(
-            lambda: zenoh_api.watch_tokens(session.raw, key, self._on_token), f"cannot watch {key!r}"
-        )
-        super().__init__(session)
-
-    def _on_token(self, key: str, alive: bool) -> None:
-        with self._changed:
-            self.is_alive = alive
-            self.was_seen |= alive
-            self._changed.notify_all()
-        if self._on_change is not None:
-            self._on_change(alive)
-
-    def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is there (or gone); False when `timeout` [s] passed before."""
-        with self._changed:
-            self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
-            return self.is_alive == alive
-
-    def _release(self) -> None:
-        with self._changed:
-            self._changed.notify_all()
-        self._session.undeclare(self._raw)
-
-
 class TokenWatcher(Resource):
     """Watcher of a group of tokens.
 
@@ -70,7 +30,7 @@ class TokenWatcher(Resource):
         names: last chunks of the keys of all tokens that are there now.
     """
 
-    def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None] | None = None) -> None:
+    def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None]) -> None:
         """Watch `keys`, a key expression; `on_change(names)` runs on Zenoh's thread and must not block."""
         self._lock = threading.Lock()
         self.names: frozenset[str] = frozenset()
@@ -84,8 +44,44 @@ class TokenWatcher(Resource):
         name = key.rpartition("/")[2]
         with self._lock:
             self.names = names = self.names | {name} if alive else self.names - {name}
-        if self._on_change is not None:
-            self._on_change(names)
+        self._on_change(names)
 
     def _release(self) -> None:
         self._session.undeclare(self._raw)
+
+
+class AliveWatcher(TokenWatcher):
+    """Watcher of the token on one key.
+
+    Attributes:
+        was_seen: whether the token was there at any time.
+    """
+
+    def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] = lambda is_alive: None) -> None:
+        """Watch `key`; `on_change(is_alive)` runs on Zenoh's thread and must not block."""
+        self._changed = threading.Condition()
+        self.was_seen = False
+        self._on_alive = on_change
+        super().__init__(session, key, self._note)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the token is there now."""
+        return bool(self.names)
+
+    def wait(self, alive: bool, timeout: float) -> bool:
+        """Wait until the token is there (or gone); False when `timeout` [s] passed before."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
+            return self.is_alive == alive
+
+    def _note(self, names: frozenset[str]) -> None:
+        with self._changed:
+            self.was_seen |= bool(names)
+            self._changed.notify_all()
+        self._on_alive(bool(names))
+
+    def _release(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
+        super()._release()

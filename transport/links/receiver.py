@@ -112,7 +112,7 @@ class NewestReceiver(Resource, Generic[T]):
                 refusal = ""
             if refusal:
                 self.refused += 1
-                self._refusals.say("message on %s not taken: %s", self.key, refusal)
+                self._refusals.log("message on %s not taken: %s", self.key, refusal)
                 return
         with self._changed:
             if self._sample is not None and not self._sample.taken:
@@ -171,7 +171,7 @@ class NewestReceiver(Resource, Generic[T]):
             try:
                 received = self._open(sample)
             except MessageError as error:
-                self._refusals.say("message on %s refused: %s", self.key, error)
+                self._refusals.log("message on %s refused: %s", self.key, error)
                 continue
             if predicate(received):
                 return received
@@ -247,7 +247,7 @@ class NewestReceiver(Resource, Generic[T]):
         try:
             received = self._open(sample)
         except MessageError as error:
-            self._refusals.say("message on %s refused: %s", self.key, error)
+            self._refusals.log("message on %s refused: %s", self.key, error)
             if on_refused is not None:
                 on_refused(error)
             return

@@ -1,4 +1,4 @@
-"""Mirrors messages in the form that rmw_zenoh uses, so that ROS 2 nodes see them as topics."""
+"""Bridge to ROS 2: messages published as rmw_zenoh does, so that ROS 2 nodes see them as topics."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class _Topic:
         self._publisher.close()
 
 
-class Ros2Mirror(Resource):
+class Ros2Bridge(Resource):
     """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and a late subscriber gets the last message.
 
     `/<robot>/occupancy` and `/<robot>/grid_map` are there from the start, others from their first message on.
@@ -101,7 +101,7 @@ class Ros2Mirror(Resource):
                 f"robot name {robot!r} cannot be part of a ROS 2 topic; use letters, digits and '_', no digit in front"
             )
         self._robot, self._domain = robot, domain
-        self._mirrored, self._lock = session, threading.Lock()
+        self._bridged, self._lock = session, threading.Lock()
         self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
         self._topics: dict[str, _Topic] = {}
         for name, type_name in (("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)):
@@ -123,7 +123,7 @@ class Ros2Mirror(Resource):
         with self._lock:
             if name not in self._topics:
                 entity_id = FIRST_ENTITY_ID + len(self._topics)
-                self._topics[name] = _Topic(self._mirrored, self._domain, entity_id, name, type_name)
+                self._topics[name] = _Topic(self._bridged, self._domain, entity_id, name, type_name)
             return self._topics[name]
 
     def _release(self) -> None:
