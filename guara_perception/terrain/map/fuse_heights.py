@@ -1,4 +1,4 @@
-"""One scan's word on the cells of the map, and a height joined to what a cell remembers: Kalman filter with a gate."""
+"""Observation of map cells by a scan, and fusion of heights into them by a Kalman filter with a gate."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
+from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
-# 3 sigma: one good look in 370 is taken for a disagreement, and the next one mends it.
+# At 3 sigma one correct observation in 370 is rejected; the next one corrects it.
 GATE_SIGMAS = 3.0
-# The cell was looked at, and what came back (if anything) was no height that may be used.
+# The cell was observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
-# Assumed error that all heights of one scan have in common, and those of another scan do not: calibration and mount.
+# Assumed error common to all heights of a scan, independent between scans: calibration and mount.
 LOOK_SIGMA_M = 0.0005
 SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryDrift:
-    """How far leg odometry may have drifted since the start.
+    """Drift of leg odometry since the start.
 
     Attributes:
         rise: variance of z [m^2].
         shift: variance along x or y, whichever is larger [m^2].
-        turn: variance of the heading [rad^2].
+        turn: variance of yaw [rad^2].
     """
 
     rise: float = 0.0
@@ -38,13 +39,33 @@ class OdometryDrift:
 
 
 @dataclass(frozen=True, slots=True)
-class Heights:
-    """New heights of some cells, arrays (n,) of one length.
+class MapPause:
+    """A pause at which the map is updated or queried.
 
     Attributes:
-        slot: slot of each cell in the memory, none twice.
+        pause: number of the pause.
+        stamp: time by the clock that gives the age of cells [ns].
+        drift: drift of the odometry.
+        sideways: sideways drift of the cells.
+        transform_footprint_to_odom: (4, 4).
+    """
+
+    pause: int
+    stamp: int
+    drift: OdometryDrift
+    sideways: SidewaysDrift
+    transform_footprint_to_odom: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Heights:
+    """New heights of some cells, arrays (n,).
+
+    Attributes:
+        slot: slot of each cell in the memory, without duplicates.
         height: [m] in odom.
         variance: [m^2].
+        distance: distance of each cell from the robot [m], the lever arm of a yaw error.
         below, above: distance of the lowest and highest sample from the height, 0 or more [m].
         steepness: tan^2 of the slope.
     """
@@ -52,69 +73,46 @@ class Heights:
     slot: Index
     height: Float
     variance: Float
-    below: Float
-    above: Float
-    steepness: Float
+    distance: Float
+    below: Float | float = 0.0
+    above: Float | float = 0.0
+    steepness: Float | float = 0.0
 
 
 def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Variance that cells have gained since they were last seen: drift in z, and sideways drift on a slope [m^2].
+    """Variance that cells gained since they were last seen: drift in z, and sideways drift on a slope [m^2].
 
     Args:
-        cells: the memory.
+        cells: memory of the map.
         slot: (n,) slots of the cells.
-        drift: drift of the odometry now.
-        distance: (n,) distances of the cells from the robot [m], the lever of a wrong heading.
+        drift: present drift of the odometry.
+        distance: (n,) distances of the cells from the robot [m], the lever arm of a yaw error.
     """
     memory = cells.memory
-    rise = np.maximum(drift.rise - memory["rise"][slot], 0.0)
-    return np.asarray(rise + memory["steepness"][slot] * sideways_variance(cells, slot, drift, distance))
+    rise, shift, turn = (
+        np.maximum(getattr(drift, name) - memory[name][slot], 0.0) for name in ("rise", "shift", "turn")
+    )
+    return np.asarray(rise + memory["steepness"][slot] * (shift + turn * distance**2))
 
 
-def sideways_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Variance of the sideways positions of cells that odometry has added since they were last seen [m^2].
+def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool = True) -> Mask:
+    """Fuse heights into the memory: a Kalman filter per cell with a gate on the innovation.
 
-    Args:
-        cells: the memory.
-        slot: (n,) slots of the cells.
-        drift: drift of the odometry now.
-        distance: (n,) distances of the cells from the robot [m], the lever of a wrong heading.
-    """
-    shift = np.maximum(drift.shift - cells.memory["shift"][slot], 0.0)
-    turn = np.maximum(drift.turn - cells.memory["turn"][slot], 0.0)
-    return np.asarray(shift + turn * distance**2)
-
-
-def fuse_heights(
-    cells: OdomCells,
-    new: Heights,
-    drift: OdometryDrift,
-    distance: Float,
-    pause: int,
-    stamp: int,
-    *,
-    is_look: bool = True,
-) -> Mask:
-    """Bring new heights into memory.
-
-    Unknown cells take them over. Known cells are corrected where the new height agrees within GATE_SIGMAS. Where it
-    does not, the cell keeps its height and is marked as in conflict; from then on each new height is compared with the
-    last one, and when two in a row agree they replace the old height.
+    Unknown cells take the new height. Known cells are updated if the innovation is within GATE_SIGMAS; otherwise the
+    cell keeps its height and is in conflict. Each later height is then compared with the previous one, and two in a row
+    that agree replace the old height.
 
     Args:
-        cells: the memory, changed in place.
+        cells: memory of the map, changed in place.
         new: heights.
-        drift: drift of the odometry now.
-        distance: (n,) distances of the cells from the robot [m].
-        pause: number of this pause.
-        stamp: time of this pause [ns].
-        is_look: whether a scan saw the cells (and not, for instance, a foot).
+        now: present pause.
+        is_scan: the heights come from a scan (and not, for instance, from a foot).
 
     Returns:
-        (n,) whether each height was accepted.
+        (n,) mask of the accepted heights.
     """
     memory, slot = cells.memory, new.slot
-    grown = drift_variance(cells, slot, drift, distance)
+    grown = drift_variance(cells, slot, now.drift, new.distance)
     height, variance = memory["height"][slot], memory["variance"][slot] + grown
     below, above = memory["below"][slot], memory["above"][slot]
     other, other_variance = memory["other"][slot], memory["other_variance"][slot] + grown
@@ -138,7 +136,7 @@ def fuse_heights(
     memory["variance"][slot] = np.where(
         joined, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
     )
-    # While looks disagree the lowest and the highest sample of both are kept.
+    # While observations disagree the lowest and the highest sample of both are kept.
     below_both = np.maximum(below, height - (new.height - new.below))
     above_both = np.maximum(above, new.height + new.above - height)
     memory["below"][slot] = np.where(confirmed, np.maximum(below, new.below), np.where(rejected, below_both, new.below))
@@ -148,27 +146,17 @@ def fuse_heights(
     memory["other"][slot] = np.where(rejected, new.height, np.nan)
     memory["other_variance"][slot] = np.where(rejected, new.variance, 0.0)
     memory["cause"][slot] = 0
-    mark_seen(cells, slot, drift, pause, stamp)
-    if is_look:
+    memory["pause"][slot], memory["stamp"][slot] = now.pause, now.stamp
+    for name in ("rise", "shift", "turn"):
+        memory[name][slot] = getattr(now.drift, name)
+    if is_scan:
         looks = memory["looks"][slot]
         memory["looks"][slot] = np.where(was_known, np.minimum(looks, 254) + 1, 1)
     return np.asarray(~rejected)
 
 
-def mark_seen(cells: OdomCells, slot: Index, drift: OdometryDrift, pause: int, stamp: int) -> None:
-    """Remember when, and at what drift, cells were last seen."""
-    for name, value in (
-        ("pause", pause),
-        ("stamp", stamp),
-        ("rise", drift.rise),
-        ("shift", drift.shift),
-        ("turn", drift.turn),
-    ):
-        cells.memory[name][slot] = value
-
-
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
-    """Forget what was known of cells that were looked at without a return."""
+    """Forget cells that were observed without a return."""
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan
@@ -178,16 +166,15 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """One scan, by cells of the rolling map.
+class Observation:
+    """A scan in the cells of the map.
 
     Attributes:
-        heights: cells that were seen.
-        empty: slots of cells that were looked at without a usable return.
+        heights: cells with a height.
+        empty: slots of cells that were observed without a usable return.
         empty_cause: flags of these cells.
-        unseen: slots of cells in the area that were not looked at.
+        unseen: slots of cells of the area that were not observed.
         unseen_cause: flags of these cells.
-        distance: distance of the seen cells from the robot [m].
     """
 
     heights: Heights
@@ -195,17 +182,16 @@ class Look:
     empty_cause: Flags
     unseen: Index
     unseen_cause: Flags
-    distance: Float
 
 
-def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Look:
-    """What the scan's grid says of every cell of the map that the scanned area covers.
+def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Observation:
+    """Resample a scan to the cells of the map that its area covers.
 
-    Values come from the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts as
-    one itself: part of it was looked at and nothing was seen.
+    Values are those of the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts
+    as one itself: part of it was observed, and nothing was seen.
 
     Args:
-        cells: the memory, with its window around the robot.
+        cells: memory of the map, with its window around the robot.
         terrain: grid of the scan alone.
         transform_footprint_to_odom: (4, 4).
     """
@@ -217,12 +203,12 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
     cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
     slot = cells.slots(cy, cx)
-    # From below the robot to the centre of each cell, along the axes of odom and of the footprint.
+    # Offsets of the cell centres from the footprint, along the axes of odom, then of the footprint.
     offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
     (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
     x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
     if np.any(transform[:2, 2]):
-        # Where the two verticals differ a cell's height moves it sideways.
+        # If the two verticals differ, the height of a cell moves it sideways.
         height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
         offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
         x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
@@ -247,7 +233,7 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         layers["variance"]
         + LOOK_SIGMA_M**2
         + tilt_variance(terrain, at_x, at_y)
-        # The nearest cell lies up to half a cell aside; within a cell the ground has some relief of its own.
+        # The nearest cell is up to half a cell away; within a cell the ground has relief.
         + steepness * resolution**2 / 12
         + relief**2 / 12
     )
@@ -256,22 +242,22 @@ def look_at(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         slot=slot[is_seen],
         height=in_odom,
         variance=variance,
+        distance=np.sqrt(at_x * at_x + at_y * at_y),
         below=np.maximum(height - layers["elevation_min"], 0.0),
         above=np.maximum(layers["elevation_max"] - height, 0.0),
         steepness=steepness,
     )
-    return Look(
+    return Observation(
         heights=heights,
         empty=slot[is_empty],
         empty_cause=returned_nothing[is_empty],
         unseen=slot[unseen],
         unseen_cause=own[unseen],
-        distance=np.sqrt(at_x * at_x + at_y * at_y),
     )
 
 
 def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
-    """Flags of all cells of the scan that cells of the map touch, whose centres (n,) lie on the scan's grid."""
+    """Flags of all scan cells that map cells touch, whose centres (n,) lie on the scan's grid."""
     if not x.size:
         return np.empty(0, np.uint16)
     half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
@@ -282,7 +268,7 @@ def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transf
 
 
 def scan_flags(terrain: TerrainGrid) -> Flags:
-    """Flags of a scan's cells; cells of a stripe that was fired and whose frame was lost count as DROPOUT.
+    """Flags of a scan's cells; cells of a fired stripe whose frame was lost are DROPOUT.
 
     Raises:
         InvalidInput: `lost_cells` of the metadata is no list of runs on this grid.
@@ -301,9 +287,9 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
 
 
 def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint at points from the tilt of the stance pose [m^2]; 0 without its covariance.
+    """Variance of heights in base_footprint from the tilt of the stance pose [m^2]; 0 without its covariance.
 
-    A rotation (rx, ry) about the footprint's axes lifts the point (x, y) by rx y - ry x.
+    A rotation (rx, ry) about the footprint's axes raises the point (x, y) by rx y - ry x.
     """
     terrain.record.check("pose_covariance")
     covariance = terrain.record.pose_covariance

@@ -1,4 +1,4 @@
-"""Fusion of one scan, and of ground that the gait declares, into the cells of the map; the checks before it."""
+"""Fusion of a scan, and of ground that the gait declares, into the cells of the map, with the checks of both."""
 
 from __future__ import annotations
 
@@ -12,19 +12,25 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import inside_polygon
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import LOOKED_AT, Heights, forget_heights, fuse_heights, look_at
+from guara_perception.terrain.map.fuse_heights import (
+    LOOKED_AT,
+    Heights,
+    MapPause,
+    forget_heights,
+    fuse_heights,
+    observe,
+)
 from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
-from guara_perception.terrain.map.snapshot import MapPause
 from kinematics import ArgumentError, OdometryPose, PoseInOdom
 from kinematics.arrays import read_only
 from kinematics.transforms import checked_covariance, checked_transform, inverse
 
 # Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
 LARGEST_TILT = 0.2
-# Two computations of one vertical differ by rounding: a tilt that moves nothing by more than a nanometre is zero.
+# Rounding of a vertical: a smaller tilt moves nothing by more than a nanometre and counts as zero.
 LEAST_TURN = 1e-9
 
-# A scan waits while the cells inside an outline are found: 30,000 corners would take a minute.
+# Finding the cells inside an outline of 30,000 corners would delay a scan by a minute.
 MOST_CORNERS = 1000
 
 
@@ -58,43 +64,6 @@ class KnownGround:
         object.__setattr__(self, "outline", read_only(outline))
 
 
-def declared_heights(
-    cells: OdomCells, ground: KnownGround, transform_footprint_to_odom: Float
-) -> tuple[Heights, Float]:
-    """Heights for the cells wholly inside a declared patch that no scan has seen, nor looked at without a return.
-
-    Args:
-        cells: the memory of the map.
-        ground: the patch, in base_footprint.
-        transform_footprint_to_odom: (4, 4).
-
-    Returns:
-        The heights, and the distance of their cells from the robot [m].
-    """
-    transform, half = transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
-    outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
-    (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
-    cy, cx = cells.cells_between((x0, y0), (x1, y1))
-    slot = cells.slots(cy, cx)
-    x, y = (np.asarray((c + 0.5) * cells.resolution, np.float64) for c in (cx, cy))
-    covered = (slot >= 0) & inside_polygon(outline, x, y)
-    for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        covered &= inside_polygon(outline, x + sx * half, y + sy * half)
-    memory = cells.memory
-    covered &= np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
-    local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
-    nothing = np.zeros(len(local))
-    heights = Heights(
-        slot=slot[covered],
-        height=local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3],
-        variance=np.full(len(local), ground.sigma**2),
-        below=nothing,
-        above=nothing,
-        steepness=nothing,
-    )
-    return heights, np.hypot(local[:, 0], local[:, 1])
-
-
 def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -> None:
     """Refuse a grid that cannot be fused.
 
@@ -124,35 +93,43 @@ def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -
 
 
 def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause) -> int:
-    """Fuse a scan; return the number of heights that disagreed with what was known."""
-    look = look_at(cells, terrain, now.transform_footprint_to_odom)
-    accepted = fuse_heights(cells, look.heights, now.drift, look.distance, now.pause, now.stamp)
-    forget_heights(cells, look.empty, look.empty_cause)
+    """Fuse a scan; return the number of heights that disagreed with the map."""
+    found = observe(cells, terrain, now.transform_footprint_to_odom)
+    accepted = fuse_heights(cells, found.heights, now)
+    forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
-    # A cause says more than "never looked at", and a look without return more than no look.
-    cause = memory["cause"][look.unseen]
-    is_unknown = np.isnan(memory["height"][look.unseen])
-    better = is_unknown & ((cause & LOOKED_AT) == 0) & (look.unseen_cause != np.uint16(Hazard.UNSCANNED))
-    memory["cause"][look.unseen[better]] = look.unseen_cause[better] & UNKNOWN_MASK
+    # A cause is more specific than "not observed", and an observation without return than no observation.
+    is_free = np.isnan(memory["height"][found.unseen]) & ((memory["cause"][found.unseen] & LOOKED_AT) == 0)
+    better = is_free & (found.unseen_cause != np.uint16(Hazard.UNSCANNED))
+    memory["cause"][found.unseen[better]] = found.unseen_cause[better] & UNKNOWN_MASK
     return int((~accepted).sum())
 
 
 def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step: int) -> dict[str, Any]:
-    """Fill the cells of a declared patch; return its entry in the record of the map."""
-    heights, distance = declared_heights(cells, ground, now.transform_footprint_to_odom)
-    fuse_heights(cells, heights, now.drift, distance, now.pause, now.stamp, is_look=False)
-    return {
-        "step": step,
-        "outline": ground.outline.tolist(),
-        "height": ground.height,
-        "sigma": ground.sigma,
-        "cells": int(heights.slot.size),
-    }
+    """Fill unobserved cells wholly inside a declared patch; return its entry in the record of the map."""
+    transform, half = now.transform_footprint_to_odom, cells.resolution / 2 - SHRUNK_M
+    outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
+    (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
+    cy, cx = cells.cells_between((x0, y0), (x1, y1))
+    slot = cells.slots(cy, cx)
+    x, y = (np.asarray((c + 0.5) * cells.resolution, np.float64) for c in (cx, cy))
+    covered = (slot >= 0) & inside_polygon(outline, x, y)
+    for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        covered &= inside_polygon(outline, x + sx * half, y + sy * half)
+    memory = cells.memory
+    covered &= np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
+    local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
+    height = local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3]
+    variance = np.full(len(local), ground.sigma**2)
+    heights = Heights(slot[covered], height, variance, np.hypot(local[:, 0], local[:, 1]))
+    fuse_heights(cells, heights, now, is_scan=False)
+    patch = {"outline": ground.outline.tolist(), "height": ground.height, "sigma": ground.sigma}
+    return {"step": step, **patch, "cells": len(local)}
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedPose:
-    """Copies of the arrays of a `PoseInOdom`, fit to be used; the transform is for the footprint of the scan."""
+    """Checked copies of the arrays of a `PoseInOdom`; the transform is that of the scan's footprint."""
 
     transform: Float
     covariance: Float
@@ -161,13 +138,13 @@ class CheckedPose:
 
 
 def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
-    """Check a pose, and take it to the footprint in which the scan was processed.
+    """Check a pose and transform it to the footprint in which the scan was processed.
 
-    Without gravity the scan's footprint is parallel to the support plane, while that of leg odometry is horizontal by
-    the gravity of earlier pauses.
+    Without gravity the scan's footprint is parallel to the support plane; that of leg odometry is horizontal by the
+    gravity of earlier pauses.
 
     Raises:
-        InvalidInput: a transform that is not rigid or tilts by more than 0.2 rad; a covariance that is none.
+        InvalidInput: a transform that is not rigid or tilts by more than 0.2 rad; an invalid covariance.
     """
     given, own = pose.transform_footprint_to_odom, pose.own_covariance
     since_last = pose.covariance_since_last

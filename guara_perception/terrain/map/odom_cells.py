@@ -1,4 +1,4 @@
-"""The memory of the rolling map: cells that stand still in `odom`, in a window that follows the robot."""
+"""Memory of the rolling map: cells fixed in `odom`, in a window that follows the robot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.arrays import Array, Float, Index
 from guara_perception.terrain.layers.hazard import Hazard
 
 NEVER = -1
-# What is remembered of each cell: type and the value of a cell never seen.
+# Layers of the memory: type, and the value of a cell that was never seen.
 MEMORY: dict[str, tuple[Any, Any]] = {
     "height": (np.float64, np.nan),  # [m] in odom
     "variance": (np.float64, 0.0),  # [m^2] when last seen
@@ -20,8 +20,8 @@ MEMORY: dict[str, tuple[Any, Any]] = {
     "above": (np.float64, 0.0),  # how far the highest sample lies above the height [m]
     "steepness": (np.float64, 0.0),  # tan^2 of the slope when last seen
     "cause": (np.uint16, np.uint16(Hazard.UNSCANNED)),  # why it is unknown, 0 where it is known
-    "conflict": (np.bool_, False),  # whether the last looks disagree
-    "other": (np.float64, np.nan),  # height of the last look while they disagree [m]
+    "conflict": (np.bool_, False),  # the last observations disagree
+    "other": (np.float64, np.nan),  # last height while they disagree [m]
     "other_variance": (np.float64, 0.0),  # its variance [m^2]
     "pause": (np.int64, NEVER),  # number of the pause when last seen
     "stamp": (np.int64, 0),  # time when last seen [ns]
@@ -35,15 +35,16 @@ SHRUNK_M = 1e-7
 
 
 class OdomCells:
-    """Cells of one size, aligned with the axes of `odom`; nothing is ever moved or resampled.
+    """Cells aligned with the axes of `odom`, never moved or resampled.
 
-    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It is stored in row cy mod n, column cx mod n, so
-    that only the rows and columns that enter are cleared when the window moves: what lies far behind is forgotten.
+    Cell (cy, cx) covers cx * resolution <= x < (cx + 1) * resolution. It is stored in row cy mod n and column cx mod n,
+    so that a move of the window only clears the rows and columns that enter.
 
     Attributes:
         resolution: cell edge [m].
         side: rows and columns n of the window.
         memory: every array of MEMORY, (n * n,).
+        first: lowest cell (cy, cx) of the window, None before it is placed.
     """
 
     def __init__(self, resolution: float, reach: float) -> None:
@@ -56,7 +57,7 @@ class OdomCells:
         self.resolution = resolution
         self.side = 2 * (int(np.ceil(reach / resolution)) + 1)
         self.memory = {name: np.full(self.side**2, empty, dtype) for name, (dtype, empty) in MEMORY.items()}
-        self._first: tuple[int, int] | None = None
+        self.first: tuple[int, int] | None = None
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
         """Cells (cy, cx) under points of `odom`."""
@@ -70,8 +71,8 @@ class OdomCells:
         However large the rectangle, only its cells in the window are given.
         """
         (x0, y0), (x1, y1) = ((int(np.floor(v / self.resolution)) for v in corner) for corner in (low, high))
-        if self._first is not None:
-            first_y, first_x = self._first
+        if self.first is not None:
+            first_y, first_x = self.first
             x0, y0 = max(x0, first_x), max(y0, first_y)
             x1, y1 = min(x1, first_x + self.side - 1), min(y1, first_y + self.side - 1)
         cx, cy = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
@@ -79,14 +80,14 @@ class OdomCells:
 
     def slots(self, cy: Index, cx: Index) -> Index:
         """Slots of cells in the arrays of memory, -1 for cells outside the window."""
-        if self._first is None:
+        if self.first is None:
             return np.full(np.broadcast_shapes(np.shape(cy), np.shape(cx)), -1, dtype=np.int64)
-        first_y, first_x = self._first
+        first_y, first_x = self.first
         inside = (cy >= first_y) & (cy < first_y + self.side) & (cx >= first_x) & (cx < first_x + self.side)
         return np.where(inside, (cy % self.side) * self.side + cx % self.side, -1)
 
     def patch(self, name: str, first: tuple[int, int], shape: tuple[int, int], outside: Any) -> Array:
-        """What is remembered of the cells of a rectangle, as an array of its own.
+        """Copy of a layer of the memory over a rectangle of cells.
 
         Args:
             name: a name in MEMORY.
@@ -95,10 +96,10 @@ class OdomCells:
             outside: value of cells outside the window.
         """
         square = self.memory[name].reshape(self.side, self.side)
-        if self._first is None:
-            return np.full(shape, outside, square.dtype)
         values = np.full(shape, outside, square.dtype)
-        rows, columns = (self._pieces(first[axis], shape[axis], self._first[axis]) for axis in (0, 1))
+        if self.first is None:
+            return values
+        rows, columns = (self._pieces(first[axis], shape[axis], self.first[axis]) for axis in (0, 1))
         for to_rows, from_rows in rows:
             for to_columns, from_columns in columns:
                 values[to_rows, to_columns] = square[from_rows, from_columns]
@@ -115,25 +116,20 @@ class OdomCells:
             if end > start
         ]
 
-    @property
-    def first(self) -> tuple[int, int] | None:
-        """Lowest cell (cy, cx) of the window, None before it was placed."""
-        return self._first
-
     def restore(self, memory: Mapping[str, Array], first: tuple[int, int] | None) -> None:
         """Copy the memory of a window of the same size and its lowest cell."""
         for name, values in self.memory.items():
             np.copyto(values, memory[name])
-        self._first = first
+        self.first = first
 
     def centre_on(self, x: float, y: float) -> None:
-        """Move the window so that a point of `odom` is in its centre; forget the cells that leave it."""
+        """Centre the window on a point of `odom`; forget the cells that leave it."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))
-        if self._first is None:
-            self._first = (cy, cx)
+        if self.first is None:
+            self.first = (cy, cx)
             return
-        old_y, old_x = self._first
-        self._first = (cy, cx)
+        old_y, old_x = self.first
+        self.first = (cy, cx)
         rows = _entering(old_y, cy, self.side)
         columns = _entering(old_x, cx, self.side)
         for name, (_, empty) in MEMORY.items():
@@ -158,7 +154,7 @@ class HasIndices(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Squares:
-    """Squares laid over a grid: which of its cells each of them touches, in the block of the grid that any touches.
+    """Squares over a grid: the cells that each touches, in the block of cells that any touches.
 
     Attributes:
         first: (iy, ix) of the lowest cell of that block.
@@ -174,9 +170,9 @@ class Squares:
 
     @classmethod
     def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
-        """Upright squares of half edge `half` about points (n,), n >= 1; for rotated ones give the upright ones around.
+        """Axis-aligned squares of half edge `half` about points (n,), n >= 1; for rotated ones their bounding squares.
 
-        They touch all rows and columns from the lowest corner's to the highest one's.
+        They touch all rows and columns from the lowest corner to the highest.
         """
         reach = half - SHRUNK_M
         low_y, low_x = grid.indices(x - reach, y - reach)
@@ -189,15 +185,15 @@ class Squares:
         return cls(first, shape, most, (rows * most[1] + columns) * (shape[0] * shape[1]) + lowest)
 
     def joined(self, layer: Array, join: np.ufunc, which: Index | None = None) -> Array:
-        """Values of an array of this shape, joined over all cells that each square touches.
+        """Reduction of an array of this shape over the cells that each square touches.
 
         Args:
             layer: (rows, columns) of the block of the grid.
-            join: function of two values that takes them in any order.
+            join: commutative and associative function of two values.
             which: indices of the squares; None = all.
         """
         rows, columns = self.most
-        # table[i, j] joins i + 1 rows and j + 1 columns from each cell on; no square reaches over the array's edge.
+        # table[i, j] joins i + 1 rows and j + 1 columns from each cell on; no square extends beyond the array.
         table = np.empty((rows, columns, *self.shape), layer.dtype)
         table[0, 0] = layer
         for down in range(1, rows):

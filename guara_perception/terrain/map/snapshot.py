@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Array, Flags, Float
+from guara_perception.arrays import Array, Flags
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.disc import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
@@ -15,30 +14,10 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import OdometryDrift, drift_variance, tilt_variance
+from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance, tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
-from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
 NEVER_SEEN_AGE = 255
-
-
-@dataclass(frozen=True, slots=True)
-class MapPause:
-    """The pause at which the map is asked for.
-
-    Attributes:
-        pause: number of the pause.
-        stamp: time by the clock that gives the age of cells [ns].
-        drift: drift of the odometry.
-        sideways: sideways drift of the cells.
-        transform_footprint_to_odom: (4, 4).
-    """
-
-    pause: int
-    stamp: int
-    drift: OdometryDrift
-    sideways: SidewaysDrift
-    transform_footprint_to_odom: Float
 
 
 def snapshot_layers(
@@ -46,9 +25,9 @@ def snapshot_layers(
 ) -> dict[str, Array]:
     """All layers of the `map` extent.
 
-    Soles stay on the grid, but the discs of their tests also read what the map knows beyond its border.
-    A cell whose square touches an unknown cell of the map is unknown, with the causes of all of them; lowest and
-    highest samples are those of all cells touched, so that no narrow bump slips between the nearest ones.
+    Soles stay on the grid, but the discs of their tests also read known ground beyond its border. A cell whose square
+    touches an unknown cell of the map is unknown, with the causes of all of them; lowest and highest samples are those
+    of all cells touched, so that no narrow bump is missed between the nearest ones.
     """
     inner, beyond = geometry, beyond_border(disc_kernel(settings.limits.disc_radius / geometry.resolution))
     geometry = inner.widened(beyond)
@@ -60,7 +39,7 @@ def snapshot_layers(
     )
     x, y = np.tile(x, y.size), np.repeat(y, x.size)
     if np.any(transform[:2, 2]):
-        # Where the two verticals differ a cell's height moves it sideways.
+        # If the two verticals differ, the height of a cell moves it sideways.
         slot = cells.slots(*cells.indices(in_odom_x, in_odom_y))
         rise = memory["height"][slot] - (row[0] * x + row[1] * y + row[3])
         height = np.nan_to_num(np.where(slot >= 0, rise, 0.0) / row[2])
@@ -78,14 +57,14 @@ def snapshot_layers(
     high = heights + cells.patch("above", squares.first, squares.shape, 0.0)
     slot = cells.slots(*cells.indices(in_odom_x.take(known), in_odom_y.take(known)))
     pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
-    # While looks disagree, lowest and highest sample are those of both; so the larger variance goes with them.
+    # While observations disagree, lowest and highest sample are those of both; the larger variance applies to them.
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
     variance += drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
-    # Depends on the tested cell alone, never on whether others are known: so losing those makes none safe.
+    # Depends on the tested cell alone, so that losing other cells never makes it safe.
     aside = now.sideways.variances(memory["pause"].take(slot), in_odom_x.take(known), in_odom_y.take(known), transform)
     drifted = np.ceil(settings.limits.confidence * np.sqrt(aside) / geometry.resolution)
     drifted = np.minimum(drifted, LARGEST_DRIFT_CELLS).astype(np.intp)
-    # What was seen at this very pause shares its tilt; older heights do not.
+    # Heights of this pause share its tilt; older ones do not.
     variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
     def shaped(values: Array, unknown: Any) -> Array:
@@ -110,7 +89,7 @@ def snapshot_layers(
 
 
 def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings) -> Flags:
-    """Why each cell of the memory is unknown, and whether it is in conflict or stale; UNSCANNED outside."""
+    """Flags of the cells of the memory: causes of unknown cells, CONFLICT, STALE; UNSCANNED outside."""
 
     def patch(name: str, outside: Any) -> Array:
         return cells.patch(name, squares.first, squares.shape, outside)
@@ -120,7 +99,7 @@ def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings
     # Older than its validity, in pauses or in seconds.
     old = now.pause - patch("pause", now.pause) > settings.validity_pauses
     age = now.stamp - patch("stamp", now.stamp)
-    # Seen in the future: by another clock, so that nobody knows how long ago.
+    # Seen in the future: stamped by another clock, so the age is unknown.
     old |= (age > settings.validity_seconds * 1e9) | (age < 0)
     flags[old & np.isfinite(patch("height", np.nan))] |= np.uint16(Hazard.STALE)
     return flags

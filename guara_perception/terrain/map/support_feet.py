@@ -1,8 +1,7 @@
-"""Feet on the ground measure its height: soles check the map, fill ground that no scan saw, correct odometry's z.
+"""Supporting soles as height measurements: they correct the z of odometry and fill ground that no scan saw.
 
-Leg odometry's z is a random walk. A sole that stands on ground which the map knows measures its error against that
-ground; a scalar Kalman filter subtracts the error that the soles agree on. Nothing is shifted silently: the correction
-of each pause and the sum of all are in the map's record, and soles beyond the gate are not used but named.
+The z of leg odometry is a random walk. A sole on ground that the map knows measures its error; a scalar Kalman filter
+subtracts the error common to the soles. The map's record holds the correction, and names soles outside the gate.
 """
 
 from __future__ import annotations
@@ -15,17 +14,17 @@ import numpy as np
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.map.fuse_heights import GATE_SIGMAS, LOOKED_AT, Heights, OdometryDrift, fuse_heights
+from guara_perception.terrain.map.fuse_heights import GATE_SIGMAS, LOOKED_AT, Heights, MapPause, fuse_heights
 from guara_perception.terrain.map.odom_cells import OdomCells
 from kinematics import RobotModel
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
 
-# A level sole stands on the highest ground under it; one cell in ten may be higher by noise.
+# A level sole rests on the highest ground under it; one cell in ten may be higher by noise.
 BEARING_QUANTILE = 0.9
-# Sigma of how much lower than the sole the ground under it may lie, where no scan saw it.
+# Sigma of the height of unscanned ground under a sole.
 UNSEEN_RELIEF_M = 0.003
-# Least share of the cells under a sole that scans must have seen for its height to be compared with the map's.
+# Least fraction of scanned cells under a sole whose height is compared with the map.
 COMPARED_SHARE = 0.5
 
 
@@ -58,7 +57,7 @@ def support_feet(
     transform_footprint_to_odom: Float,
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
-    """The supporting soles of the stance at which a scan was taken; none where its record holds no stance."""
+    """The supporting soles at a scan; none if its record holds no stance."""
     record = terrain.record
     record.check("stance", "transform_base_to_footprint", "support_feet_used")
     stance, transform_base_to_footprint = record.stance, record.transform_base_to_footprint
@@ -89,7 +88,7 @@ def support_feet(
 
 
 def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
-    """Height of a sole over the ground that scans saw under it; None where the map knows too little of that ground."""
+    """Error of a sole against the scanned ground under it; None if too little of it is known."""
     memory = cells.memory
     slot = foot.slot[_scanned(cells, foot)]
     if not foot.slot.size or slot.size < COMPARED_SHARE * foot.slot.size:
@@ -98,27 +97,17 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
     return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][slot].mean()))
 
 
-def fill_under_foot(cells: OdomCells, foot: FootMeasurement, drift: OdometryDrift, pause: int, stamp: int) -> None:
-    """Give cells under a sole the sole's height, where no scan saw ground and none looked without a return.
+def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
+    """Give cells under a sole its height where no scan observed the ground.
 
-    Ground that scans saw keeps its height: one sole says nothing about the relief under it, and the height anchor
-    corrects the error that all soles have in common.
+    Ground that scans saw keeps its height: a sole does not measure the relief under it, and the height anchor corrects
+    the error common to all soles.
     """
     memory = cells.memory
     is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.slot] & LOOKED_AT) == 0)
-    if not is_free.any():
-        return
     slot = foot.slot[is_free]
-    nothing = np.zeros(slot.size)
-    heights = Heights(
-        slot=slot,
-        height=np.full(slot.size, foot.centre[2]),
-        variance=np.full(slot.size, foot.variance + UNSEEN_RELIEF_M**2),
-        below=nothing,
-        above=nothing,
-        steepness=nothing,
-    )
-    fuse_heights(cells, heights, drift, foot.distance[is_free], pause, stamp, is_look=False)
+    height, variance = (np.full(slot.size, value) for value in (foot.centre[2], foot.variance + UNSEEN_RELIEF_M**2))
+    fuse_heights(cells, Heights(slot, height, variance, foot.distance[is_free]), now, is_scan=False)
 
 
 def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
@@ -129,7 +118,7 @@ def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class SoleError:
-    """Height of a sole over the map's ground under it [m], and its variance without the error of odometry [m^2]."""
+    """Height of a sole above the map [m], and its variance without the error of odometry [m^2]."""
 
     residual: float
     variance: float
@@ -137,14 +126,14 @@ class SoleError:
 
 @dataclass(frozen=True, slots=True)
 class HeightAnchor:
-    """State of the filter.
+    """State of the height filter.
 
     Attributes:
         offset: correction to be added to the z of leg odometry [m].
         variance: variance of the walk's height against the map [m^2].
-        rise: variance that cells gain while they are not seen, summed since the start [m^2].
-        odometry: variance of z that leg odometry gave last [m^2].
-        rejected: legs whose soles stood too far off at this pause.
+        rise: variance that unseen cells have gained since the start [m^2].
+        odometry: last variance of z by leg odometry [m^2].
+        rejected: legs whose soles were outside the gate at this pause.
     """
 
     offset: float = 0.0
@@ -154,25 +143,25 @@ class HeightAnchor:
     rejected: tuple[str, ...] = ()
 
     def after(self, odometry_variance: float, soles: Mapping[str, SoleError]) -> HeightAnchor:
-        """The state one pause later.
+        """Predict and update the filter at the next pause.
 
         Args:
-            odometry_variance: variance of z that leg odometry has gathered since the start [m^2].
-            soles: leg -> its error with this anchor's offset already in it.
+            odometry_variance: variance of z by leg odometry since the start [m^2].
+            soles: leg -> its error, this anchor's offset included.
         """
         growth = max(odometry_variance - self.odometry, 0.0)
         prior = variance = self.variance + growth
         correction = 0.0
         rejected = []
         for leg, sole in soles.items():
-            innovation_variance = variance + sole.variance
-            if (sole.residual + correction) ** 2 > GATE_SIGMAS**2 * innovation_variance:
+            innovation, innovation_variance = sole.residual + correction, variance + sole.variance
+            if innovation**2 > GATE_SIGMAS**2 * innovation_variance:
                 rejected.append(leg)
                 continue
             gain = variance / innovation_variance if innovation_variance > 0 else 0.0
-            correction -= gain * (sole.residual + correction)
+            correction -= gain * innovation
             variance *= 1 - gain
-        # Cells keep the share of the growth that the soles did not remove again.
+        # Cells gain the fraction of the growth that the soles did not remove.
         kept = variance / prior if prior > 0 else 1.0
         return HeightAnchor(
             offset=self.offset + correction,

@@ -14,7 +14,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, Health, MapRecord
-from guara_perception.terrain.map.fuse_heights import OdometryDrift
+from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.known_ground import (
     KnownGround,
     check_scan,
@@ -24,7 +24,7 @@ from guara_perception.terrain.map.known_ground import (
 )
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
+from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import PoseInOdom, RobotModel
@@ -160,7 +160,7 @@ class TerrainMap:
         now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position), transform)
         rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
-            fill_under_foot(self._cells, foot.raised(correction), drift, pause, clock)
+            fill_under_foot(self._cells, foot.raised(correction), now)
         # The record names earlier patches too, as long as cells that they filled may still be valid.
         oldest = terrain.step - settings.validity_pauses
         ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]

@@ -11,9 +11,9 @@ import pytest
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.map.fuse_heights import OdometryDrift
+from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.odom_cells import SHRUNK_M, OdomCells
-from guara_perception.terrain.map.snapshot import MapPause, snapshot_layers
+from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import RobotModel
 
