@@ -1,4 +1,4 @@
-"""`calibrate`: a session folder into a calibration, or a refusal with its reasons."""
+"""`calibrate`: compute a calibration from a session folder, or refuse with the reasons."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def calibrate_folder(
     force: bool = False,
     progress: Progress | None = None,
 ) -> CalibrationResult:
-    """As `calibrate`, with all the evidence, for reports.
+    """Calibrate as `calibrate`; return all the evidence, for reports.
 
     Raises:
         See `calibrate`.
@@ -64,7 +64,7 @@ def calibrate_folder(
 
 
 def refuse(result: CalibrationResult) -> None:
-    """Raise when the verdict is `refused`.
+    """Raise if the verdict is `refused`.
 
     Raises:
         CalibrationRefused: it is.

@@ -1,4 +1,4 @@
-"""`TerrainClient`: what a planner uses to get grids and to ask for scans."""
+"""`TerrainClient`: receives grids and requests scans, for planners."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 class TerrainClient:
-    """Receives the newest terrain of one robot; use it in a `with` block.
+    """Receiver of the newest terrain of one robot; use it in a `with` block.
 
     Example:
         with TerrainClient("tcp/127.0.0.1:7447", robot="guara") as client:
@@ -46,7 +46,7 @@ class TerrainClient:
             security: folder of a role made by `guara security init`, for a node with security.
             timeout: seconds to wait for the connection.
             encoding: "lossless", or "compact" for slow links: an eighth of the size, heights to 0.06 mm, all else
-                rounded to the safe side, so that nothing is accepted which the lossless grid refuses.
+                rounded to the safe side, so that nothing is accepted that the lossless grid refuses.
 
         Raises:
             transport.KeyNameError: unknown encoding.
@@ -55,7 +55,7 @@ class TerrainClient:
         check_name(robot)
         check_encoding(encoding)
         session = open_client(endpoint, security=security, timeout=timeout)
-        # Each extent is subscribed to when first asked for: a map is large, and not everybody needs it.
+        # Each extent is subscribed to on first use: a map is large, and not every client needs it.
         self._client = PerceptionClient(session, robot=robot, encoding=encoding)
 
     def __enter__(self) -> Self:
@@ -66,15 +66,15 @@ class TerrainClient:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the node shows its sign of life."""
+        """Whether the node is alive, by its sign of life."""
         return self._client.is_alive
 
     def status(self) -> Status | None:
-        """The node's newest status, or None when none came yet; an item `node` says when the node has been silent."""
+        """The node's newest status, None before the first; an item `node` reports a node that has been silent."""
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
-        """Grids received, superseded before anybody asked, missed on the way, and rejected.
+        """Numbers of grids received, superseded before use, missed on the way, and rejected.
 
         Rejected are damaged grids, those of another robot, frame or node, and those older than the one before.
         """
@@ -84,7 +84,7 @@ class TerrainClient:
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """How the node's wall clock stands against this machine's; ages do not depend on it. None: not known yet."""
+        """Offset of the node's wall clock from this machine's, None before it is known; ages do not depend on it."""
         return self._client.clock_offset
 
     def latest(
@@ -97,15 +97,15 @@ class TerrainClient:
     ) -> TerrainGrid:
         """The newest grid, if it may be used.
 
-        A footprint may be used from its scan until the next pause begins, or until the gait tells of movement, while
-        its node lives and says so. A map may be used for as many pauses as it says.
+        A footprint may be used from its scan until the next pause begins or the gait announces movement, while its node
+        is alive. A map may be used for as many pauses as its record states.
 
         Args:
-            max_age: seconds since the end of its scan; None = the grid's own validity. It stretches the age alone.
+            max_age: seconds since the end of its scan; None = the grid's own validity. No other rule is relaxed.
             extent: "footprint" (last scan) or "map" (fused).
-            allow_stale: hand out a stale grid too: of another pause or walk, withdrawn, too old, or no longer vouched
-                for by a living node. `stale_because` of the grid says why, and its questions want `allow_stale` too.
-            confirmed_only: refuse a provisional grid.
+            allow_stale: return a stale grid too: of another pause or walk, withdrawn, too old, or of a node that is no
+                longer alive. `stale_because` of the grid gives the reasons, and its questions need `allow_stale` too.
+            confirmed_only: reject a provisional grid.
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
@@ -126,8 +126,8 @@ class TerrainClient:
     ) -> TerrainSummary:
         """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
 
-        It has no history, so that a router on the way may thin it out: the first call waits for one, a later one only
-        when the newest may not be used.
+        A router on the way may thin summaries out, since none depends on an earlier one. The first call waits for a
+        summary, a later call only when the newest may not be used.
 
         Args:
             timeout: seconds to wait for one that may be used.
@@ -174,8 +174,9 @@ class TerrainClient:
     ) -> Iterator[TerrainGrid]:
         """Yield the newest grid that may be used, then each newer one as it comes; stale ones are skipped.
 
-        Up to three grids of one pause come: coarse, refined, and confirmed once the gait has said that the robot stood
-        still. A grid that takes earlier ones back comes too: nothing is known in it, and `stale_because` says why.
+        A pause gives up to three grids: coarse, refined, and confirmed once the gait has announced that the robot stood
+        still. A grid that withdraws earlier ones is yielded too: nothing is known in it, and `stale_because` gives the
+        reason.
 
         Args:
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
@@ -212,8 +213,8 @@ class TerrainClient:
     ) -> None:
         """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
 
-        Which grids come is as in `stream`. One that may not be used, or breaks the safety invariant, is logged and not
-        handed over.
+        The grids are those of `stream`. One that may not be used, or breaks the safety invariant, is logged and not
+        passed on.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -247,13 +248,13 @@ class TerrainClient:
             step: number of the pause.
             timeout: seconds to wait.
             extent: "footprint" or "map".
-            epoch: identity of the walk as the gait announces it; None takes the walk that the node is on. A gait that
-                starts counting again should give it: before its first BEGIN is heard, the node is on the walk before.
+            epoch: identity of the walk as the gait announces it; None = the current walk of the node. Give it for a
+                gait that starts counting again: the node is on the walk before until it receives the first BEGIN.
             confirmed: the same as `confirmed_only`.
             max_age, allow_stale: as in `latest`.
-            confirmed_only: wait until the gait has said that the robot stood still through the scan; before, a grid is
-                provisional (`TerrainGrid.is_provisional`): it may be used while the robot stands, and may be withdrawn.
-            refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never such a one.
+            confirmed_only: wait until the gait has confirmed that the robot stood still through the scan; until then a
+                grid is provisional (`TerrainGrid.is_provisional`): usable while the robot stands, and may be withdrawn.
+            refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never coarse.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
@@ -281,21 +282,21 @@ class TerrainClient:
         allow_stale: bool = False,
         confirmed_only: bool = False,
     ) -> TerrainGrid:
-        """Ask for a scan now and return its grid.
+        """Request a scan and return its grid.
 
         Args:
             mode: "coarse" or "standard".
             timeout: seconds until the grid must be there.
-            on_progress: called with every reply on the way.
+            on_progress: called with every progress report.
             allow_stale: as in `latest`.
-            confirmed_only: wait until the gait has confirmed it; before, it is provisional.
+            confirmed_only: wait until the gait has confirmed it; until then it is provisional.
 
         Raises:
             ScanBusy: a scan is under way.
             ScanFailed: the node refused or could not finish.
             ScanTimeout: it was not finished in time.
             ScannerGone: the node went away meanwhile.
-            ScannerUnavailable: no node, or this side may not ask.
+            ScannerUnavailable: no node, or this client has no right to request scans.
         """
         return message_to_terrain(
             self._client.request_scan(
@@ -317,7 +318,7 @@ class TerrainClient:
         allow_stale: bool = False,
         confirmed_only: bool = False,
     ) -> TerrainGrid:
-        """The node's newest grid, or a region (x_min, x_max, y_min, y_max) [m] of it, asked for once.
+        """Fetch the node's newest grid once, or a region (x_min, x_max, y_min, y_max) [m] of it.
 
         `max_age`, `allow_stale` and `confirmed_only` are as in `latest`.
 

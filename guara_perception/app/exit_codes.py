@@ -1,4 +1,4 @@
-"""Exit codes of the `guara` command; 0 is done."""
+"""Exit codes of the `guara` command; 0 is success."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 # A thread of the node failed and was restarted too often (`transport.supervision`).
 EXIT_THREAD_FAILED = 3
-# As a shell has it for a program that Ctrl-C ended.
+# As shells report a program that Ctrl-C ended.
 EXIT_INTERRUPTED = 130

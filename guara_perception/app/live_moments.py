@@ -1,4 +1,4 @@
-"""Moments for the view from a running node: what it publishes of a pause, put together as it arrives."""
+"""Moments of the view from a running node: the messages of each pause, combined as they arrive."""
 
 from __future__ import annotations
 
@@ -36,15 +36,14 @@ if TYPE_CHECKING:
     from transport.links.received import Received
 
 logger = logging.getLogger(__name__)
-# [s] Time that the router has to answer which robots live.
+# [s] Time for the router to list the robots that are alive.
 ROUTER_TIMEOUT_S = 2.0
 
 
 class LiveMoments:
-    """Receives grids, points and pictures of one robot and shows every pause as far as it is known.
+    """Receives grids, points and pictures of one robot and shows each pause as far as it is known.
 
-    Messages with one stamp, mostly the end of their scan, belong together. Once maps come, a scan is shown with its
-    map, in odom.
+    Messages with equal stamps belong together. Once maps arrive, a scan is shown with its map, in odom.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class LiveMoments:
         """Connect.
 
         Args:
-            show: called with every moment, again when more of the same pause has come, on threads of the client.
+            show: called with every moment, again when more of its pause has arrived, on threads of the client.
             model: kinematic model of the robot.
             endpoint, robot, security: as in `TerrainClient`.
 
@@ -90,7 +89,7 @@ class LiveMoments:
         self._client.close()
 
     def missing(self) -> str:
-        """What is waited for, and which robots live on this router; empty once a moment was shown.
+        """Message that is awaited, and the robots alive on this router; empty once a moment was shown.
 
         Asks the router, which may take `ROUTER_TIMEOUT_S`.
         """
@@ -108,7 +107,7 @@ class LiveMoments:
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def state(self) -> tuple[str, bool]:
-        """One line about the newest grid, its age and what speaks against its use; whether anything does."""
+        """One line about the newest grid: its age and the reasons against its use; True if there are any."""
         extent = "map" if "map" in self._grids else "footprint"
         try:
             received = self._client.receiver(extent).latest()
@@ -129,7 +128,7 @@ class LiveMoments:
         with self._lock:
             is_first_map = "map" not in self._grids
             self._grids[terrain.extent] = terrain
-            # The map of this scan is on its way and says where in odom it was; a scan that is taken back may have none.
+            # The map of this scan follows and gives its pose in odom; a withdrawn scan may have none.
             if terrain.extent == "map" or is_first_map or terrain.record.withdrawn:
                 self._show_scan(terrain)
 
@@ -143,7 +142,7 @@ class LiveMoments:
         message = received.message
         image = cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_COLOR)
         if image is None:
-            logger.warning("the camera's picture is left out: it is no %s", message.format)
+            logger.warning("skipping the camera's picture: it is no %s", message.format)
             return
         with self._lock:
             self._picture = read_time(message.header.stamp), image
@@ -156,9 +155,9 @@ class LiveMoments:
             self._show_scan(terrain)
 
     def _show_scan(self, terrain: TerrainGrid) -> None:
-        """Show all that is known of the scan that a grid was made from."""
-        grids = {extent: grid for extent in EXTENTS if (grid := self._grids.get(extent)) is not None}
-        grids = {extent: grid for extent, grid in grids.items() if grid.stamp == terrain.stamp}
+        """Show the scan of a grid as far as it is known."""
+        grids = {name: self._grids[name] for name in EXTENTS if name in self._grids}
+        grids = {name: grid for name, grid in grids.items() if grid.stamp == terrain.stamp}
         parts: dict[str, Any] = {}
         if self._points is not None and self._points[0] == terrain.stamp:
             cloud = [self._points[1]]

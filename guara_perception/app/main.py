@@ -1,4 +1,4 @@
-"""The `guara` command: its subcommands, loaded when called, and how errors become exit codes."""
+"""The `guara` command: its subcommands, loaded when called, and the exit codes of its errors."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ COMMANDS = {name: line for group in GROUPS.values() for name, line in group.item
 # Earlier spellings, still accepted, and the module that holds each as a command.
 ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
-# Set before numpy and OpenCV are loaded. Matrices here are small: the threads of the linear algebra only spin, which
-# costs a quarter of the processor time of a scan. OpenCV's own warnings repeat what our errors say in plain words.
+# Set before numpy and OpenCV are loaded. Matrices here are small: threads of the linear algebra only spin, which costs
+# a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 # Warnings that differ only in these are one warning.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
 # [characters] Longest word of an error that is printed whole.
 LONGEST_WORD = 300
-# The disk is full or broken: no input would help.
+# Errors of a full or broken disk, which are no fault of the input.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 class LazyGroup(click.Group):
-    """A command group that imports a command only when it is called or its help is asked for."""
+    """Command group that imports a command only when it is called or its help is shown."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names in the order of the groups."""
@@ -150,7 +150,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # Whoever read our output is gone (`guara listen | head -1`); Python would complain once more at its end.
+        # The reader of the output is gone (`guara listen | head -1`); Python would report it again when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:
@@ -163,7 +163,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _warnings_as_lines() -> Iterator[None]:
-    """Python's warnings as lines of this program, each once, whatever numbers stand in it."""
+    """Print Python's warnings as lines of this program; those that differ only in numbers are printed once."""
     shown: set[str] = set()
 
     def show(
@@ -186,13 +186,13 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def is_expected(error: Exception) -> bool:
-    """Whether an error is one of those that the packages raise on purpose, or the file system's."""
+    """Whether an error is one that the packages raise on purpose, or one of the file system."""
     roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
     return isinstance(error, OSError) or any(kind.__name__ in roots for kind in type(error).__mro__)
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """Whether the user can mend it: a wrong value or a file that is not there, not a failure at run time."""
+    """Whether the input is wrong, a value or a missing file, as opposed to a failure at run time."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno in DISK_FAILED:
@@ -210,7 +210,7 @@ def text_of(error: Exception) -> str:
 
 
 def _with_help(error: click.ClickException) -> str:
-    """What is wrong with the arguments of a command, and whose help shows the right ones."""
+    """Text of a usage error, with the command whose help explains it."""
     text = error.format_message()
     if isinstance(error, click.UsageError) and error.ctx is not None:
         return f"{text.rstrip('.')} (see {error.ctx.command_path} --help)"
@@ -218,7 +218,7 @@ def _with_help(error: click.ClickException) -> str:
 
 
 def _shortened(word: str) -> str:
-    """A word, as a path, without its middle where it is too long to read."""
+    """A word, such as a path, without its middle if it is too long to read."""
     return word if len(word) <= LONGEST_WORD else f"{word[: LONGEST_WORD // 2]}...{word[-LONGEST_WORD // 2 :]}"
 
 

@@ -74,7 +74,7 @@ class TerrainSummary(Gridded):
 
 
 def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> bytearray:
-    """The summary of a map's message, encoded. What does not fit into the smaller numbers becomes unsafe, never safe.
+    """The encoded summary of a map's message. Values that do not fit into its numbers become unsafe, never safe.
 
     Heights are rounded to the nearest millimetre, traversability down. A height beyond 32.767 m becomes unknown
     (`OUT_OF_RANGE`) and what is beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`. A map too rough to
@@ -93,7 +93,7 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
 
 
 def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
-    """The same with larger cells, each no safer than the worst of those in it.
+    """The summary with larger cells, each no safer than the worst of those in it.
 
     A larger cell has the flags of all its cells, their lowest traversability and their highest height. It is unknown
     when it holds an unknown cell or reaches beyond the map, and what is beside an unknown cell is `EDGE`.

@@ -1,6 +1,6 @@
-"""Grids and stances as messages and back, for all of the program.
+"""Conversion of grids and stances to messages and back.
 
-A grid that breaks the safety invariant is refused on both sides.
+Sender and receiver both reject a grid that violates the safety invariant.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def terrain_to_message(
     """The message of a grid.
 
     Args:
-        terrain: grid that came out of a scan or out of the fused map.
+        terrain: grid of a scan or of the fused map.
         robot: instance name of the robot.
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: fields of the record that are otherwise in the message.
+        stated: fields of the record that differ in the message.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant.
@@ -90,7 +90,7 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
     """The grid of a message.
 
     Raises:
-        UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage on the way.
+        UnsafeGrid: its layers violate the safety invariant, by a defect of the sender or damage on the way.
     """
     stated = {
         "sequence": message.sequence,
@@ -128,13 +128,13 @@ def message_to_stance(message: StanceMessage) -> Stance:
     """The stance of a message.
 
     Raises:
-        kinematics.KinematicsError: it cannot be one: a foot twice, gravity that points up.
+        kinematics.KinematicsError: it is not valid: a foot twice, gravity that points up.
     """
     return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
 
 
 def restamped(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
-    """The same grid at another time [ns] (and pause): a replay is published as if it were scanned now."""
+    """The grid with another stamp [ns] and pause: a replay is published as if it were scanned now."""
     return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
 
 

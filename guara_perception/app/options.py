@@ -1,4 +1,4 @@
-"""Options that several commands share, earlier spellings of options, and the file that holds options of the node."""
+"""Options that several commands share, earlier spellings of options, and the file with options of the node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST_BYTES = 64 * 1024
 
 @dataclass(frozen=True, slots=True)
 class DeviceOptions:
-    """The devices that the options of a live command choose.
+    """Devices by the options of a live command.
 
     Attributes:
         calibration: calibration file; may be left out for simulated devices, and for scans to calibrate with.
@@ -46,7 +46,7 @@ class DeviceOptions:
 
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of `DeviceOptions`, which it gets as its argument `chosen`."""
+    """Add the options of `DeviceOptions` to a command, which gets them as its argument `chosen`."""
     camera = "as `guara doctor --cameras` lists it; default: that of --devices, or 0"
     off_frames = click.Choice(["one", "per stripe", "none"])
     options = (
@@ -54,7 +54,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--robot", help="name or folder of the robot; default: the calibration's"),
         click.option("--devices", type=FILE, help="devices.toml as `guara record` writes it: camera and board"),
         click.option("--camera", help=camera),
-        # Set once for a camera, so devices.toml is where they belong.
+        # Set once for a camera, normally in devices.toml.
         click.option("--trigger", metavar="LINE", hidden=True, help="`trigger` of devices.toml"),
         click.option("--fps", type=click.FloatRange(min=0.1), hidden=True, help="`fps` of devices.toml"),
         click.option("--off-frames", type=off_frames, hidden=True, help="`off_frames` of devices.toml"),
@@ -69,7 +69,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options --board, --pattern, --square and --plates."""
+    """Add the options --board, --pattern, --square and --plates to a command."""
     pattern = click.Choice(["checkerboard", "charuco"])
     options = (
         click.option("--board", default="9x7", help="inner corners of the board, COLUMNSxROWS"),
@@ -94,12 +94,12 @@ def _with_options(
 
 
 def note_new_spelling(old: str, new: str) -> None:
-    """Tell the user of an earlier spelling which one replaces it."""
+    """Report the spelling that replaces an earlier one."""
     click.echo(f"guara: {old} is now {new}; the old spelling works until the next release", err=True)
 
 
 def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **attributes: Any) -> Callable[..., Any]:
-    """Hidden option that tells its new spelling and does the same.
+    """Hidden option that reports its new spelling and does the same.
 
     Args:
         old: earlier spelling.
@@ -113,7 +113,7 @@ def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **att
         if value in (None, False):
             return
         note_new_spelling(old, new)
-        # Options that are given are processed first: the parameter itself then finds this as its default.
+        # click processes given options first, so the parameter finds this as its default.
         context.default_map = {**(context.default_map or {}), name: value if constant is None else constant}
 
     attributes.update(hidden=True, expose_value=False, callback=take, is_flag=constant is not None)

@@ -1,4 +1,4 @@
-"""Publishes grids of one robot: Terrain, OccupancyGrid and GridMap, without ever making the scan wait."""
+"""Publisher of the grids of one robot as Terrain, OccupancyGrid and GridMap, which never makes a scan wait."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def publish_terrain(
     valid_for: float = math.inf,
     stated: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
-    """Hand one grid over for sending; returns at once.
+    """Queue one grid for sending; return its message at once.
 
     Args:
         server: the node's side of the transport.
@@ -33,10 +33,7 @@ def publish_terrain(
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = computed from `scan_end` and the wall clock.
         valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: fields of the record that are otherwise in the message.
-
-    Returns:
-        The message that is sent.
+        stated: fields of the record that differ in the message.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.

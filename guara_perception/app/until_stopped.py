@@ -1,4 +1,4 @@
-"""The end of a program: waiting for Ctrl-C or SIGTERM, and devices closed within a time, whatever they do."""
+"""End of a program: wait for Ctrl-C or SIGTERM, and close the devices within a bounded time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CLOSE_TIMEOUT_S = 30.0
 
 
 class StopEvent(threading.Event):
-    """An event whose endless wait wakes now and then.
+    """Event whose unbounded wait wakes periodically.
 
     The system may give a signal to any thread, but only the main thread runs Python's handlers, and only while it is
     awake.
@@ -42,10 +42,10 @@ class StopEvent(threading.Event):
 
 @contextmanager
 def stop_event() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set while the block runs; the previous handlers are restored afterwards."""
+    """Event that SIGINT and SIGTERM set while the block runs; the previous handlers are restored afterwards."""
     stop = StopEvent()
-    # A handler runs in the main thread, which may hold the event's lock just then: it must not set the event. It puts
-    # into this queue, and another thread sets the event.
+    # A handler runs in the main thread, which may hold the event's lock at that moment, so it must not set the event.
+    # It puts into this queue, and another thread sets the event.
     heard: queue.SimpleQueue[bool] = queue.SimpleQueue()
 
     def handle(number: int, stack: FrameType | None) -> None:
@@ -69,7 +69,7 @@ def stop_event() -> Iterator[threading.Event]:
 
 @contextmanager
 def closed_within(devices: AbstractContextManager[Any], seconds: float | None = None) -> Iterator[None]:
-    """Open `devices`, and close them at the end of the block; when that takes longer, end the process with code 1.
+    """Open `devices` and close them at the end of the block; end the process with code 1 when closing takes longer.
 
     Enter this before whatever must be closed in an orderly way, such as a recording: that is then closed first.
 
@@ -90,7 +90,7 @@ def closed_within(devices: AbstractContextManager[Any], seconds: float | None = 
 
 def _arm(alarm: threading.Timer, seconds: float) -> None:
     alarm.start()
-    # A driver may hang while it holds Python's lock: then no Python thread runs any more, but faulthandler's own does.
+    # A driver may hang while it holds Python's lock: no Python thread runs then, but that of faulthandler does.
     faulthandler.dump_traceback_later(2.0 * seconds, exit=True, file=sys.__stderr__ or 2)
 
 
@@ -98,7 +98,7 @@ def _end(seconds: float) -> None:
     try:
         click.echo(
             f"guara: camera or laser board did not close within {seconds:g} s, ended without them; the board's "
-            "watchdog puts the laser out: see that it is dark, then plug both in again",
+            "watchdog turns the laser off: check that it is dark, then plug both in again",
             err=True,
         )
     finally:

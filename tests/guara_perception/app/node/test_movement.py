@@ -420,7 +420,7 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
     bench_with: Callable[..., AbstractContextManager[Bench]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The status says why and what to do; once the clock is told, the pause is confirmed."""
-    monkeypatch.setattr(StancePublisher, "_on_question", lambda self, query: query.drop())
+    monkeypatch.setattr(StancePublisher, "_answer", lambda self, query: query.drop())
     with bench_with() as bench:
         bench.gait.say(0, PausePhase.BEGIN)
         both(bench, 0)
