@@ -1,7 +1,8 @@
-"""Files that may come from anywhere, read within bounds that are checked first; files written whole or not at all."""
+"""Untrusted files read within bounds that are checked first; files written whole or not at all."""
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 import struct
@@ -68,11 +69,9 @@ def decode_picture(content: bytes, source: str) -> Image:
         FileFormatError: neither PNG nor JPEG, too many pixels, or it cannot be decoded.
     """
     size = _picture_size(content)
-    if size is None:
-        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
-    if not 0 < size[0] * size[1] <= MOST_PIXELS:
+    if size is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
         raise FileFormatError(f"{source}: a picture of {size[0]} x {size[1]} px, allowed: {MOST_PIXELS} px in all")
-    picture = _decode(content, AS_STORED)
+    picture = None if size is None else _decode(content, AS_STORED)
     if picture is None:
         raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
     if b"Exif\0\0" in content or b"eXIf" in content:
@@ -119,7 +118,7 @@ def _picture_size(content: bytes) -> tuple[int, int] | None:
 
 
 def read_arrays(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
-    """The arrays of an .npz file that are wanted and there; others are not unpacked.
+    """Read those of the wanted arrays that an .npz file holds; others are not unpacked.
 
     Raises:
         FileFormatError: no such file, or an array says that it is larger than it is or than `LARGEST_ARRAYS`.
@@ -149,9 +148,7 @@ def _read_array(file: Any, size: int, source: str) -> Array:
     version = np.lib.format.read_magic(file)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, is_fortran, dtype = read_header(file, max_header_size=LARGEST_HEADER)
-    count = 1
-    for side in shape:
-        count *= side
+    count = math.prod(shape)
     length = count * dtype.itemsize
     if dtype.hasobject or length < 0 or length > size:
         raise FileFormatError(f"{source} is said to be {dtype} of shape {shape}, {length} bytes; it has {size})")
@@ -179,7 +176,7 @@ def check_target(path: str | Path) -> Path:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path beside `path`; on success it becomes `path`, on any error it vanishes.
+    """Yield a temporary path beside `path`, which replaces `path` on success and is removed on any error.
 
     The temporary name keeps the suffix, because some writers choose the format by it.
 
@@ -190,10 +187,12 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     path = check_target(path)
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     # Created here, so that it is ours alone, with the permissions that any new file of this user gets.
-    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    temporary.touch(exist_ok=False)
     try:
         yield temporary
-        _to_disk(temporary)
+        # Without this a power cut soon after the rename can leave an empty file under the new name.
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
         # The error of a full disk names no file, or the temporary one, which the user does not know.
@@ -202,12 +201,3 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _to_disk(path: Path) -> None:
-    """Without this a power cut soon after the rename can leave an empty file under the new name."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -1,7 +1,8 @@
-"""A recorded scan: its stripes, the stance from which they were taken, and its frames, read one by one."""
+"""A recorded scan: stripes, stance and frames, which are read one by one."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ class ScanStripe:
     """One stripe of a recorded scan.
 
     Attributes:
-        index: index in the standard pattern, by which the calibration has its laser plane.
+        index: index in the standard pattern; the calibration holds a laser plane for each.
         mirror_angle: commanded mirror angle [rad].
         on: name of the frame with the laser on.
         off: name of the frame with the laser off (may be shared), or None.
@@ -48,8 +49,8 @@ class Scan:
         stance_end: stance at the end, or None where it was not recorded.
         calibration_hash: hash of the calibration that was in use, or None.
         source: file or folder that the scan came from, for messages.
-        read_frame: function that gives the picture, (h, w) or (h, w, 3), of a frame's name.
-        withdrawn: why the node took the grid of this scan back, as the recording says; empty when it did not.
+        read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
+        withdrawn: reason for which the node withdrew the grid of this scan, as recorded; empty when it did not.
     """
 
     robot: str
@@ -67,23 +68,19 @@ class Scan:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise InvalidInput(f"{self.source}: mode is {self.mode!r}, allowed: {', '.join(MODES)}")
-        seen: set[int] = set()
-        for stripe in self.stripes:
-            if stripe.index in seen:
-                raise InvalidInput(
-                    f"{self.source}: stripe index {stripe.index} is listed twice, each may be listed once"
-                )
-            seen.add(stripe.index)
         if not self.stripes:
             raise InvalidInput(f"{self.source}: the scan holds no stripe")
+        index, count = Counter(stripe.index for stripe in self.stripes).most_common(1)[0]
+        if count > 1:
+            raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times, each may be listed once")
 
     @property
     def end(self) -> int:
-        """Stamp of the last stripe [ns since the epoch]; that of the scan where its stripes have none."""
+        """Stamp of the last stripe [ns since the epoch]; `stamp` where the stripes have none."""
         return max(self.stamp, *(stripe.stamp or 0 for stripe in self.stripes))
 
     def frames(self) -> Iterator[tuple[ScanStripe, Image, Image | None]]:
-        """Stripe, laser-on and laser-off picture, stripe by stripe; an off frame that neighbours share is read once.
+        """Iterate over (stripe, laser-on picture, laser-off picture); an off frame that neighbours share is read once.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.
@@ -102,7 +99,7 @@ class FrameReader:
         self._last: tuple[str, Image] | None = None
 
     def read(self, stripe: ScanStripe) -> FramePair:
-        """The pictures of a stripe; an off frame shared with the stripe read before is not read again.
+        """Read the pictures of a stripe; an off frame shared with the stripe before is not read again.
 
         Raises:
             MissingFile, FileFormatError: a frame cannot be read; the message names it.

@@ -157,9 +157,10 @@ def surface_of(
     """
     seen = _seen(stripes, keys, pattern, join_height, y_range)
     variance = np.array([stripes[index].variance for index in seen.indices])
-    found = [confirmed_points(seen.points, variance, seen.confirmed, seen.own)]
-    if seen.has_pairs:
-        found += joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs)
+    found = [
+        confirmed_points(seen.points, variance, seen.confirmed, seen.own),
+        *joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs),
+    ]
     return SurfaceSamples(
         np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
         np.concatenate([each.variance for each in found], dtype=np.float64),
@@ -185,9 +186,8 @@ def surface_lines(
     is_open = np.zeros(indices.size, dtype=bool)
     width = seen.points.shape[2]
     yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
-    if seen.has_pairs:
-        for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
-            yield lines, _neighbours(begins, width)
+    for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
+        yield lines, _neighbours(begins, width)
 
 
 def _neighbours(indices: Index, width: int) -> Index:
@@ -197,7 +197,7 @@ def _neighbours(indices: Index, width: int) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What neighbouring stripes see together.
+    """Points of some stripes and their links to neighbouring ones.
 
     Attributes:
         indices: indices of s stripes.
@@ -217,11 +217,6 @@ class _Seen:
     wanted: Mask
     pairs: list[int]
 
-    @property
-    def has_pairs(self) -> bool:
-        """Whether any pair is asked for."""
-        return any(number >= 0 for number in self.pairs)
-
 
 def _seen(
     stripes: Mapping[int, StripePoints],
@@ -230,7 +225,7 @@ def _seen(
     join_height: float,
     y_range: tuple[float, float],
 ) -> _Seen:
-    """What stripes see together, by the arguments of `surface_of`."""
+    """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
     numbers = {key: number for number, key in enumerate(keys)}
     indices = sorted({index for key in keys for index in key})
     # Coordinates apart, each in one piece of memory: several times faster than points in rows.

@@ -106,20 +106,18 @@ class FrameSamples:
 
     @property
     def unused(self) -> dict[int, str]:
-        """Why the laser-off pictures of some stripes were not used, by index."""
+        """Reasons for which laser-off pictures were not used, by stripe index."""
         return dict(sorted(self._unused.items()))
 
     def excess(self) -> str:
-        """Whether there was too much light, or light that was not steady, and what to change; empty for neither."""
-        if not self._samples:
-            return ""
+        """Text on too much or unsteady light and its remedy; empty for neither."""
         samples = list(self._samples.values())
-        clipped, core, change = (
-            float(np.median([getattr(sample, name) for sample in samples])) for name in ("clipped", "core", "change")
-        )
-        levels = np.array([sample.level for sample in samples])
-        usual = float(np.median(levels))
-        change = max(change, float(np.median([_share(level, usual) for level in levels])))
+        if not samples:
+            return ""
+        clipped, core = _median(samples, "clipped"), _median(samples, "core")
+        usual = _median(samples, "level")
+        from_frame_to_frame = float(np.median([_share(sample.level, usual) for sample in samples]))
+        change = max(_median(samples, "change"), from_frame_to_frame)
         if clipped > MOST_CLIPPED:
             return (
                 f"too bright: {100 * clipped:.0f} % of the picture is clipped without the laser: shade the scene, "
@@ -135,11 +133,11 @@ class FrameSamples:
         return ""
 
     def lack(self) -> str:
-        """Whether the stripe itself is weak, and what to change; empty where it is not, or was not seen at all."""
-        samples = [sample for sample in self._samples.values() if sample.seen > 0]
+        """Text on a weak stripe and its remedy; empty where it is not weak, or was not seen at all."""
+        samples = self._with_laser()
         if not samples or sum(sample.seen for sample in samples) < LEAST_SEEN * len(self._samples):
             return ""
-        peak = float(np.median([sample.peak for sample in samples]))
+        peak = _median(samples, "peak")
         if peak >= WEAKEST_LINE:
             return ""
         return (
@@ -148,19 +146,17 @@ class FrameSamples:
         )
 
     def texture(self) -> str:
-        """Whether the scene's own light hides the stripe for lack of laser-off pictures; empty where it does not."""
-        samples = [sample for sample in self._samples.values() if sample.seen > 0]
-        if not samples:
-            return ""
-        contrast, peak = (
-            float(np.median([getattr(sample, name) for sample in samples])) for name in ("contrast", "peak")
-        )
-        if contrast <= MOST_TEXTURE * peak:
+        """Text on a scene whose own light hides the stripe for lack of laser-off pictures; empty otherwise."""
+        samples = self._with_laser()
+        if not samples or (contrast := _median(samples, "contrast")) <= MOST_TEXTURE * _median(samples, "peak"):
             return ""
         return (
-            f"texture: the scene's own light differs by {contrast:.0f} grey levels of 255, the stripe adds {peak:.0f}: "
-            "take laser-off pictures"
+            f"texture: the scene's own light differs by {contrast:.0f} grey levels of 255, the stripe adds "
+            f"{_median(samples, 'peak'):.0f}: take laser-off pictures"
         )
+
+    def _with_laser(self) -> list[FrameSample]:
+        return [sample for sample in self._samples.values() if sample.seen > 0]
 
 
 STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off pictures "per stripe"'
@@ -184,6 +180,10 @@ def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample
         contrast=0.0 if off is not None else scale * _contrast(thin),
         rows=rows,
     )
+
+
+def _median(samples: Sequence[FrameSample], name: str) -> float:
+    return float(np.median([getattr(sample, name) for sample in samples]))
 
 
 def _level(picture: Image) -> float:
@@ -214,5 +214,5 @@ def _core(on: Image, off: Image | None) -> float:
 
 
 def _any_channel(values: Mask) -> Mask:
-    """Whether it is so in any channel, (rows, columns)."""
+    """Values (rows, columns) that are true in any channel."""
     return np.asarray(values.any(axis=2)) if values.ndim == 3 else values

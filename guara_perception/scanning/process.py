@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
@@ -87,7 +88,7 @@ def run_scan(
 
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Refuse a scan that the node took back, or during which the camera moved by more than robot.toml allows."""
+    """Reject a scan that the node withdrew, or during which the camera moved by more than robot.toml allows."""
     if scan.withdrawn:
         raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot, none is made of it ({scan.withdrawn})")
     if scan.stance_end is None:
@@ -101,44 +102,36 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Refuse a scan that does not belong to the robot or the calibration; warn where it only looks so."""
+    """Reject a scan of another robot or rangefinder; warn where it only looks like one."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, the model given is of {robot.name!r}: use the scan's own"
         )
-    pattern = Settings.of(robot).pattern(scan.mode)
-    foreign = tuple(sorted(stripe.index for stripe in scan.stripes if stripe.index not in pattern))
-    if foreign:
+    indices, pattern = {stripe.index for stripe in scan.stripes}, Settings.of(robot).pattern(scan.mode)
+    if foreign := indices.difference(pattern):
         raise InvalidInput(
-            f"{scan.source}: stripe index {format_indices(foreign)} is not in the {scan.mode} pattern of "
-            f"{robot.name}: {format_indices(tuple(pattern))}"
+            f"{scan.source}: stripe index {_listed(foreign)} is not in the {scan.mode} pattern of {robot.name}: "
+            f"{_listed(pattern)}"
         )
-
-    missing = tuple(sorted({stripe.index for stripe in scan.stripes} - set(calibration.indices)))
-    if missing:
+    if missing := indices.difference(calibration.indices):
         raise CalibrationMismatch(
-            f"{scan.source}: stripe index {format_indices(missing)} is not in the calibration, "
-            f"which holds {format_indices(calibration.indices)}"
+            f"{scan.source}: stripe index {_listed(missing)} is not in the calibration, "
+            f"which holds {_listed(calibration.indices)}"
         )
-    moved = tuple(
-        sorted(
-            stripe.index
-            for stripe in scan.stripes
-            if abs(stripe.mirror_angle - calibration.stripe(stripe.index).mirror_angle) > MIRROR_TOLERANCE
-        )
-    )
-    if moved:
+    angles = {stripe.index: stripe.mirror_angle for stripe in scan.stripes}
+    calibrated = {index: calibration.stripe(index).mirror_angle for index in angles}
+    if moved := {index for index in angles if abs(angles[index] - calibrated[index]) > MIRROR_TOLERANCE}:
         logger.warning(
             "%s: mirror_angle of stripe index %s differs from the calibration's by more than %g rad: heights are wrong "
             "if the mirror really stood there",
             scan.source,
-            format_indices(moved),
+            _listed(moved),
             MIRROR_TOLERANCE,
         )
-    if scan.calibration_hash and calibration.hash and scan.calibration_hash != calibration.hash:
-        logger.warning(
-            "%s was recorded with calibration %s, it is processed with %s",
-            scan.source,
-            scan.calibration_hash,
-            calibration.hash,
-        )
+    recorded, used = scan.calibration_hash, calibration.hash
+    if recorded and used and recorded != used:
+        logger.warning("%s was recorded with calibration %s, it is processed with %s", scan.source, recorded, used)
+
+
+def _listed(indices: Iterable[int]) -> str:
+    return format_indices(tuple(sorted(indices)))

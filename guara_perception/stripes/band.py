@@ -99,7 +99,7 @@ def channel_of(frame: Image, number: int) -> Image:
 
 
 def has_colour(frame: Image) -> bool:
-    """Whether a picture has three channels."""
+    """Test that a picture has three channels."""
     return frame.ndim == 3 and frame.shape[2] == 3
 
 
@@ -144,7 +144,7 @@ def at_rows(picture: Image, rows: Index, columns: Index, channel: int = 0) -> Im
 
 
 class StripeStatus(IntEnum):
-    """What happened in one column; the values never change."""
+    """Result of one column; the values never change."""
 
     OK = 0
     DROPOUT = 1
@@ -178,24 +178,20 @@ class StripeProfile:
     remark: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
+        for name in PROFILE_ARRAYS:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def is_frame_bad(self) -> bool:
-        """Whether the whole frame was refused."""
+        """True where the whole frame was rejected."""
         return bool(self.reason)
 
     def mirrored(self) -> StripeProfile:
         """The profile of the same picture seen in a mirror, its columns in reverse order."""
-        return StripeProfile(
-            self.position_px[::-1],
-            self.sigma_px[::-1],
-            self.status[::-1],
-            self.peak[::-1],
-            self.doubtful_px[::-1],
-            self.reason,
-        )
+        return StripeProfile(*(getattr(self, name)[::-1] for name in PROFILE_ARRAYS), reason=self.reason)
+
+
+PROFILE_ARRAYS = StripeProfile.__slots__[:5]
 
 
 def bad_frame(n: int, reason: str) -> StripeProfile:

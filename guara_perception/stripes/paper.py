@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index, Mask
-from guara_perception.stripes.band import Band, StripeProfile, StripeStatus, bad_frame
+from guara_perception.stripes.band import Band, StripeProfile, StripeStatus, bad_frame, channel_of, has_colour
 from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
+from guara_perception.stripes.measure import NAN
 from guara_perception.stripes.peaks import upper_median
 
 # Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.
@@ -60,13 +61,12 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
         status[found & ((row < 2) | (row > rows - 3))] = StripeStatus.OUT_OF_BAND
     usable = status == StripeStatus.OK
     position = (band.first_row + row).astype(np.float32)
-    nan = np.float32(np.nan)
     return StripeProfile(
-        position_px=np.where(usable, position, nan),
-        sigma_px=np.where(usable, np.float32(SIGMA_PX), nan),
+        position_px=np.where(usable, position, NAN),
+        sigma_px=np.where(usable, np.float32(SIGMA_PX), NAN),
         status=status,
         peak=peak,
-        doubtful_px=np.where(found & ~usable, position, nan),
+        doubtful_px=np.where(found & ~usable, position, NAN),
     )
 
 
@@ -74,10 +74,8 @@ def red_enhanced_grey(frame: Image) -> Grey:
     """Grey picture of 8 bits in which red counts most; a mono picture is taken as it is."""
     if frame.dtype == np.uint16:
         frame = (frame >> 8).astype(np.uint8)
-    if frame.ndim == 2:
-        return np.ascontiguousarray(frame)
-    if frame.shape[2] == 1:
-        return np.ascontiguousarray(frame[:, :, 0])
+    if not has_colour(frame):
+        return channel_of(frame, 0)
     shares = np.array([[BLUE_SHARE, GREEN_SHARE, RED_SHARE]], dtype=np.float32)
     return np.asarray(cv2.transform(frame, shares), dtype=np.uint8).reshape(frame.shape[:2])
 
@@ -88,7 +86,7 @@ def remove_background(grey: Grey, background: Grey) -> Grey:
 
 
 def binarise(light: Grey, threshold: float | None = None) -> Mask:
-    """Where the light exceeds a fixed threshold, or Otsu's but never the noise.
+    """Pixels whose light exceeds a threshold: the given one, or Otsu's, raised above the noise.
 
     Args:
         light: (rows, columns) laser light.
@@ -103,7 +101,7 @@ def binarise(light: Grey, threshold: float | None = None) -> Mask:
 
 
 def mean_rows(thin: Mask) -> tuple[Float, Index]:
-    """Mean row (columns,) of the pixels of each column, NaN where it has no pixel, and how far apart they lie."""
+    """Mean row (columns,) of the pixels of each column, NaN where it has none, and the rows that they extend over."""
     count = thin.sum(axis=0)
     rows = np.arange(len(thin))[:, None]
     mean = np.where(count > 0, (thin * rows).sum(axis=0) / np.maximum(count, 1), np.nan)
@@ -142,7 +140,7 @@ def skeleton(mask: Mask) -> Mask:
 
 @lru_cache(maxsize=1)
 def deletable() -> tuple[Mask, Mask]:
-    """For each of the 256 neighbourhoods whether the pixel may go, for both halves of a pass."""
+    """Tables of the 256 neighbourhoods in which a pixel may be removed, for both halves of a pass."""
     codes = np.arange(256)
     p = [(codes >> bit) & 1 for bit in range(8)]
     neighbours = sum(p)

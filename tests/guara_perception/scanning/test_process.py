@@ -134,7 +134,7 @@ def test_a_stripe_counts_once(paper_scan, calibration, robot):
 
 def test_repeated_index_in_a_scan_is_refused(paper_scan: gp.Scan):
     """A scan that lists an index twice does not say which frame is the stripe's."""
-    with pytest.raises(gp.InvalidInput, match="stripe index 0 is listed twice"):
+    with pytest.raises(gp.InvalidInput, match="stripe index 0 is listed 2 times"):
         dataclasses.replace(paper_scan, stripes=(*paper_scan.stripes, paper_scan.stripes[0]))
 
 

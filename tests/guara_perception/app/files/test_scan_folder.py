@@ -87,7 +87,7 @@ BAD_FIELDS = {
     "index negative": (lambda c: c["stripes"][2].update(index=-2), "stripes[2].index is -2, allowed: 0 ... 9999"),
     "index twice": (
         lambda c: c["stripes"][2].update(index=2),
-        "stripe index 2 is listed twice, each may be listed once",
+        "stripe index 2 is listed 2 times, each may be listed once",
     ),
     "angle NaN": (lambda c: c["stripes"][4].update(mirror_angle=float("nan")), "stripes[4].mirror_angle is nan"),
     "angle in degrees": (
