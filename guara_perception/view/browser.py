@@ -1,4 +1,4 @@
-"""The view in the browser: a walk in 3-D with timeline and camera, served to any number of browsers."""
+"""Browser view of a walk in 3-D, with timeline and camera, for any number of browsers."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from transport.supervision import supervised
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# Where the viewer stands and looks before the first moment, from base_footprint [m].
+# Initial camera position and target in base_footprint [m].
 VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])
-# [s] How long a moment is shown while the walk is played.
+# Time per moment during playback.
 PLAY_PERIOD_S = 0.7
 
 
 class BrowserView:
-    """A small web server that shows moments of a walk; use it in a `with` block.
+    """Web server that shows moments of a walk; use it in a `with` block.
 
     Example:
         with BrowserView(robot, port=8080) as view:
@@ -38,12 +38,12 @@ class BrowserView:
     """
 
     def __init__(self, robot: RobotModel, *, host: str = "127.0.0.1", port: int = 8080) -> None:
-        """Start to serve.
+        """Start the server.
 
         Args:
             robot: robot whose shapes are drawn.
-            host: address to listen at; only this machine by default.
-            port: port to listen at; when it is taken, the next free one.
+            host: address to listen on; only this machine by default.
+            port: port to listen on; if it is taken, the next free one.
 
         Raises:
             MissingExtra: viser is not installed.
@@ -72,11 +72,11 @@ class BrowserView:
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """URL of the view."""
         return f"http://{self._server.get_host()}:{self._server.get_port()}"
 
     def show_recording(self, moments: Sequence[Moment]) -> None:
-        """Show the first of some moments, the others by timeline.
+        """Show recorded moments, the first one at the beginning.
 
         Raises:
             InvalidInput: there are none.
@@ -88,7 +88,7 @@ class BrowserView:
             self._redraw()
 
     def add(self, moment: Moment) -> None:
-        """Show a new moment of a live walk to all but those who look at an earlier one."""
+        """Add a moment of a live walk, and show it unless an earlier one was selected."""
         with self._lock:
             follow = self._timeline.is_newest
             self._timeline.add(moment)
@@ -98,7 +98,7 @@ class BrowserView:
                 self._tell_timeline()
 
     def tell(self, text: str, is_stale: bool) -> None:
-        """Show a line about what is live, in red when it is stale."""
+        """Show a line on the live grid, in red if it is stale."""
         with self._lock, self._server.atomic():
             self._controls.live(text, is_stale)
         self._server.flush()
@@ -106,8 +106,7 @@ class BrowserView:
     def close(self) -> None:
         """Stop serving."""
         self._halt.set()
-        player = self._player
-        if player is not None:
+        if (player := self._player) is not None:
             player.join()
         self._server.stop()
 
@@ -124,10 +123,9 @@ class BrowserView:
                 mesh = terrain_mesh(grid, controls.colouring.value)
                 drawing.terrain(grid, mesh)
                 controls.tell(status_text(grid), legend_html(mesh))
-            if self._is_other("obstacles", grid, shows["obstacles"]):
-                drawing.obstacles(grid, shown=shows["obstacles"])
-            if self._is_other("regions", grid, shows["regions"]):
-                drawing.regions(grid, shown=shows["regions"])
+            for name, draw in (("obstacles", drawing.obstacles), ("regions", drawing.regions)):
+                if self._is_other(name, grid, shows[name]):
+                    draw(grid, shown=shows[name])
             if self._is_other("stripes", moment.stripes, shows["stripes"]):
                 drawing.stripes(moment.stripes() if shows["stripes"] else [])
             if self._is_other("footholds", moment.footholds, shows["footholds"]):
@@ -141,12 +139,12 @@ class BrowserView:
         self._server.flush()
 
     def _is_other(self, part: str, *of: Any) -> bool:
-        """Whether a part has changed since it was drawn last; drawn again without need it would flicker."""
+        """Test if a part changed since it was last drawn; unnecessary redraws would flicker."""
         before, self._drawn[part] = self._drawn.get(part), of
         return before != of
 
     def _grid_of(self, moment: Moment) -> TerrainGrid:
-        """The grid of the chosen extent, or of the other one where there is none."""
+        """The grid of the selected extent, or the other one if there is none."""
         return moment.grids.get(self._controls.extent.value, moment.any_grid)
 
     def _tell_timeline(self) -> None:
@@ -182,7 +180,7 @@ class BrowserView:
             self._tell_timeline()
 
     def _click(self, origin: Float, direction: Float) -> None:
-        """Take note of a click on the terrain, by its ray in odom: the point that it meets is explained."""
+        """Explain the point of the terrain that the ray (in odom) of a click meets."""
         with self._lock, self._server.atomic():
             moment = self._timeline.shown
             if moment is None:
@@ -195,23 +193,20 @@ class BrowserView:
             self._explain(grid)
 
     def _explain(self, grid: TerrainGrid) -> None:
-        """Show what this grid knows of the cell that was clicked."""
-        if self._clicked is None:
-            self._drawing.cell(grid, None)
-            self._controls.cell(None)
-            return
-        to_grid = inverse(pose_of(grid))
-        point = transform_points(to_grid, self._clicked)
+        """Explain the clicked cell by this grid."""
+        point, text = None, None
+        if self._clicked is not None:
+            point = transform_points(inverse(pose_of(grid)), self._clicked)
+            text = cell_text(grid.explain(float(point[0]), float(point[1])))
         self._drawing.cell(grid, point)
-        self._controls.cell(cell_text(grid.explain(float(point[0]), float(point[1]))))
+        self._controls.cell(text)
 
     def _look_from(self, position: Float) -> None:
-        """Move every viewpoint as far as the robot moved; a browser that is opened later gets the usual one."""
+        """Move all cameras with the robot; browsers that connect later start with the default view."""
         moved = position - self._viewed_from
         self._viewed_from = position
         if self._controls.follow.value:
-            for client in self._server.get_clients().values():
-                if np.any(moved):
-                    client.camera.position = client.camera.position + moved
+            for client in self._server.get_clients().values() if np.any(moved) else ():
+                client.camera.position = client.camera.position + moved
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.up = VIEWPOINT + position, LOOKED_AT + position, (0.0, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The panel beside the scene: timeline, what is shown, the camera's picture; legend, status and cells as text."""
+"""Control panel: timeline, visible parts, camera picture; legend, status and cell texts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from guara_perception.view.terrain_mesh import COLOURINGS, Scale, TerrainMesh
 NO_CELL = "Click on the ground: what is known of that cell, and why a foot may or may not go there."
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
-# Many lines on the ground, for those who ask for them.
 LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weight:bold"
+# Regions are many lines on the ground.
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
@@ -29,21 +29,21 @@ UNKNOWN = "looked at, but no height to be trusted: never safe"
 
 
 class Controls:
-    """The controls of one page, the same for everybody who looks.
+    """Controls of the page, shared by all browsers.
 
     Attributes:
-        colouring, extent: viser's controls that choose the colours and the grid of the terrain.
-        follow: whether the viewpoint moves with the robot, as viser's control.
+        colouring, extent: viser's controls of the colours and the grid of the terrain.
+        follow: viser's control that makes the camera follow the robot.
     """
 
     def __init__(self, gui: Any, *, go_to: Callable[[int], None], play: Callable[[], None], redraw: Callable[[], None]):
-        """Make them.
+        """Create the controls.
 
         Args:
             gui: viser's `gui`, to which controls are added.
-            go_to: called with the number of a moment when the slider is moved.
+            go_to: called with the number of a moment when the slider moves.
             play: called when the play button is pressed.
-            redraw: called when something else is to be shown.
+            redraw: called when another control changes.
         """
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         gui.set_panel_label("Guará")
@@ -66,7 +66,7 @@ class Controls:
             gui.add_divider()
             self._cell = gui.add_markdown(NO_CELL)
         beside.float(x=16, y=16, width=300)
-        # The camera's picture that was sent last: the same one is not sent again.
+        # Last picture sent; it is not sent twice.
         self._sent: Image | None = None
 
         self._slider.on_update(lambda _: go_to(int(self._slider.value)))
@@ -75,15 +75,15 @@ class Controls:
             control.on_update(lambda _: redraw())
 
     def shows(self, name: str) -> bool:
-        """Whether one of `SHOWN` is to be seen."""
+        """Test if a part of `SHOWN` is visible."""
         return bool(self._shown[name].value)
 
     def has_stripes(self, available: bool) -> None:
-        """Whether there are stripes to show: a box that shows nothing cannot be ticked."""
+        """Enable the box of the stripes if there are any."""
         self._shown["stripes"].disabled = not available
 
     def timeline(self, count: int, number: int, *, playing: bool) -> None:
-        """Show how many moments there are, which of them is shown, and whether they are being played."""
+        """Show the number of moments, the present one, and the state of playback."""
         self._slider.max = max(count - 1, 1)
         self._slider.disabled = self._play.disabled = count < 2
         if int(self._slider.value) != number:
@@ -91,29 +91,29 @@ class Controls:
         self._play.label = "stop" if playing else "play"
 
     def live(self, text: str, is_stale: bool) -> None:
-        """Show a line about the newest grid of a node, in red when it is stale."""
+        """Show a line on the newest grid of a node, in red if it is stale."""
         content = f'<p style="{STALE_STYLE if is_stale else LIVE_STYLE}">{html.escape(text)}</p>' if text else ""
         if self._live.content != content:
             self._live.content = content
 
     def tell(self, status: str, legend: str) -> None:
-        """Show the status of the grid, and what its colours mean."""
+        """Show the status and the legend of the grid."""
         self._status.content, self._legend.content = status, legend
 
     def picture(self, image: Image | None) -> None:
-        """Show what the camera saw, (h, w) or (h, w, 3) BGR; None = not available."""
+        """Show the camera picture, (h, w) or (h, w, 3) BGR; None = not available."""
         self._picture.visible, self._caption.visible = image is not None, image is None
         if image is not None and image is not self._sent:
             self._picture.image = for_page(image)
         self._sent = image
 
     def cell(self, text: str | None) -> None:
-        """Show a text about the cell that was clicked; None = no cell."""
+        """Show the text of the clicked cell; None = no cell."""
         self._cell.content = NO_CELL if text is None else text
 
 
 def for_page(image: Image) -> Image:
-    """A camera's picture as pages show it: red, green, blue, 8 bits, no wider than it is drawn."""
+    """Convert a camera picture for the page: RGB, 8 bits, no wider than it is drawn."""
     import cv2
 
     if image.dtype != np.uint8:
@@ -125,7 +125,7 @@ def for_page(image: Image) -> Image:
 
 
 def legend_html(mesh: TerrainMesh) -> str:
-    """Colours of a mesh and what they mean: hazards in three groups, or a colour bar; and what is not drawn."""
+    """Legend of a mesh: hazards in three groups, or a colour bar; and what is not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_LOOKED_AT, "border:1px dashed #888"))
@@ -133,18 +133,18 @@ def legend_html(mesh: TerrainMesh) -> str:
 
 
 def _hazard_rows(legend: Sequence[tuple[str, str]]) -> list[str]:
-    groups: dict[str, list[str]] = {"": [], "Known, no foot here": [], "Unknown, never safe": []}
+    groups: tuple[list[str], list[str], list[str]] = ([], [], [])
+    free, known, unknown = groups
     for name, colour in legend:
-        flag = Hazard.NONE if name == "free" else Hazard[name.upper().replace(" ", "_")]
-        is_unknown = bool(int(flag) & int(UNKNOWN_MASK))
-        group = "" if name == "free" else "Unknown, never safe" if is_unknown else "Known, no foot here"
-        groups[group].append(_row(name, FREE if name == "free" else MEANING[flag], f"background:{_css(colour)}"))
-    rows = []
-    for title, members in groups.items():
-        if members:
-            rows += [f'<div style="opacity:0.7;margin-top:0.3em">{title}</div>'] if title else []
-            rows += members
-    return rows
+        style = f"background:{_css(colour)}"
+        if name == "free":
+            free.append(_row(name, FREE, style))
+            continue
+        flag = Hazard[name.upper().replace(" ", "_")]
+        (unknown if int(flag) & int(UNKNOWN_MASK) else known).append(_row(name, MEANING[flag], style))
+    for title, members in (("Known, no foot here", known), ("Unknown, never safe", unknown)):
+        free += [f'<div style="opacity:0.7;margin-top:0.3em">{title}</div>', *members] if members else []
+    return free
 
 
 def _scale_rows(scale: Scale) -> list[str]:
@@ -187,7 +187,7 @@ def status_text(terrain: TerrainGrid) -> str:
 
 
 def cell_text(sentence: str) -> str:
-    """What `TerrainGrid.explain` says in Markdown: a line for each of its parts, position and verdict in bold."""
+    """Text of `TerrainGrid.explain` in Markdown, a line for each part, position and verdict in bold."""
     facts, _, verdict = sentence.partition(": ")
     where, _, rest = facts.partition(" is ")
     return f"**{where}**  \n{rest.replace(', ', '  ' + chr(10))}  \n**{verdict}**"

@@ -1,4 +1,4 @@
-"""The visuals of a robot's URDF as triangles in their colours, link by link, primitive shapes included."""
+"""Coloured triangles of a robot's URDF, link by link."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUND_SIDES = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualShape:
-    """One shape of a link, as it is drawn.
+    """Drawn shape of a link.
 
     Attributes:
         vertices: (n, 3) in the link's frame [m].
@@ -39,10 +39,9 @@ class VisualShape:
 
 
 def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
-    """The shapes of every link that has any, by link.
+    """Shapes by link, for links that have any.
 
-    A link is drawn by its visuals where all of them are boxes, cylinders and spheres; else, as with meshes, by its
-    collision shapes.
+    A link is drawn by its visuals if all are boxes, cylinders and spheres, else (meshes) by its collision shapes.
     """
     root = ElementTree.fromstring(robot.tree.urdf.text)
     named = {str(found.get("name")): colour for found in root.findall("material") if (colour := _colour(found))}
@@ -61,7 +60,7 @@ def visual_shapes(robot: RobotModel) -> dict[str, tuple[VisualShape, ...]]:
 
 
 def _visual(element: ElementTree.Element, named: dict[str, Colour], default: Colour) -> tuple[Shape, Colour]:
-    """Shape and colour of a <visual>; ValueError, TypeError or KeyError where it is not a plain shape."""
+    """Shape and colour of a <visual>; ValueError, TypeError or KeyError if it is not a primitive shape."""
     (geometry,) = element.findall("geometry")
     (found,) = geometry
     keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[found.tag]
@@ -95,7 +94,7 @@ def _visual_shape(shape: Shape, colour: Colour) -> VisualShape:
 
 
 def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
-    """Vertices (n, 3) [m] and triangles (m, 3) that face outwards, about the origin.
+    """Vertices (n, 3) [m] and outward triangles (m, 3) of a primitive shape about the origin.
 
     Args:
         kind: "box", "cylinder" (axis z) or "sphere".
@@ -112,7 +111,7 @@ def primitive(kind: str, size: tuple[float, ...]) -> tuple[Float, Faces]:
 
 
 def _revolved(outline: list[tuple[float, float]]) -> tuple[Float, Faces]:
-    """Vertices and triangles of the solid that an outline of points (radius, z) makes when it is rotated about z."""
+    """Vertices and triangles of the solid of revolution of an outline of points (radius, z) about z."""
     angles = np.arange(ROUND_SIDES) * (2 * np.pi / ROUND_SIDES)
     rings = [np.column_stack((r * np.cos(angles), r * np.sin(angles), np.full(ROUND_SIDES, z))) for r, z in outline]
     index = np.arange(ROUND_SIDES)

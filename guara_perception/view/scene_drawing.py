@@ -1,4 +1,4 @@
-"""Draws a moment into viser's scene: robot, terrain and what belongs to it, in odom, where the robot moves."""
+"""Drawing of a moment in viser's scene: robot, terrain and plans, in odom."""
 
 from __future__ import annotations
 
@@ -27,20 +27,17 @@ LIFT_M = 0.002
 LINE_PX = 2.0
 # Outlines follow the edges of cells to within this, a little more than a cell [m].
 OUTLINE_M = 0.006
-# Size of a point, and at most this number of them: the ground is to be seen between the stripes.
+# Size and largest number of points, which leave the ground between the stripes visible.
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
-# Ground under the terrain: lower than a leg reaches.
+# Height of the ground plane: lower than a leg reaches.
 GROUND_M = -0.09
 
 Picked = Callable[[Float, Float], None]
 
 
 class SceneDrawing:
-    """The things of one scene, each below a node of its own.
-
-    Poses change with every moment; shapes of the robot are sent once.
-    """
+    """Nodes of one scene. Poses change with every moment; shapes of the robot are sent once."""
 
     def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:
         """Set up light, ground and the robot.
@@ -52,9 +49,9 @@ class SceneDrawing:
         """
         self._scene, self._robot, self._picked = scene, robot, picked
         scene.set_up_direction("+z")
-        # No pictures of surroundings: they would be fetched from elsewhere.
+        # No environment map: it would be fetched from the network.
         scene.configure_environment_map(None)
-        # Even light without shadows: a colour on the ground is that of the legend.
+        # Even light without shadows, so that colours match the legend.
         scene.configure_default_lights(enabled=False, cast_shadow=False)
         scene.add_light_ambient("/light/all", intensity=EVEN_LIGHT)
         scene.add_light_directional("/light/above", intensity=1.2, position=(-1.0, -2.0, 4.0), cast_shadow=False)
@@ -86,7 +83,7 @@ class SceneDrawing:
                 )
 
     def robot(self, moment: Moment) -> None:
-        """Draw the robot as it stands, at its pose in odom."""
+        """Draw the robot in its stance, at its pose in odom."""
         _set_pose(self._footprint, moment.transform_footprint_to_odom)
         joints = moment.joint_positions
         self._body.visible = joints is not None
@@ -110,7 +107,7 @@ class SceneDrawing:
             self._picked(np.array(event.ray_origin), np.array(event.ray_direction))
 
     def stripes(self, stripes: Sequence[Float]) -> None:
-        """Measured points, (n, 3) in base_footprint for each stripe."""
+        """Draw measured points, (n, 3) in base_footprint for each stripe."""
         name = "/odom/footprint/stripes"
         self._scene.remove_by_name(name)
         points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
@@ -120,7 +117,7 @@ class SceneDrawing:
             self._scene.add_point_cloud(name, cloud, STRIPE_COLOUR, point_size=STRIPE_SIZE_M, point_shape="circle")
 
     def footholds(self, moment: Moment, *, shown: bool) -> None:
-        """A sole where each foot is planned to go."""
+        """Draw a sole at each planned foothold."""
         name = "/odom/footprint/footholds"
         self._scene.remove_by_name(name)
         length, width = self._robot.sole
@@ -130,63 +127,54 @@ class SceneDrawing:
             self._scene.add_label(f"{name}/{leg}/name", leg, position=(0.0, 0.0, 0.02), anchor="bottom-center")
 
     def obstacles(self, terrain: TerrainGrid, *, shown: bool) -> None:
-        """Outline and height of each obstacle of a grid, as a prism with its height written on it."""
+        """Draw each obstacle of a grid as a prism with its height."""
         name = "/odom/obstacles"
-        self._scene.remove_by_name(name)
-        found = terrain.obstacles() if shown else []
-        if not found:
-            return
-        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
-        for number, obstacle in enumerate(found):
+        self._renew(name, terrain)
+        for number, obstacle in enumerate(terrain.obstacles() if shown else ()):
             top, height = float(obstacle.position[2]), obstacle.height
-            self._scene.add_line_segments(
-                f"{name}/{number}",
-                prism(plain(obstacle.outline), top - height, top + LIFT_M),
-                OBSTACLE_COLOUR if height > 0 else HOLE_COLOUR,
-                thickness=LINE_PX,
-                thickness_units="screen",
-            )
-            text, over = f"{1e3 * height:+.0f} mm", (0.0, 0.0, 0.015)
-            position = obstacle.position + over
+            colour = OBSTACLE_COLOUR if height > 0 else HOLE_COLOUR
+            self._lines(f"{name}/{number}", prism(plain(obstacle.outline), top - height, top + LIFT_M), colour)
+            position = obstacle.position + (0.0, 0.0, 0.015)
+            text = f"{1e3 * height:+.0f} mm"
             self._scene.add_label(f"{name}/{number}/height", text, position=position, anchor="bottom-center")
 
     def regions(self, terrain: TerrainGrid, *, shown: bool) -> None:
-        """The outline of each steppable region of a grid."""
+        """Draw the outlines of the steppable regions of a grid."""
         name = "/odom/regions"
-        self._scene.remove_by_name(name)
-        found = terrain.steppable_regions() if shown else []
-        if not found:
-            return
-        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
-        lines = np.concatenate([outline(region.vertices) for region in found])
-        self._scene.add_line_segments(
-            f"{name}/outlines", lines, REGION_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
-        )
+        self._renew(name, terrain)
+        if found := terrain.steppable_regions() if shown else []:
+            lines = np.concatenate([outline(region.vertices) for region in found])
+            self._lines(f"{name}/outlines", lines, REGION_COLOUR, 2 * LINE_PX)
 
     def trail(self, poses: Sequence[Float], *, shown: bool) -> None:
-        """The way of the body over the ground: poses (4, 4) of base_footprint in odom, a tick at each pause."""
+        """Draw the track of the body: poses (4, 4) of base_footprint in odom, a tick at each pause."""
         self._scene.remove_by_name("/odom/trail")
         if shown and len(poses) > 1:
-            self._scene.add_line_segments(
-                "/odom/trail", way(poses), TRAIL_COLOUR, thickness=2 * LINE_PX, thickness_units="screen"
-            )
+            self._lines("/odom/trail", way(poses), TRAIL_COLOUR, 2 * LINE_PX)
 
     def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
         """Outline the cell at a point (3,) of a grid, with a pin over it; None removes the outline."""
         name = "/odom/cell"
-        self._scene.remove_by_name(name)
+        self._renew(name, terrain)
         if point is None:
             return
-        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
         half, (x, y, z) = terrain.resolution, point
         corners = np.array([(x + i * half, y + j * half) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         pin = np.array([[(x, y, z), (x, y, z + 0.06)]])
         lines = np.concatenate((prism(corners, z + LIFT_M, z + 2 * LIFT_M), pin))
-        self._scene.add_line_segments(f"{name}/pin", lines, CELL_COLOUR, thickness=LINE_PX, thickness_units="screen")
+        self._lines(f"{name}/pin", lines, CELL_COLOUR)
+
+    def _renew(self, name: str, terrain: TerrainGrid) -> None:
+        """Replace a node by an empty frame at the pose of a grid."""
+        self._scene.remove_by_name(name)
+        _set_pose(self._scene.add_frame(name, show_axes=False), pose_of(terrain))
+
+    def _lines(self, name: str, lines: Float, colour: tuple[int, ...], width: float = LINE_PX) -> None:
+        self._scene.add_line_segments(name, lines, colour, thickness=width, thickness_units="screen")
 
 
 def plain(outline: Float) -> Float:
-    """An outline (n, 2) along the edges of cells made smooth: corners (m, 2), nowhere off by more than OUTLINE_M."""
+    """Simplify an outline (n, 2) along the edges of cells to corners (m, 2), to within OUTLINE_M."""
     import cv2
 
     corners = cv2.approxPolyDP(outline.astype(np.float32)[:, None], OUTLINE_M, closed=True)[:, 0]
@@ -205,13 +193,13 @@ def prism(outline: Float, bottom: float, top: float) -> Float:
 
 
 def outline(corners: Float) -> Float:
-    """Sides (n, 2, 3) of a polygon (n, 3), a little over the ground."""
+    """Sides (n, 2, 3) of a polygon (n, 3), raised above the ground."""
     lifted = corners + [0, 0, LIFT_M]
     return np.stack((lifted, np.roll(lifted, -1, axis=0)), axis=1).astype(np.float32)
 
 
 def way(poses: Sequence[Float]) -> Float:
-    """Lines (n, 2, 3) in odom from pose to pose (4, 4), with a short one across at each."""
+    """Lines (n, 2, 3) in odom from pose to pose (4, 4), with a tick across each."""
     centres = np.array([pose[:3, 3] for pose in poses]) + [0, 0, LIFT_M]
     across = np.array([pose[:3, 1] for pose in poses]) * 0.015
     ticks = np.stack((centres - across, centres + across), axis=1)
@@ -219,7 +207,7 @@ def way(poses: Sequence[Float]) -> Float:
 
 
 def textured(mesh: TerrainMesh) -> Any:
-    """A mesh for viser with a texture, whose colours are shown unchanged; colours of vertices would be darker."""
+    """Textured mesh for viser: a texture keeps the colours, vertex colours would be darker."""
     import trimesh
     from PIL import Image
 
@@ -231,7 +219,7 @@ def textured(mesh: TerrainMesh) -> Any:
 
 
 def _set_pose(handle: Any, transform: Float) -> None:
-    """Put a node where a transform (4, 4) to its parent says."""
+    """Set the pose of a node from its transform (4, 4) to its parent."""
     from scipy.spatial.transform import Rotation
 
     handle.position = transform[:3, 3]

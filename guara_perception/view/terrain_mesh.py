@@ -1,4 +1,4 @@
-"""A terrain grid as textured triangles between the centres of its cells, and the point where a ray meets it."""
+"""Textured triangles of a terrain grid between the centres of its cells, and their intersection with a ray."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MARGIN_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """What the colours of a layer stand for: from `low` to `high`, and their texts."""
+    """Colour scale of a layer from `low` to `high`, with their texts."""
 
     name: str
     low: float
@@ -43,10 +43,10 @@ class Scale:
 # The ends of the height colours are multiples of the first, and at least the second apart [m].
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
 
-# Share of the known cells that may lie beyond either end.
+# Fraction of the known cells that may lie beyond either end.
 BEYOND = 0.005
 
-# Neighbouring cells further apart in height than this are not joined: a wall that nobody measured is not drawn.
+# Largest height difference of joined neighbours: a wall that was not measured is not drawn.
 JOIN_HEIGHT_M = 0.030
 
 TRAVERSABILITY = Scale("traversability", 0.0, 1.0, TRAVERSABILITY_COLOURS, "0 no foot here", "1 best")
@@ -75,10 +75,10 @@ class TerrainMesh:
 
 
 def terrain_mesh(terrain: TerrainGrid, colouring: str = "hazard") -> TerrainMesh:
-    """Triangles over all cells that are known or were looked at.
+    """Triangles over all cells that are known or were observed.
 
-    Unknown cells have no height: they are drawn at that of the nearest known cell, with the colouring "hazard" in the
-    colour of their cause, else in one grey. Cells that were never looked at are not drawn.
+    Unknown cells are drawn at the height of the nearest known cell, with the colouring "hazard" in the colour of their
+    cause, else in grey. Cells that were never observed are not drawn.
 
     Raises:
         InvalidInput: no such colouring.
@@ -129,24 +129,23 @@ def _height_scale(elevation: Float32) -> Scale:
 
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
-    """Heights (ny, nx) at which cells are drawn [m]: unknown ones as high as the nearest known, 0 if none is."""
+    """Heights (ny, nx) of drawn cells [m]: unknown ones as high as the nearest known one, 0 if there is none."""
     elevation = terrain.elevation
     known = np.isfinite(elevation)
     if not known.any():
         return np.zeros_like(elevation)
-    labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[
-        1
-    ]
+    unknown = (~known).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
     by_label[labels[known]] = elevation[known]
     return np.asarray(by_label[labels], dtype=np.float32)
 
 
 def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
-    """The first position (3,) where a ray comes to the drawn terrain or below it, None where it passes by.
+    """First position (3,) of a ray at or below the drawn terrain, None if it misses.
 
     Args:
-        terrain: grid; unknown cells are taken as high as they are drawn.
+        terrain: grid; unknown cells are as high as they are drawn.
         origin, direction: (3,) in the frame of the grid [m]; the direction of any length.
     """
     start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
