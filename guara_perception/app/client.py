@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Self
+from typing import Self, Unpack
 
 from guara_perception.app.map_summary import MapRegions, TerrainSummary, message_to_regions, message_to_summary
 from guara_perception.app.messages import message_to_terrain
@@ -13,6 +13,7 @@ from guara_perception.exceptions import PerceptionError
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, ScanReply, Status, TerrainMessage, open_client
 from transport.client import PerceptionClient
+from transport.grids.grid_judge import Accepted
 from transport.grids.node_clock import ClockOffset
 from transport.keys import check_encoding, check_name
 
@@ -164,13 +165,7 @@ class TerrainClient:
         )
 
     def stream(
-        self,
-        timeout: float | None = None,
-        extent: str = "footprint",
-        *,
-        max_age: float | None = None,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        self, timeout: float | None = None, extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> Iterator[TerrainGrid]:
         """Yield the newest grid that may be used, then each newer one as it comes; stale ones are skipped.
 
@@ -181,7 +176,7 @@ class TerrainClient:
         Args:
             timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
             extent: "footprint" or "map".
-            max_age, allow_stale, confirmed_only: as in `latest`.
+            accepted: max_age, allow_stale, confirmed_only as in `latest`.
 
         Raises:
             transport.ReceiveTimeout: no grid in time.
@@ -195,26 +190,18 @@ class TerrainClient:
                 extent=extent,
                 after=number,
                 takes_back=True,
-                max_age=max_age,
-                allow_stale=allow_stale,
-                confirmed_only=confirmed_only,
+                **accepted,
             )
             number = received.number
             yield message_to_terrain(received.message)
 
     def on_terrain(
-        self,
-        callback: Callable[[TerrainGrid], None],
-        extent: str = "footprint",
-        *,
-        max_age: float | None = None,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> None:
         """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
 
-        The grids are those of `stream`. One that may not be used, or breaks the safety invariant, is logged and not
-        passed on.
+        The grids and arguments are those of `stream`. One that may not be used, or breaks the safety invariant, is
+        logged and not passed on.
         """
 
         def hand_over(message: TerrainMessage) -> None:
@@ -225,9 +212,7 @@ class TerrainClient:
                 return
             callback(terrain)
 
-        self._client.on_terrain(
-            hand_over, extent=extent, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
-        )
+        self._client.on_terrain(hand_over, extent=extent, **accepted)
 
     def wait_for_step(
         self,
@@ -237,10 +222,8 @@ class TerrainClient:
         *,
         epoch: str | None = None,
         confirmed: bool = False,
-        max_age: float | None = None,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
         refined_only: bool = False,
+        **accepted: Unpack[Accepted],
     ) -> TerrainGrid:
         """Wait for the newest grid of stance pause `step`, or of a later one of the same walk.
 
@@ -251,25 +234,20 @@ class TerrainClient:
             epoch: identity of the walk as the gait announces it; None = the current walk of the node. Give it for a
                 gait that starts counting again: the node is on the walk before until it receives the first BEGIN.
             confirmed: the same as `confirmed_only`.
-            max_age, allow_stale: as in `latest`.
-            confirmed_only: wait until the gait has confirmed that the robot stood still through the scan; until then a
-                grid is provisional (`TerrainGrid.is_provisional`): usable while the robot stands, and may be withdrawn.
             refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never coarse.
+            accepted: max_age, allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed that the
+                robot stood still through the scan. Until then a grid is provisional (`TerrainGrid.is_provisional`):
+                usable while the robot stands, and may be withdrawn.
 
         Raises:
             transport.ReceiveTimeout: none came in time although the node lives.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
         """
+        if confirmed:
+            accepted["confirmed_only"] = True
         return message_to_terrain(
             self._client.wait_for_step(
-                step,
-                timeout=timeout,
-                extent=extent,
-                epoch=epoch,
-                max_age=max_age,
-                allow_stale=allow_stale,
-                confirmed_only=confirmed or confirmed_only,
-                refined_only=refined_only,
+                step, timeout=timeout, extent=extent, epoch=epoch, refined_only=refined_only, **accepted
             )
         )
 
@@ -313,29 +291,17 @@ class TerrainClient:
         region: tuple[float, float, float, float] | None = None,
         timeout: float = 5.0,
         extent: str = "footprint",
-        *,
-        max_age: float | None = None,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        **accepted: Unpack[Accepted],
     ) -> TerrainGrid:
         """Fetch the node's newest grid once, or a region (x_min, x_max, y_min, y_max) [m] of it.
 
-        `max_age`, `allow_stale` and `confirmed_only` are as in `latest`.
+        `accepted`: max_age, allow_stale and confirmed_only as in `latest`.
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
             ScannerUnavailable: nobody answers.
         """
-        return message_to_terrain(
-            self._client.query(
-                extent=extent,
-                region=region,
-                timeout=timeout,
-                max_age=max_age,
-                allow_stale=allow_stale,
-                confirmed_only=confirmed_only,
-            )
-        )
+        return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
