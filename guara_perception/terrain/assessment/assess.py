@@ -1,4 +1,4 @@
-"""From heights to hazards: slope, step, roughness, clearance and traversability of every cell."""
+"""Assessment of heights: slope, step, roughness, clearance, traversability and hazards of every cell."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ from guara_perception.terrain.assessment.disc import (
 from guara_perception.terrain.assessment.raster import Raster, changed_columns, runs, widened
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
-# A safe cell keeps a positive score however close to its limits it is: 0 is reserved for hazards.
+# Least score of a safe cell: 0 is reserved for hazards.
 LEAST_SAFE_SCORE = 0.01
-# Large grids are judged in blocks of rows that fit the cache; as every test is local, the result is the same.
+# Large grids are assessed in blocks of rows that fit the cache; all tests are local, so the result is the same.
 BLOCK_CELLS = 60_000
-# Least height of a block in margins: the rows of the margins, which it shares with its neighbours, are judged twice.
+# Least height of a block in margins, whose rows are assessed twice.
 LEAST_MARGINS = 6
-# Values of unknown cells in the layers in which they are not NaN.
-UNKNOWN = {"traversability": 0.0}
 
 
 def assess_layers(
@@ -41,33 +39,32 @@ def assess_layers(
     *,
     beyond: int = 0,
 ) -> dict[str, Array]:
-    """Judge every cell; return all layers of a grid that follow from the heights.
+    """Compute all layers of a grid from its heights.
 
-    Every test reads a fixed window. A cell whose windows, or those of the cells its sole would cover, are not wholly
-    known gets EDGE whatever the values say: so losing an observation never makes another cell safe.
+    Every test reads a fixed window. A cell whose windows, or those of the cells under its sole, are not wholly known
+    gets EDGE whatever the values: so losing an observation never makes another cell safe.
 
     Args:
         raster: heights, their variances, lowest and highest samples.
-        hazard: (ny, nx) uint16, flags known beforehand (causes of unknown, CONFLICT, STALE).
+        hazard: (ny, nx) uint16, given flags (causes of unknown cells, CONFLICT, STALE).
         resolution: cell edge [m].
-        limits: what the feet can bear.
-        drift: (ny, nx, 2) how far the ground of each cell may be shifted along y and x, in cells (the fused map); None
-            for a single scan.
-        beyond: number of rows and columns on each side that lie beyond the border: the tests read them, the returned
-            layers do not have them.
+        limits: traversability limits.
+        drift: (ny, nx, 2) drift of each cell of the fused map along y and x [cells]; None for a single scan.
+        beyond: number of rows and columns on each side beyond the border, which the tests read and the returned layers
+            lack.
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`; age and looks are those of a single scan.
     """
     flags = flags_of(raster, hazard)
-    # Beyond the outermost known cells all is unknown and judged like the outside of the grid: it can be left out.
+    # Everything beyond the outermost known cells is unknown and equivalent to the outside of the grid.
     known = np.isfinite(raster.elevation)
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
     judged = _judge_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
-        layers[name] = flags if name == "hazard" else np.full(known.shape, UNKNOWN.get(name, np.nan), np.float32)
+        layers[name] = flags if name == "hazard" else np.full(known.shape, _unknown(name), np.float32)
         layers[name][window] = values
     if beyond:
         inner = np.s_[beyond:-beyond, beyond:-beyond]
@@ -79,8 +76,13 @@ def assess_layers(
     return completed(layers, resolution)
 
 
+def _unknown(layer: str) -> float:
+    """Value of unknown cells."""
+    return 0.0 if layer == "traversability" else np.nan
+
+
 def flags_of(raster: Raster, hazard: Flags) -> Flags:
-    """The flags known beforehand, without causes in known cells; an unknown cell without a cause is UNSCANNED."""
+    """Given flags without causes in known cells; an unknown cell without a cause is UNSCANNED."""
     known = np.isfinite(raster.elevation)
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
@@ -97,13 +99,13 @@ def completed(layers: Mapping[str, Array], resolution: float) -> dict[str, Array
         "looks": known.astype(np.uint8),
     }
     for layer in whole.values():
-        # Frozen here they need not be copied when a grid is made of them.
+        # Read-only layers are not copied by a grid.
         layer.setflags(write=False)
     return whole
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
-    """Cells on which a sole would reach over the border."""
+    """Cells on which a sole would extend beyond the border."""
     y, x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
     result = np.ones(shape, dtype=bool)
     result[y : max(shape[0] - y, 0), x : max(shape[1] - x, 0)] = False
@@ -111,7 +113,7 @@ def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: Traversabi
 
 
 def _extent(known: Mask, axis: int) -> slice:
-    """From the first to the last row (axis 0) or column (axis 1) with a known cell; without any, the first alone."""
+    """Range of the rows (axis 0) or columns (axis 1) with known cells; the first one if there are none."""
     occupied = np.flatnonzero(known.any(axis=1 - axis))
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
@@ -142,20 +144,20 @@ def _judge_in_blocks(
 def judge_discs(
     raster: Raster, flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits
 ) -> dict[str, Array]:
-    """What the disc around each cell says of it: all layers but the clearance, without EDGE.
+    """Layers computed from a disc around each cell (all but clearance and EDGE).
 
     Args:
         raster, resolution, limits: as in `assess_layers`.
         flags: from `flags_of`.
-        kernel: the disc; within its radius of the border the layers say nothing of a larger grid.
+        kernel: the disc; within its radius of the border the layers differ from those of a larger grid.
     """
     known = (flags & UNKNOWN_MASK) == 0
-    # What follows is computed for the known cells alone, often a quarter of a map. What is stored as it is found need
-    # not be held in double precision until the end: that would be most of what a judgement needs.
+    # Only known cells are computed, often a quarter of a map. Each result is stored in single precision at once, which
+    # saves most of the memory.
     index = np.flatnonzero(known)
 
     def layer(name: str, values: Float) -> Float32:
-        whole = np.full(flags.shape, UNKNOWN.get(name, np.nan), dtype=np.float32)
+        whole = np.full(flags.shape, _unknown(name), dtype=np.float32)
         whole.reshape(-1)[index] = values
         return whole
 
@@ -169,7 +171,7 @@ def judge_discs(
     step_layer = layer("step_height", np.maximum(rise, fall))
     sigma = np.sqrt(raster.variance.take(index))
     step_sigma = k * np.sqrt(2.0) * sigma
-    # From here on rise and fall include their uncertainty.
+    # From here on, rise and fall include their uncertainty.
     rise += step_sigma
     fall += step_sigma
 
@@ -184,12 +186,8 @@ def judge_discs(
         }
         for flag, failed in tests.items():
             found |= failed * np.uint16(flag)
-        score = (
-            _score(slope, limits.slope)
-            * _score(rise, limits.step)
-            * _score(fall, limits.drop)
-            * _score(roughness, limits.roughness)
-        )
+        score = _score(slope, limits.slope) * _score(rise, limits.step)
+        score *= _score(fall, limits.drop) * _score(roughness, limits.roughness)
     del slope, roughness, rise, fall, sigma, step_sigma
     hazard = flags.copy()
     hazard.reshape(-1)[index] = found
@@ -213,7 +211,7 @@ def judge_soles(
     limits: TraversabilityLimits,
     drift: Index | None = None,
 ) -> dict[str, Array]:
-    """The layers that `judge_discs` gives, with EDGE where a sole must not be centred; others as given."""
+    """Add EDGE to the layers of `judge_discs`."""
     flags = layers["hazard"]
     edge = edge_cells(flags, kernel, resolution, limits, drift) & ((flags & UNKNOWN_MASK) == 0)
     hazard = flags | edge * np.uint16(Hazard.EDGE)
@@ -223,7 +221,7 @@ def judge_soles(
 def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
     """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
 
-    Lowest and highest samples are used, so a step inside one cell counts too.
+    Lowest and highest samples are used, so that a step inside one cell counts.
     """
     far = 1e3
     highest = cv2.dilate(np.where(known, high, -far), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(-far,))
@@ -233,22 +231,22 @@ def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, 
 
 
 def _score(value: Float, limit: float) -> Float:
-    """1 at zero, 0 from the limit on; 0 for NaN too."""
+    """1 at zero, falling to 0 at the limit; 0 for NaN."""
     return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)
 
 
 class Reassessment:
-    """Gives what `assess_layers` gives, to the last bit.
+    """Incremental `assess_layers`, equal to the last bit.
 
     Discs are fitted again only where something within them changed; soles and clearance take little time.
     """
 
     def __init__(self, resolution: float, limits: TraversabilityLimits) -> None:
-        """Start with nothing judged.
+        """Start without a previous assessment.
 
         Args:
             resolution: cell edge [m].
-            limits: what the feet can bear.
+            limits: traversability limits.
         """
         self._resolution, self._limits = resolution, limits
         self._kernel = disc_kernel(limits.disc_radius / resolution)
@@ -257,7 +255,7 @@ class Reassessment:
     def layers(self, raster: Raster, hazard: Flags) -> dict[str, Array]:
         """All layers that follow from the heights; arguments and result as those of `assess_layers`.
 
-        The arrays must not be changed afterwards: they are what the next ones are compared with.
+        The arrays must not be changed afterwards: the next ones are compared with them.
         """
         flags = flags_of(raster, hazard)
         tested = self._tested(raster, flags)
@@ -275,7 +273,7 @@ class Reassessment:
             changed |= changed_columns(now, then)
         reach = self._kernel.shape[0] // 2
         parts = []
-        # Only a column whose discs meet a change can change; it is judged with all the columns that its discs touch.
+        # Only columns whose discs contain a change can change; they are assessed with all columns of their discs.
         for columns in runs(widened(changed, reach)):
             first = max(columns.start - reach, 0)
             around = slice(first, columns.stop + reach)

@@ -1,4 +1,4 @@
-"""Why a cell is unknown: not scanned, hidden, out of range, doubtful, or simply without a return."""
+"""Causes of unknown cells: not scanned, hidden, out of range, ambiguous, or without a return."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from guara_perception.terrain.assessment.raster import ROUNDING, changed_columns
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# A surface must rise this far above a line of sight to count as hiding what lies beyond.
+# Height above a line of sight from which a surface hides what lies beyond.
 HIDING_MARGIN_M = 0.001
 # Cells that are compared with all laser planes together.
 CELLS_TOGETHER = 256
 # Lines from ground to sensor that are followed together.
 LINES_TOGETHER = 256
-# Stands for a value that a plan has not found yet.
+# Value that is not computed yet.
 NOT_ASKED = -2
 
 
 class LookPlan:
-    """The looks that a scan should have at the cells of a grid if the ground is flat; found for each cell once.
+    """Expected observations of the cells of a grid by a scan of flat ground, computed once for each cell.
 
     Attributes:
         planes_in_footprint: (s, 4) laser planes in the order of the pattern.
@@ -36,7 +36,7 @@ class LookPlan:
         project: Callable[[Float], Float],
         size: tuple[int, int],
     ) -> None:
-        """Plan nothing yet.
+        """Start without computed cells.
 
         Args:
             geometry: the grid.
@@ -59,7 +59,7 @@ class LookPlan:
         return self._pairs[cells].astype(np.intp)
 
     def in_view(self, cells: Index) -> Mask:
-        """Whether the camera sees the centre of each cell (n,)."""
+        """Mask (n,) of the cells whose centres the camera sees."""
         new = cells[self._in_view[cells] == NOT_ASKED]
         if new.size:
             self._in_view[new] = self._look(new)
@@ -69,7 +69,7 @@ class LookPlan:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
         side = a * x + (b * y + d) > 0
-        # The first pair whose planes have a cell on different sides passes over it: planes are counted up to there.
+        # The first pair whose planes have a cell on different sides passes over it.
         still = np.logical_and.accumulate(side[1:] == side[0], axis=0)
         return np.where(still.all(axis=0), -1, still.sum(axis=0))
 
@@ -87,7 +87,7 @@ class LookPlan:
 
 
 class UnknownCauses:
-    """Gives every unknown cell its cause; lines of sight that meet nothing new are not followed again."""
+    """Causes of unknown cells; lines of sight are followed again only if something on them changed."""
 
     def __init__(
         self,
@@ -96,17 +96,17 @@ class UnknownCauses:
         geometry: GridGeometry,
         in_own_shadow: Callable[[Float], Mask] | None = None,
     ) -> None:
-        """Start with nothing seen.
+        """Start with an unknown grid.
 
         Args:
-            plan: what should have been looked at.
+            plan: expected observations.
             sensor_origins: positions (3,) of camera and laser in base_footprint.
             geometry: the grid.
-            in_own_shadow: says which points (n, 3) the robot hides from its own camera or laser; None = none.
+            in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = none.
         """
         self._plan, self._sensor_origins, self._geometry = plan, sensor_origins, geometry
         self._in_own_shadow = in_own_shadow
-        # From the last call: the surface; the ground of the cells that were looked at, NaN for others; their causes.
+        # Of the last call: surface; ground of the observed cells, NaN for others; their causes.
         self._elevation = np.full(geometry.shape, np.nan)
         self._ground = np.full(geometry.size, np.nan)
         self._why = np.zeros(geometry.size, dtype=np.uint16)
@@ -116,8 +116,8 @@ class UnknownCauses:
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown; must not be changed afterwards.
-            pair_usable: (s - 1,) whether both stripes of a pair were fired with good frames and are neighbours.
-            marks: (ny, nx) flags of returns that were seen here and may not be used.
+            pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
+            marks: (ny, nx) flags of unusable returns.
 
         Returns:
             (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
@@ -141,24 +141,24 @@ class UnknownCauses:
         return flags
 
     def _is_new(self, elevation: Float, cells: Index, targets: Float) -> Mask:
-        """Whether the ground of cells (n,) or what stands before it has changed since the last call."""
+        """Mask (n,) of the cells whose ground, or whose lines of sight, changed since the last call."""
         new = np.asarray(targets[:, 2] != self._ground[cells])
         changed = changed_columns(elevation, self._elevation)
         count = np.cumsum(np.append(0, changed))
-        # Only where a line runs below what stands or stood in those columns can it meet a change.
+        # A line can only meet a change where it runs below the present or previous surface of the changed columns.
         top = np.fmax(_top(elevation[:, changed]), _top(self._elevation[:, changed]))
         if np.isfinite(top):
             x0, cell, last = self._geometry.origin[0], self._geometry.resolution, count.size - 2
             for sensor_origin in self._sensor_origins:
                 ends = sensor_origin[0] + _start(targets, sensor_origin, top) * (targets[:, 0] - sensor_origin[0])
-                # One column more on each side: rounding may put a sample there.
+                # One more column on each side, for rounding.
                 low = ((np.minimum(ends, targets[:, 0]) - x0) / cell - 1).clip(0, last).astype(np.intp)
                 high = ((np.maximum(ends, targets[:, 0]) - x0) / cell + 1).clip(0, last).astype(np.intp)
                 new |= count[high + 1] > count[low]
         return new
 
     def _find(self, elevation: Float, targets: Float) -> Flags:
-        """Why nothing is known of ground (n, 3) that was looked at."""
+        """Causes of unknown ground (n, 3) that was observed."""
         why = np.full(len(targets), Hazard.DROPOUT, dtype=np.uint16)
         for sensor_origin in self._sensor_origins:
             why[_behind_surface(elevation, targets, sensor_origin, self._geometry)] = Hazard.OCCLUDED
@@ -173,22 +173,22 @@ def _top(elevation: Float) -> float:
 
 
 def _start(targets: Float, sensor_origin: Float, top: float) -> Float:
-    """Share (n,) of each line from a sensor to a target (n, 3) from which on it runs below the height `top`."""
+    """Fraction (n,) of each line from a sensor to a target (n, 3) at which it falls below the height `top`."""
     climb = np.maximum(sensor_origin[2] - targets[:, 2], 1e-6)
     return np.clip(1 - (top - targets[:, 2]) / climb, 0.0, 1.0)
 
 
 def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Whether a measured surface stands between a sensor and each of the targets (n, 3); each judged by itself."""
+    """Mask of the targets (n, 3) that a measured surface hides from a sensor."""
     top = _top(elevation)
     if np.isnan(top):
         return np.zeros(len(targets), dtype=bool)
-    # Above the highest surface nothing can hide: only the last stretch of each line needs to be tested.
+    # Nothing hides above the highest surface: only the last part of each line is tested.
     start = _start(targets, sensor_origin, top)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
-    # Half cells from the target on; those beyond the stretch of a shorter line are all at its end.
+    # Steps of half a cell from the target; those beyond the end of a shorter line are all at its end.
     spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)
-    # Cells counted with a border of one, where nothing is known: what lies beyond the grid is cut to it.
+    # With an unknown border of one cell, to which positions beyond the grid are clipped.
     around = np.pad(elevation.astype(np.float32), 1, constant_values=np.nan)
     hidden = []
     # All lines at once would take megabytes.
@@ -202,7 +202,7 @@ def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geom
 
 
 def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: Float, geometry: GridGeometry) -> Mask:
-    """Whether the surface rises above the line from a target (n, 3) to a sensor at any of some shares (m, n) of it.
+    """Mask of the targets (n, 3) whose line to a sensor is below the surface at any of its fractions `share` (m, n).
 
     `around` is the surface with a border of one cell. Single precision is exact to 1e-5 of a cell.
     """
@@ -226,14 +226,10 @@ def _is_blocked(around: Float32, targets: Float, share: Float32, sensor_origin: 
 
 
 def _lowest_ground(elevation: Float, cells: Index, geometry: GridGeometry) -> Float:
-    """Centres (n, 3) of flat cells at the lowest height measured around them, at 0 where nothing is known nearby."""
+    """Centres (n, 3) of flat cells at the lowest height measured near them, 0 if nothing is known nearby."""
     x, y = geometry.centres()
     iy, ix = np.divmod(cells, x.size)
-    return np.stack((x[ix], y[iy], _ground_height(elevation).ravel()[cells])).T
-
-
-def _ground_height(elevation: Float) -> Float:
-    """Lowest measured height in a neighbourhood of 0.1 m on a 5 mm grid, 0 where nothing is known nearby."""
     far = 1e3
-    lowest = cv2.erode(np.where(np.isnan(elevation), far, elevation), np.ones((21, 21), np.uint8))
-    return np.where(lowest > far / 2, 0.0, lowest)
+    # A neighbourhood of 0.1 m on a 5 mm grid.
+    lowest = cv2.erode(np.where(np.isnan(elevation), far, elevation), np.ones((21, 21), np.uint8)).ravel()[cells]
+    return np.stack((x[ix], y[iy], np.where(lowest > far / 2, 0.0, lowest))).T

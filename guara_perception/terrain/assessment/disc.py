@@ -1,4 +1,4 @@
-"""The surroundings of a cell: the plane through its disc, edges under a sole on it, distance to the next edge."""
+"""Neighbourhood of a cell: plane fit of its disc, EDGE under a sole, clearance."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
 Kernel = Codes
-# A value may come from a partly known disc, from this share on; whether the cell is safe is decided elsewhere.
+# Least known fraction of a disc for a plane fit; EDGE decides if the cell is safe.
 KNOWN_SHARE = 0.6
-# From 50 weights on cv2.filter2D goes through a Fourier transform: every cell would depend on every other by rounding.
+# From 50 weights on cv2.filter2D uses a Fourier transform, whose rounding makes every cell depend on every other.
 MOST_WEIGHTS = 49
-# Bounds the cells in one row of the disc; a finer grid gains nothing over the stripe pitch anyway.
+# Largest radius of the disc; a finer grid gains nothing over the stripe pitch.
 MOST_RADIUS_CELLS = 24
-# A height of a single scan may change when a stripe beside it is lost, so one more ring must be known.
+# A height of a single scan may change if a stripe beside it is lost, so one more ring must be known.
 EXTRA_RING_CELLS = 1
+# Half edge of a cell [cells].
+TOUCHED = 0.5
 # The sole in the fused map is wider by at least this [cells].
 LEAST_MARGIN_CELLS = 1
 # Largest drift of the fused map that is considered [cells]; more makes no difference.
@@ -29,10 +31,10 @@ LARGEST_DRIFT_CELLS = 6
 
 @dataclass(frozen=True, slots=True)
 class DiscFit:
-    """Plane z = a x + b y + c fitted to the disc around each known cell, (n,) float64 each, in the order of the grid.
+    """Plane fit z = a x + b y + c of the disc around each known cell, (n,) float64 each, in the order of the grid.
 
     Attributes:
-        slope: angle of the plane to the horizontal [rad], NaN where too little of the disc is known.
+        slope: angle of the plane to the horizontal [rad], NaN if too little of the disc is known.
         roughness: sqrt(sum of squared distances to the plane / (n - 1)) [m], NaN likewise.
         slope_sigma: standard deviation of the slope from the variance of the heights [rad].
         roughness_sigma: standard deviation of the roughness, likewise [m].
@@ -44,28 +46,19 @@ class DiscFit:
     roughness_sigma: Float
 
 
-def disc_kernel(radius_cells: float) -> Kernel:
+def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
     """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8; at least the four neighbours.
 
-    A plane needs neighbours: with a smaller disc than one cell a slope would pass untested.
+    A plane needs neighbours: with a smaller disc than one cell a slope would not be tested.
+
+    Args:
+        radius_cells: radius [cells].
+        half_cell: half edge of squares about the centres, of which any part must lie within the radius; TOUCHED = all
+            of the cell.
 
     Raises:
         InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
     """
-    return _cells_within(radius_cells, 0.0)
-
-
-def touched_kernel(radius_cells: float) -> Kernel:
-    """In the square of `disc_kernel` the cells of which any part lies within the radius, not only their centres.
-
-    Raises:
-        InvalidInput: as `disc_kernel`.
-    """
-    return _cells_within(radius_cells, 0.5)
-
-
-def _cells_within(radius_cells: float, half_cell: float) -> Kernel:
-    """Cells (2 r + 1, 2 r + 1) whose centres, or squares of that half edge about them, come within the radius."""
     if not radius_cells < MOST_RADIUS_CELLS + 1:
         raise InvalidInput(
             f"the disc's radius is {radius_cells:.0f} cells, at most {MOST_RADIUS_CELLS} are allowed: "
@@ -80,9 +73,9 @@ def _cells_within(radius_cells: float, half_cell: float) -> Kernel:
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
     """Fit a plane to the known cells of the disc around each known cell.
 
-    The definition of slope and roughness is that of the well-known grid-map filters (least squares instead of
-    principal components, the same on planes). All sums are float64: in float32 the roughness cancels. The result of a
-    cell depends on its disc only, to the last bit: no mean height is subtracted, since it would depend on other cells.
+    Slope and roughness are defined as in the filters of grid_map (least squares instead of principal components, the
+    same on planes). All sums are float64: in float32 the roughness cancels. The result of a cell depends on its disc
+    only, to the last bit: no mean height is subtracted, since it would depend on other cells.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -92,7 +85,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     """
     known = np.isfinite(elevation)
     index = np.flatnonzero(known)
-    # Whole numbers, which float32 adds up without loss, and in half the time.
+    # Whole numbers, which float32 sums exactly, and in half the time.
     mask = known.astype(np.float32)
     height = np.where(known, elevation, 0.0)
     half = kernel.shape[0] // 2
@@ -103,8 +96,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    # Sums of products become those about the means in their own memory, and arrays that are not needed any more are
-    # freed: they take most of the memory of a judgement.
+    # Computed in place, and arrays are freed early: they take most of the memory of an assessment.
     n, sx, sy = sums(mask, disc), sums(mask, x), sums(mask, y)
     cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
     del mask
@@ -122,7 +114,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         a = (cyy * cxz - cxy * cyz) / determinant
         b = (cxx * cyz - cxy * cxz) / determinant
         del cxy
-        # Residuals along z, brought to distances from the plane by the cosine of its slope.
+        # Residuals along z, converted to distances from the plane by the cosine of its slope.
         residual -= a * cxz
         residual -= b * cyz
         del cxz, cyz
@@ -137,21 +129,21 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
         roughness_sigma = np.sqrt(mean_variance / (2 * freedom))
         slope = np.arctan(steepness)
         del mean_variance, freedom, steepness
-    # Known on all four sides, or the plane would lean on nothing.
+    # Known cells on all four sides, otherwise the plane would extrapolate.
     enough = (n >= KNOWN_SHARE * disc.sum()) & (determinant > 1e-6 * cxx * cyy)
     present = known.astype(np.uint8)
     for side in (offset[None, :] < 0, offset[None, :] > 0, offset[:, None] < 0, offset[:, None] > 0):
         beside = cv2.dilate(present, kernel * side.astype(np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
         enough &= beside.take(index) > 0
 
-    # Not by adding NaN: that would keep the sign of a NaN that came out of 0 / 0, which is one or the other by chance.
+    # Not by adding NaN: that would keep the sign of a NaN of 0 / 0, which is not deterministic.
     for values in (slope, roughness, slope_sigma, roughness_sigma):
         values[~enough] = np.nan
     return DiscFit(slope, roughness, slope_sigma, roughness_sigma)
 
 
 def disc_sums(layer: Array, weights: Float) -> Array:
-    """Weighted sum over the window around each cell, zeros outside; each cell exactly from its window alone.
+    """Weighted sum over the window around each cell, zeros outside; exactly a function of that window.
 
     Args:
         layer: (ny, nx) float32 or float64, the type of the sums.
@@ -174,26 +166,25 @@ def disc_sums(layer: Array, weights: Float) -> Array:
 def edge_cells(
     flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits, drift: Index | None = None
 ) -> Mask:
-    """Cells where the sole would cover, or a test would read, something unknown, hazardous or off the grid.
+    """Cells whose sole would cover, or whose tests would read, something unknown, hazardous or off the grid.
 
-    Every cell under the sole must be free of hazards, and all that its tests read (its disc) be known: then no test
-    under the sole depends on anything that is not known. The window is exactly that, corners rounded as the disc is.
+    Every cell under the sole must be free of hazards, and every cell of their discs known, so that no test under the
+    sole depends on an unknown cell. The window is exactly the union of these discs, with rounded corners.
 
-    So whatever is unknown, rises or falls is at least a disc's radius away from the sole, and the map may have drifted
-    by that much before it comes under the sole. In the map the sole is also widened by one cell, so that nothing unsafe
-    comes under its rim while the drift is no larger; where a cell may have drifted by more than the disc's radius, the
-    sole is widened by the rest if that is more than one cell. Unknown cells and hazards are kept away alike: what is
-    unknown might turn out to be a hazard.
+    Unknown cells, rises and falls are thus at least a disc's radius away from the sole: the map may drift by as much
+    before they come under it. In the map the sole is also widened by one cell, so that nothing unsafe comes under its
+    rim with such a drift; if a cell may have drifted by more than the disc's radius, the sole is widened by the rest if
+    that is more than one cell. Unknown cells count as hazards, since they may be.
 
     Args:
         flags: (ny, nx).
         kernel: the disc of the tests.
         resolution: cell edge [m].
         limits: limits of the robot, with the sole's size.
-        drift: (ny, nx, 2) number of cells along y and x by which each cell may have drifted, a property of that cell
-            alone (the fused map). None: a single scan, where nothing has drifted, but heights may change
-            with the stripe beside them and an edge that runs through a cell may show in the next one: all cells that
-            the discs touch must be known, and one ring more around them.
+        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, a property of
+            that cell alone. None for a single scan: nothing has drifted, but heights may change with the stripe beside
+            them, and an edge within a cell may show in the next one: all cells that the discs touch and one more ring
+            must be known.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)
@@ -208,7 +199,7 @@ def edge_cells(
 
     if drift is None:
         side = 2 * EXTRA_RING_CELLS + 1
-        read = reaches(unknown, touched_kernel(limits.disc_radius / resolution))
+        read = reaches(unknown, disc_kernel(limits.disc_radius / resolution, TOUCHED))
         return under_sole(bad | reaches(read, np.ones((side, side), np.uint8)), (0, 0))
     read = reaches(unknown, kernel)
     result = np.zeros(flags.shape, dtype=bool)
@@ -221,19 +212,19 @@ def edge_cells(
 
 
 def beyond_border(kernel: Kernel) -> int:
-    """Number of rows and columns beyond the border of the fused map that influence whether a sole on it is safe."""
+    """Number of rows and columns beyond the border of the fused map that influence the safety of a sole on it."""
     return kernel.shape[0] // 2 + _most_beside(kernel)
 
 
 def _most_beside(kernel: Kernel) -> int:
-    """Cells by which a sole in the map is wider on each side at most."""
+    """Largest widening of a sole in the map on each side [cells]."""
     return max(LARGEST_DRIFT_CELLS - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
 
 
 def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
-    """Distance from the centre of a cell to the farthest corner of what `edge_cells` reads around it [m]."""
+    """Distance from the centre of a cell to the farthest corner of the window of `edge_cells` [m]."""
     half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
-    iy, ix = np.nonzero(kernel if is_map else touched_kernel(limits.disc_radius / resolution))
+    iy, ix = np.nonzero(kernel if is_map else disc_kernel(limits.disc_radius / resolution, TOUCHED))
     radius = kernel.shape[0] // 2
     more = _most_beside(kernel) if is_map else EXTRA_RING_CELLS
     reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
@@ -243,7 +234,7 @@ def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimit
 def clearance(flags: Flags, resolution: float) -> Float:
     """Signed distance to the nearest cell that carries a flag other than EDGE, or to the border [m]; negative inside.
 
-    Distances are from cell centre to the nearer face of the other cell, which explains the half cells.
+    Distances are from a cell's centre to the nearer face of the other cell, hence the half cells.
     """
     ny, nx = flags.shape
     bad = (flags & ALL_BUT_EDGE) != 0
@@ -253,20 +244,15 @@ def clearance(flags: Flags, resolution: float) -> Float:
         return np.asarray(to_border * resolution)
     if bad.all():
         return np.asarray(-to_border * resolution)
-    to_other = _distance_cells(bad) - 0.5
+    within = bad.astype(np.uint8)
+    inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
+    # One of the two is 0. OpenCV's last bit depends on the alignment of the memory; the squares are whole numbers, so
+    # rounding them corrects it.
+    distance = inside + outside
+    to_other = np.sqrt(np.rint(distance * distance), dtype=np.float64) - 0.5
     return np.where(bad, -to_other, np.minimum(to_other, to_border)) * resolution
 
 
 def half_cells(length: float, resolution: float) -> int:
     """Cells to each side of the centre cell that a sole of this length touches."""
     return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0
-
-
-def _distance_cells(mask: Mask) -> Float:
-    """Distance from each cell to the nearest one on the other side of the mask, centre to centre [cells]."""
-    within = mask.astype(np.uint8)
-    inside, outside = (cv2.distanceTransform(m, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for m in (within, 1 - within))
-    # One of the two is 0. OpenCV's last bit depends on where the memory lies; since the squares are whole numbers,
-    # rounding corrects it.
-    distance = inside + outside
-    return np.sqrt(np.rint(distance * distance), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Rasterisation: samples, and the lines between neighbouring stripes, on the cells of a grid."""
+"""Rasterisation of samples to the cells of a grid."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy.typing as npt
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 
-# Samples this far below the highest of a cell belong to another surface: the top one is what a foot meets.
+# Samples this far below the highest of a cell belong to another surface; a foot meets the top one.
 TOP_LAYER_M = 0.004
-# Share of a cell by which `GridGeometry.indices` forgives rounding.
+# Tolerance of `GridGeometry.indices` to rounding [cells].
 ROUNDING = 1e-6
 
 
@@ -24,7 +24,7 @@ class CellSamples:
     """Samples of one swath, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
-        cell: int32 ix * (ny + 2) + iy, column and row counted from 1: a ring of cells around the grid takes what lies
+        cell: int32 ix * (ny + 2) + iy, column and row counted from 1; a ring of cells around the grid takes samples
             beyond it.
         total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
         variance_total: float32 sum of their variances.
@@ -39,7 +39,7 @@ class CellSamples:
     high: Float32
 
     def columns(self, geometry: GridGeometry) -> slice:
-        """From the first to the last column of the grid in which it has samples."""
+        """Range of the columns of the grid with samples."""
         if not self.cell.size:
             return slice(0, 0)
         first, last = (int(cell) // (geometry.shape[0] + 2) - 1 for cell in (self.cell[0], self.cell[-1]))
@@ -94,11 +94,11 @@ class Raster:
         return self.elevation, self.variance, self.low, self.high
 
     def window(self, cells: tuple[slice, slice]) -> Raster:
-        """Some rows and columns of it."""
+        """Rows and columns of the raster."""
         return Raster(*(np.ascontiguousarray(layer[cells]) for layer in self.layers))
 
     def with_columns(self, columns: slice, part: Raster) -> Raster:
-        """The same with other values in some columns: those of `part`, which has only these."""
+        """Copy with some columns replaced by those of `part`."""
         layers = [layer.copy() for layer in self.layers]
         for layer, values in zip(layers, part.layers, strict=True):
             layer[:, columns] = values
@@ -106,7 +106,7 @@ class Raster:
 
 
 def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSamples:
-    """Sum samples per cell, the top layer of each cell apart from what lies below it.
+    """Sum the samples of the top layer of each cell.
 
     Args:
         points: (n, 3) in base_footprint; NaN points are left out.
@@ -118,12 +118,12 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 
 
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
-    """The same for `count` swaths at once, each by itself; swaths near each other, or the work arrays grow large."""
+    """Rasterise `count` swaths at once, each by itself; distant swaths make the work arrays large."""
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
     ny = geometry.shape[0]
-    # Each swath has an entry for every cell in the columns that they touch together, one swath behind the other.
+    # Each swath has an entry for every cell in the columns that any swath touches, one swath after the other.
     lowest = int(ix.min())
     span = (int(ix.max()) + 1 - lowest) * (ny + 2)
     ix -= lowest
@@ -155,13 +155,13 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
     """Column and row (2, n) of the cells of points (3, n), those of `GridGeometry.indices` counted from 1.
 
-    A point beyond the grid has column or row 0 or one more than there are; so has one that is not known.
+    A point that is beyond the grid or unknown lies in the ring of cells around it.
     """
     offset, last = _offset_and_last(geometry)
     position = points[:2] * (1 / geometry.resolution)
     position += offset
     with np.errstate(invalid="ignore"):
-        # What is NaN becomes the lowest number, as what is below the grid; the rest is cut off where it is positive.
+        # NaN becomes the lowest number, as positions below the grid; positive numbers are truncated.
         cell = position.astype(np.int32)
     cell.clip(np.int32(0), last, out=cell)
     unknown = np.isnan(points[2])
@@ -172,14 +172,14 @@ def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
 
 @functools.lru_cache(maxsize=8)
 def _offset_and_last(geometry: GridGeometry) -> tuple[Float, npt.NDArray[np.int32]]:
-    """Position (2, 1) of base_footprint's origin in columns and rows counted from 1, and the numbers beyond the end."""
+    """Origin (2, 1) of base_footprint in columns and rows counted from 1, and the last column and row of the ring."""
     offset = [[1 + ROUNDING - origin / geometry.resolution] for origin in geometry.origin]
     ny, nx = geometry.shape
     return np.array(offset), np.array([[nx + 1], [ny + 1]], dtype=np.int32)
 
 
 def cells_of(points: Float, geometry: GridGeometry) -> tuple[Index, Mask]:
-    """Flat cells iy * nx + ix (m,) of those points (n, 3) that are known and lie on the grid, and which these are."""
+    """Flat cells iy * nx + ix (m,) of the known points (n, 3) on the grid, and the mask of these points."""
     ix, iy = _cells(np.asarray(points.T, dtype=np.float64), geometry)
     ny, nx = geometry.shape
     inside = np.asarray((ix > 0) & (ix <= nx) & (iy > 0) & (iy <= ny))
@@ -191,12 +191,12 @@ def _sum(cell: Index, weights: Array, size: int) -> Float:
 
 
 def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice | None = None) -> Raster:
-    """Bring the swaths of all stripes together; the result does not depend on the order in which they were made.
+    """Merge the swaths of all stripes; the result does not depend on the order in which they were rasterised.
 
     Args:
         swaths: swaths of all stripes, those of one stripe or pair always at the same index.
         geometry: the grid.
-        columns: columns of the grid, the others being left out of the raster; None = all.
+        columns: columns of the grid that the raster has; None = all.
     """
     rows, first = geometry.shape[0] + 2, 0
     number = geometry.shape[1]
@@ -207,7 +207,7 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     if not swaths:
         nothing = np.broadcast_to(np.nan, (geometry.shape[0], number))
         return Raster(nothing, nothing, nothing, nothing)
-    # One kind of value after the other: all of them joined at once would take most of the memory of a merge.
+    # Joined one kind of value after the other, which saves most of the memory of a merge.
     # The type of numpy's own indices: with any other `at` is many times slower.
     cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
@@ -238,19 +238,19 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
 
 
 def _joined(swaths: Sequence[CellSamples], name: str, kind: npt.DTypeLike | None = None) -> Array:
-    """One kind of value of all swaths, one swath behind the other."""
+    """Concatenation of one kind of value of all swaths."""
     return np.concatenate([getattr(swath, name) for swath in swaths], dtype=kind)
 
 
 def without_cells(raster: Raster, cells: Mask) -> Raster:
-    """The same grid with some cells unknown."""
+    """Copy with some cells unknown."""
     if not cells.any():
         return raster
     return Raster(*(np.where(cells, np.nan, layer) for layer in raster.layers))
 
 
 def pool(raster: Raster, factor: int) -> Raster:
-    """Coarser cells from `factor` x `factor` fine ones, conservatively: one unknown fine cell makes all unknown."""
+    """Pool `factor` x `factor` cells; one unknown fine cell makes the coarse one unknown."""
     if factor == 1:
         return raster
     return Raster(
@@ -273,18 +273,18 @@ def blocks(layer: Array, factor: int) -> Array:
 
 
 def changed_columns(now: Array, before: Array) -> Mask:
-    """Columns (nx,) of a layer (ny, nx) in which any bit differs from another layer of its type."""
+    """Mask (nx,) of the columns of a layer (ny, nx) in which any bit differs from another layer of its type."""
     whole = np.dtype(f"u{now.itemsize}")
     return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
 
 
 def widened(columns: Mask, cells: int) -> Mask:
-    """The same columns (nx,) and those within this many cells of one."""
+    """Dilate a mask (nx,) of columns by a number of cells."""
     padded = np.pad(columns, cells)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
 
 
 def runs(columns: Mask) -> list[slice]:
-    """The columns (nx,) as runs of neighbours, in order."""
+    """Runs of neighbours in a mask (nx,) of columns, in order."""
     ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
     return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]
