@@ -1,4 +1,4 @@
-"""Calibrations: errors against the truth of a data folder, the check for drift, misplaced crosses, a mount that moves.
+"""Calibrations: errors against the truth of a data folder, drift, misplaced crosses, mirrored pictures, a moved mount.
 
 `python -m benchmarks calibration PART ...`; without a part: a list of them.
 """
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import drift_check, misplaced_crosses, mounting
+from benchmarks import drift_check, mirrored, misplaced_crosses, mounting
 from benchmarks.accuracy import scans_with_truth
 from benchmarks.parts import run_part
 from guara_perception.app.calibrate import calibrate_folder
@@ -90,7 +90,12 @@ def truth() -> None:
 
 def main() -> None:
     """Command line."""
-    parts = {"drift": drift_check.main, "crosses": misplaced_crosses.main, "mount": mounting.main}
+    parts = {
+        "drift": drift_check.main,
+        "crosses": misplaced_crosses.main,
+        "mirrored": mirrored.main,
+        "mount": mounting.main,
+    }
     run_part("calibration", {"errors": errors, **parts, "truth": truth})
 
 

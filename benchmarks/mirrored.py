@@ -1,0 +1,113 @@
+"""Mirrored and turned pictures: sessions and scans that a driver flips, and what is said of them.
+
+`python -m benchmarks calibration mirrored DATA ... [--scan NAME]`; its last line counts the mirrored grids called good.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.app.files.calibration_session import open_session
+from guara_perception.arrays import Image
+from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.session import CalibrationSession
+from kinematics import RobotModel, load_robot
+
+Change = Callable[[Image], Image]
+CHANGES: dict[str, Change] = {
+    "left-right": lambda picture: picture[:, ::-1],
+    "up-down": lambda picture: picture[::-1],
+    "both axes": lambda picture: picture[::-1, ::-1],
+    "turn 90": np.rot90,
+}
+MIRRORING = ("left-right", "up-down")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one case.
+
+    Attributes:
+        case: what was changed, and how.
+        said: first reason that is given, with the verdict or the level before it; the message where it is refused.
+        is_mirrored: a grid was made, and it is mirrored.
+        is_called_good: a grid was made, of a good calibration, and its health is ok.
+    """
+
+    case: str
+    said: str
+    is_mirrored: bool
+    is_called_good: bool
+
+
+def changed_scan(scan: gp.Scan, change: Change) -> gp.Scan:
+    """The scan as a driver that changes its frames records it."""
+    return dataclasses.replace(scan, read_frame=lambda name: np.ascontiguousarray(change(scan.read_frame(name))))
+
+
+def changed_session(session: CalibrationSession, change: Change) -> CalibrationSession:
+    """The session as a driver that changes all pictures records it."""
+    plates = (dataclasses.replace(plate, scan=changed_scan(plate.scan, change)) for plate in session.plates)
+    return dataclasses.replace(
+        session,
+        plates=tuple(plates),
+        read_picture=lambda name: np.ascontiguousarray(change(session.read_picture(name))),
+    )
+
+
+def outcomes(session: CalibrationSession, scan: gp.Scan, robot: RobotModel) -> Iterator[Outcome]:
+    """Outcomes of session, scan or both changed in each way; of the session with and without its board's colours."""
+    boards = {session.board, dataclasses.replace(session.board, first_square=None)}
+    for board in sorted(boards, key=lambda each: each.first_square or ""):
+        kind = "" if board.first_square is None else f", first square {board.first_square}"
+        coloured = dataclasses.replace(session, board=board)
+        true = calibrate_session(coloured, robot).calibration
+        for name, change in CHANGES.items():
+            yield _outcome(f"scan {name}{kind}", true, changed_scan(scan, change), robot, name in MIRRORING)
+            try:
+                calibration = calibrate_session(changed_session(coloured, change), robot).calibration
+            except gp.PerceptionError as error:
+                yield Outcome(f"session {name}{kind}", f"refused: {error}", False, False)
+                continue
+            for where, seen in (("session", scan), ("both", changed_scan(scan, change))):
+                yield _outcome(f"{where} {name}{kind}", calibration, seen, robot, name in MIRRORING)
+
+
+def _outcome(case: str, calibration: gp.Calibration, scan: gp.Scan, robot: RobotModel, is_mirrored: bool) -> Outcome:
+    verdict, reasons = calibration.quality["verdict"], calibration.quality["reasons"]
+    try:
+        health = gp.process_scan(scan, calibration, robot, pictures=False).metadata["health"]
+    except gp.PerceptionError as error:
+        return Outcome(case, f"refused: {error}", False, False)
+    said = [*reasons, *health["reasons"]]
+    return Outcome(
+        case,
+        f"calibration {verdict}, grid {health['level']}: {'; '.join(said)}",
+        is_mirrored,
+        verdict == "good" and health["level"] == "ok",
+    )
+
+
+def main() -> None:
+    """What is said of mirrored and turned pictures of DATA ... [--scan NAME]."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
+    parser.add_argument("--scan", default="paper", help="name of the scan")
+    arguments = parser.parse_args()
+    robot = load_robot("guara")
+    made: list[Outcome] = []
+    for data in arguments.data:
+        session, scan = open_session(data / "calibration"), gp.open_scan(data / "scans" / arguments.scan)
+        for outcome in outcomes(session, scan, robot):
+            made.append(outcome)
+            print(f"{data.name}: {outcome.case}: {outcome.said}", flush=True)
+    grids = [outcome for outcome in made if outcome.is_mirrored]
+    good = sum(outcome.is_called_good for outcome in grids)
+    print(f"{len(made)} cases; grids mirrored and called good: {good} of {len(grids)}")
