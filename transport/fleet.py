@@ -1,10 +1,11 @@
-"""Which robots are alive on a router and how they are, from their liveliness tokens and their status alone."""
+"""Robots on a router and their state, from their liveliness tokens and their status."""
 
 from __future__ import annotations
 
 import math
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -83,9 +84,7 @@ def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
 
 
 def _living(session: Session, key: str, timeout: float) -> set[str]:
-    tokens: list[str] = session.attempt(
-        partial(zenoh_api.tokens, session.raw, key, timeout), f"cannot look for {key!r}"
-    )
+    tokens = session.attempt(partial(zenoh_api.tokens, session.raw, key, timeout), f"cannot look for {key!r}")
     return {robot_of(token) for token in tokens}
 
 
@@ -93,19 +92,16 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
     states: list[tuple[int, RobotState]] = []
     finished = threading.Event()
 
-    def take(found_key: str, payload: bytes | None, _: bytes | None) -> None:
-        try:
-            status = None if payload is None else decode_status(payload)
-        except MessageError:
-            return
-        state = None if status is None else _state_of(status)
-        # The name in the status must be that of the key: no robot may report for another.
-        if status is not None and state is not None and state.robot == robot_of(found_key):
-            states.append((status.stamp, state))
+    def take(reply: zenoh_api.Reply) -> None:
+        with suppress(MessageError):
+            status = decode_status(reply.payload or b"")
+            state = _state_of(status)
+            # The name in the status must be that of the key: no robot may report for another.
+            if state is not None and state.robot == robot_of(reply.key):
+                states.append((status.stamp, state))
 
-    session.attempt(
-        lambda: zenoh_api.get_replies(session.raw, key, b"", timeout, take, finished.set), f"cannot ask {key!r}"
-    )
+    query = partial(zenoh_api.get_replies, session.raw, key, timeout, take, finished.set)
+    session.attempt(query, f"cannot ask {key!r}")
     # Zenoh ends the stream of replies after `timeout`; as much again is for a busy machine.
     finished.wait(2.0 * timeout)
     # A router that stores publications answers as well, with an older status: the newest comes last.

@@ -1,4 +1,4 @@
-"""Tries out what each role of a security folder may do, against a node of its own on this machine."""
+"""Check of a security folder: every action is tried as each role, against a node of its own on this machine."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ class Permission:
     expected: bool
 
 
-class _Ear:
-    """Notes the texts that arrive on one key."""
+class _Listener:
+    """Texts that have arrived on one key."""
 
     def __init__(self, session: Session, key: str, *, latched: bool = False) -> None:
         self._texts: set[str] = set()
@@ -90,7 +90,7 @@ class _Ear:
             self._texts.add(payload.decode())
             self._changed.notify_all()
 
-    def hears(self, text: str, timeout: float) -> bool:
+    def has(self, text: str, timeout: float) -> bool:
         with self._changed:
             return self._changed.wait_for(lambda: text in self._texts, timeout)
 
@@ -102,7 +102,7 @@ class _Probe:
         self.robot, self.session = robot, session
         self.live = Publisher(session, terrain_key(robot), latched=True)
         self.status = Publisher(session, status_key(robot), latched=False)
-        self.stance = _Ear(session, stance_key(robot))
+        self.stance = _Listener(session, stance_key(robot))
         self._raw: Any = zenoh_api.declare_queryable(session.raw, scan_key(robot), self._reply)
         self.live.put(b"last")
 
@@ -175,8 +175,9 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         if watcher not in members.revoked:
             rows[f"{watcher}.{FLEET}"] = (members.root / watcher, ("connect", "see the status"))
     endpoint = _free_endpoint()
+    configuration = load_configuration(members.root / router, listen=[endpoint], local=True)
     with (
-        listen_with(_of_router(members.root / router, endpoint), (endpoint,)),
+        listen_with(configuration, (endpoint,)),
         open_node(connect=endpoint, security=robot_folder / "node", shared_memory=False) as session,
     ):
         return _try_all(_Probe(session, name), rows, endpoint, _reader_of(members, name))
@@ -220,11 +221,6 @@ def _reader_of(members: Members, robot: str) -> Path:
     )
 
 
-def _of_router(folder: Path, endpoint: str) -> str:
-    """A router's configuration as it runs, but on this machine and by itself."""
-    return load_configuration(folder, listen=[endpoint], local=True)
-
-
 def _free_endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -236,7 +232,7 @@ def _try_all(
 ) -> tuple[Permission, ...]:
     found: list[Permission] = []
     with _open_role(reader, reader, endpoint) as witness:
-        ear = None if witness is None else _Ear(witness, terrain_key(node.robot))
+        ear = None if witness is None else _Listener(witness, terrain_key(node.robot))
         for role, (folder, expected) in rows.items():
             with _open_role(folder, reader, endpoint) as session:
                 allowed = set() if session is None else _try_role(session, role, expected, node, ear)
@@ -262,22 +258,24 @@ def _open_role(folder: Path | None, known: Path, endpoint: str) -> Iterator[Sess
         yield session
 
 
-def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Probe, witness: _Ear | None) -> set[str]:
+def _try_role(
+    session: Session, role: str, expected: tuple[str, ...], node: _Probe, witness: _Listener | None
+) -> set[str]:
     allowed = {"connect"}
     key = terrain_key(node.robot)
     patience = WAIT if "read grids" in expected else QUIET
-    live, last = _Ear(session, key), _Ear(session, key, latched=True)
-    status = _Ear(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
-    if last.hears("last", patience):
+    live, last = _Listener(session, key), _Listener(session, key, latched=True)
+    status = _Listener(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
+    if last.has("last", patience):
         allowed.add("read the last grid")
     deadline = time.monotonic() + (WAIT if "see the status" in expected else QUIET)
     hoped = {"read grids", "see the status"} & set(expected) or {"read grids"}
     while time.monotonic() < deadline and not hoped <= allowed:
         node.live.put(f"live {role}".encode())
         node.status.put(f"status {role}".encode())
-        if live.hears(f"live {role}", 0.1):
+        if live.has(f"live {role}", 0.1):
             allowed.add("read grids")
-        if status.hears(f"status {role}", 0.1):
+        if status.has(f"status {role}", 0.1):
             allowed.add("see the status")
     node.live.put(b"last")
     if b"done" in _answers(session, scan_key(node.robot)):
@@ -292,9 +290,9 @@ def _try_role(session: Session, role: str, expected: tuple[str, ...], node: _Pro
     stance, forged = f"stance of {role}", f"forged by {role}"
     session.raw.put(stance_key(node.robot), stance.encode())
     session.raw.put(key, forged.encode())
-    if node.stance.hears(stance, WAIT if "publish stance pauses" in expected else QUIET):
+    if node.stance.has(stance, WAIT if "publish stance pauses" in expected else QUIET):
         allowed.add("publish stance pauses")
-    if witness is not None and witness.hears(forged, WAIT if "forge grids" in expected else QUIET):
+    if witness is not None and witness.has(forged, WAIT if "forge grids" in expected else QUIET):
         allowed.add("forge grids")
     return allowed
 
@@ -307,23 +305,16 @@ def _tell(query: Any, text: bytes) -> None:
 def _answers(session: Session, key: str, timeout: float = WAIT) -> list[bytes | None]:
     finished = threading.Event()
     replies: list[bytes | None] = []
-    zenoh_api.get_replies(session.raw, key, b"", timeout, lambda _, reply, __: replies.append(reply), finished.set)
+    zenoh_api.get_replies(session.raw, key, timeout, lambda reply: replies.append(reply.payload), finished.set)
     finished.wait(timeout + QUIET)
     return replies
 
 
 def format_matrix(permissions: tuple[Permission, ...]) -> str:
     """The matrix as text: a row per role, a column per action; `!` marks what is not as it should be."""
-    roles = list(dict.fromkeys(permission.role for permission in permissions))
-    actions = list(dict.fromkeys(permission.action for permission in permissions))
-    cells = {(permission.role, permission.action): permission for permission in permissions}
-    first = max(len(role) for role in [*roles, "role"])
-    lines = ["  ".join([f"{'role':<{first}}", *actions])]
-    for role in roles:
-        row = [f"{role:<{first}}"]
-        for action in actions:
-            cell = cells[role, action]
-            mark = ("yes" if cell.allowed else "no") + ("" if cell.allowed == cell.expected else " !")
-            row.append(f"{mark:<{len(action)}}")
-        lines.append("  ".join(row).rstrip())
-    return "\n".join(lines)
+    rows = {"role": list(ACTIONS)}
+    for cell in permissions:
+        mark = ("yes" if cell.allowed else "no") + ("" if cell.allowed == cell.expected else " !")
+        rows.setdefault(cell.role, []).append(f"{mark:<{len(cell.action)}}")
+    first = max(map(len, rows))
+    return "\n".join("  ".join([f"{role:<{first}}", *cells]).rstrip() for role, cells in rows.items())

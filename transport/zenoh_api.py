@@ -1,10 +1,10 @@
-"""The only file that names parts of Zenoh which its makers mark unstable; imports Zenoh when first used."""
+"""Calls into Zenoh, which is imported at the first; the only file that uses parts that Zenoh marks unstable."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from transport.supervision import guarded
 
@@ -19,7 +19,7 @@ def _zenoh() -> Any:
 
 
 def missing_names() -> tuple[str, ...]:
-    """The names of `UNSTABLE` that the installed Zenoh does not have; empty when all is well."""
+    """Names of `UNSTABLE` that the installed Zenoh does not have."""
     import zenoh.handlers
 
     missing = []
@@ -33,13 +33,13 @@ def missing_names() -> tuple[str, ...]:
 
 
 def zenoh_error() -> type[Exception]:
-    """The one class of all errors of Zenoh."""
+    """Class of all errors of Zenoh."""
     error: type[Exception] = _zenoh().ZError
     return error
 
 
 def error_text(error: Exception) -> str:
-    """Zenoh's own words, without the source lines that it appends."""
+    """Text of an error of Zenoh, without the source lines that it appends."""
     return str(error).split(" at /", 1)[0].strip()
 
 
@@ -81,7 +81,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
         session: raw Zenoh session.
         key: where to publish.
         priority: name of one of Zenoh's priorities; each has a queue of its own on each link.
-        encoding: encoding of all payloads, see `transport.messages.encodings`; None says nothing.
+        encoding: encoding of all payloads, see `transport.messages.encodings`; None for none.
     """
     zenoh = _zenoh()
     return session.declare_publisher(
@@ -93,12 +93,12 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 
 
 def source_of(publisher: Any) -> str:
-    """The identity of a publisher as two chunks of a key: the id of its session and its own."""
+    """Identity of a publisher as two chunks of a key: the id of its session and its own."""
     return f"{publisher.id.zid}/{publisher.id.eid}"
 
 
 def has_subscribers(publisher: Any) -> bool:
-    """Whether somebody has subscribed to what a publisher sends, as far as is known here now."""
+    """Check whether a publisher has subscribers, as far as this session knows."""
     return bool(publisher.matching_status.matching)
 
 
@@ -137,78 +137,58 @@ def tokens(session: Any, key: str, timeout: float = 1.0) -> list[str]:
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
+class Reply(NamedTuple):
+    """One reply to a query: its key, and either the payload, with its attachment, or the payload of an error."""
+
+    key: str
+    payload: bytes | None
+    error: bytes | None
+    attachment: bytes | None
+
+
 def get_replies(
     session: Any,
-    key: str,
-    payload: bytes | bytearray,
+    selector: str,
     timeout: float,
-    on_reply: Callable[[str, bytes | None, bytes | None], None],
+    on_reply: Callable[[Reply], None],
     on_finished: Callable[[], None],
     *,
-    priority: str = "INTERACTIVE_HIGH",
+    payload: bytes | bytearray | None = None,
     encoding: str | None = None,
+    priority: str = "INTERACTIVE_HIGH",
+    is_dropped: bool = False,
 ) -> None:
     """Send a query whose replies may be several on one key.
 
     Args:
         session: raw Zenoh session.
-        key: key expression.
+        selector: key expression, with parameters if any.
+        timeout: time after which Zenoh ends the stream with an error reply [s].
+        on_reply: called on Zenoh's thread with each reply; access rules judge its key, so that it says whose it is.
+        on_finished: called on Zenoh's thread after the last reply, also when there was none.
         payload: payload of the query.
-        timeout: [s] after which Zenoh ends the stream with an error reply.
-        on_reply: called on Zenoh's thread with (key, payload, None) or ("", None, error payload); access rules judge
-            the key, so that it says whose answer it is.
-        on_finished: called on Zenoh's thread after the last reply, also when there was none.
-        priority: priority of the query and, since Zenoh takes it from there, of the replies.
         encoding: encoding of the payload.
-    """
-    zenoh = _zenoh()
-
-    def take(reply: Any) -> None:
-        if reply.ok is not None:
-            on_reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), None)
-        else:
-            on_reply("", None, reply.err.payload.to_bytes())
-
-    session.get(
-        key,
-        direct(take, on_finished),
-        payload=payload,
-        encoding=encoding,
-        timeout=timeout,
-        priority=getattr(zenoh.Priority, priority),
-        consolidation=zenoh.ConsolidationMode.NONE,
-    )
-
-
-def get_pieces(
-    session: Any,
-    selector: str,
-    timeout: float,
-    on_piece: Callable[[str, bytes, bytes], None],
-    on_finished: Callable[[], None],
-) -> None:
-    """Ask for pieces of messages; nobody waits for this side when its link is congested, the piece is dropped.
-
-    Args:
-        session: raw Zenoh session.
-        selector: key expression and parameters.
-        timeout: [s] after which Zenoh ends the stream.
-        on_piece: called on Zenoh's thread with the key, the attachment and the payload of each reply.
-        on_finished: called on Zenoh's thread after the last reply, also when there was none.
+        priority: priority of the query and, since Zenoh takes it from there, of the replies.
+        is_dropped: drop query and replies on a congested link instead of waiting for it.
     """
     zenoh = _zenoh()
 
     def take(reply: Any) -> None:
         sample = reply.ok
-        if sample is not None and sample.attachment is not None:
-            on_piece(str(sample.key_expr), sample.attachment.to_bytes(), sample.payload.to_bytes())
+        if sample is None:
+            on_reply(Reply("", None, reply.err.payload.to_bytes(), None))
+        else:
+            attachment = None if sample.attachment is None else sample.attachment.to_bytes()
+            on_reply(Reply(str(sample.key_expr), sample.payload.to_bytes(), None, attachment))
 
     session.get(
         selector,
         direct(take, on_finished),
+        payload=payload,
+        encoding=encoding,
         timeout=timeout,
-        congestion_control=zenoh.CongestionControl.DROP,
-        priority=zenoh.Priority.DATA_HIGH,
+        congestion_control=zenoh.CongestionControl.DROP if is_dropped else None,
+        priority=getattr(zenoh.Priority, priority),
         consolidation=zenoh.ConsolidationMode.NONE,
     )
 

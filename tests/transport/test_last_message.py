@@ -14,12 +14,13 @@ def _ask(session: Session, key: str, number: int) -> tuple[int, bytes]:
     """Number and content of what is answered to a question for all of one message."""
     found: list[tuple[int, bytes]] = []
     finished = threading.Event()
-    zenoh_api.get_pieces(
+    zenoh_api.get_replies(
         session.raw,
         f"{pieces_key(key)}?piece=0;size=1000;number={number}",
         20.0,
-        lambda _, attachment, content: found.append((PIECE.unpack(attachment)[0], content)),
+        lambda reply: found.append((PIECE.unpack(reply.attachment)[0], reply.payload)),
         finished.set,
+        is_dropped=True,
     )
     assert finished.wait(60.0)
     (answer,) = found

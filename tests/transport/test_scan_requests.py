@@ -146,10 +146,10 @@ def test_an_invalid_request_is_refused(shared_node) -> None:
             zenoh_api.get_replies(
                 session.raw,
                 keys.scan_key(),
-                payload,
                 30.0,
-                lambda _, __, error, found=errors: found.append(error),
+                lambda reply, found=errors: found.append(reply.error),
                 ended.set,
+                payload=payload,
             )
             assert ended.wait(30.0)
             assert decode_refusal(errors[0]).code == "bad_request"

@@ -1,10 +1,11 @@
-"""Fetches the last message of a publisher when it was lost on the way, in pieces that the link can carry."""
+"""Recovery of the last message of a publisher when it was lost, in pieces that the link can carry."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from transport import zenoh_api
@@ -32,12 +33,12 @@ CLOSE_TIMEOUT = 2.0
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
 # A message is taken as lost after this multiple of the largest lateness of those before.
 MARGIN = 4.0
-# Share of the largest lateness that is kept with each message.
+# Decay of the largest lateness with each message.
 KEPT = 0.9
 
 
 class Patience:
-    """Learns how late messages come that come by themselves.
+    """Estimate of how late published messages arrive after their announcement.
 
     An announcement is small and overtakes what it announces. On a quick link the message is there milliseconds later,
     so that a lost one is noticed soon; on a slow one it takes as long as the link needs for it.
@@ -188,7 +189,7 @@ class Fetcher:
         """Fetch the last message of one publisher, and forget the announcement when that cannot be done."""
         buffer = bytearray()
         failures, took, fetched = 0, 0.0, 0
-        while not self._is_closed:
+        while not self._is_closed and failures < ATTEMPTS:
             with self._changed:
                 if self._newest.get(source, -1) >= number:
                     return
@@ -196,8 +197,6 @@ class Fetcher:
             piece = self._piece(source, len(buffer), number)
             if piece is None:
                 failures += 1
-                if failures >= ATTEMPTS:
-                    break
                 time.sleep(BETWEEN_ATTEMPTS)
                 continue
             took += time.monotonic() - start
@@ -209,8 +208,6 @@ class Fetcher:
             if head[2] != len(buffer) or (not content and head[1] > len(buffer)):
                 buffer.clear()
                 failures += 1
-                if failures >= ATTEMPTS:
-                    break
                 continue
             failures = 0
             buffer += content
@@ -255,15 +252,14 @@ class Fetcher:
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 
-        def take(found_key: str, attachment: bytes, content: bytes) -> None:
+        def take(reply: zenoh_api.Reply) -> None:
+            attachment, content = reply.attachment or b"", reply.payload or b""
             if len(attachment) == PIECE.size and len(content) <= size:
-                on_piece(found_key, PIECE.unpack(attachment), content)
+                on_piece(reply.key, PIECE.unpack(attachment), content)
 
         selector = f"{key}?piece={begin};size={size};number={number}"
-        self._session.attempt(
-            lambda: zenoh_api.get_pieces(self._session.raw, selector, timeout, take, finished.set),
-            f"cannot ask {key!r}",
-        )
+        query = partial(zenoh_api.get_replies, self._session.raw, selector, timeout, take, finished.set)
+        self._session.attempt(lambda: query(priority="DATA_HIGH", is_dropped=True), f"cannot ask {key!r}")
         deadline = time.monotonic() + timeout
         while not finished.wait(0.1) and not self._is_closed and time.monotonic() < deadline:
             pass

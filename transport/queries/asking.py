@@ -1,4 +1,4 @@
-"""Sends one query and hands over its replies one by one, until a deadline or until the other side dies."""
+"""Queries whose replies are yielded one by one, until a deadline or until the other side dies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from transport.links.session import Session
 # [s] Beyond the caller's timeout, so that the answerer's own message that the deadline passed can still arrive.
 GRACE = 0.5
 
-# [s] How often a waiting caller looks whether the other side still lives.
+# [s] Between two checks of a waiting caller that the other side still lives.
 POLL = 0.05
 
 ZENOH_TIMEOUT = b"Timeout"
@@ -55,7 +55,7 @@ def ask(
         key: key of the queryable.
         payload: payload of the query.
         timeout: time after which the caller no longer waits [s]; Ctrl-C ends the wait.
-        is_alive: tells whether the other side still lives; asked while waiting.
+        is_alive: whether the other side still lives; called while waiting.
         priority: priority of the query and its replies on congested links.
         encoding: encoding of the payload, as in `transport.messages.encodings`.
 
@@ -65,21 +65,19 @@ def ask(
     """
     answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 
-    def on_reply(_: str, reply: bytes | None, error: bytes | None) -> None:
-        if error == ZENOH_TIMEOUT:
-            answers.put(Answer(timed_out=True))
-        else:
-            answers.put(Answer(payload=reply, error=error))
+    def on_reply(reply: zenoh_api.Reply) -> None:
+        is_late = reply.error == ZENOH_TIMEOUT
+        answers.put(Answer(timed_out=True) if is_late else Answer(payload=reply.payload, error=reply.error))
 
     deadline = time.monotonic() + timeout + GRACE
     session.attempt(
         lambda: zenoh_api.get_replies(
             session.raw,
             key,
-            payload,
             timeout + GRACE,
             on_reply,
             lambda: answers.put(Answer(ended=True)),
+            payload=payload,
             priority=priority,
             encoding=encoding,
         ),

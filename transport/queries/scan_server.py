@@ -1,4 +1,4 @@
-"""The scanner's side of a scan request: at most one scan per request, and one final reply to each that is taken."""
+"""Server of scan requests: at most one scan per request, and one final reply to each that is accepted."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ScanJob:
         return max(0.0, self._deadline - time.monotonic())
 
     def progress(self, stripes_done: int, stripes_total: int) -> None:
-        """Tell the asker how far the scan is; returns at once."""
+        """Report the progress of the scan; returns at once."""
         self._report(stripes_done, stripes_total)
 
 
@@ -61,6 +61,9 @@ class _Work:
         self.queries = queries
         self.last: ScanReply | None = None
         self.progress = ScanReply(id=job.request.id, state=ScanState.ACCEPTED)
+
+    def failed(self, code: str, error: object) -> ScanReply:
+        return replace(self.progress, state=ScanState.FAILED, code=code, message=str(error))
 
 
 Handler = Callable[[ScanJob], TerrainMessage]
@@ -181,32 +184,25 @@ class ScanServer(Answerer):
         supervised("transport-deadline", keep_deadline).start()
         try:
             grid = self._handler(job)
-            last = replace(
-                work.progress,
-                state=ScanState.DONE,
-                step=grid.step,
-                sequence=grid.sequence,
-                stamp=grid.stamp,
-            )
+            done = replace(work.progress, state=ScanState.DONE, step=grid.step)
+            last = replace(done, sequence=grid.sequence, stamp=grid.stamp)
         except ScanFailed as error:
-            last = replace(work.progress, state=ScanState.FAILED, code=error.code, message=str(error))
+            last = work.failed(error.code, error)
         except Exception as error:
             logger.exception("scan request %s failed", job.request.id)
-            last = replace(work.progress, state=ScanState.FAILED, code="internal", message=str(error))
+            last = work.failed("internal", error)
         finally:
             ended.set()
         self._finish(work, last, returned=True)
 
     def _on_failure(self, work: _Work, failure: Failure) -> None:
         work.job.cancelled.set()
-        self._finish(
-            work, replace(work.progress, state=ScanState.FAILED, code="internal", message=str(failure)), returned=True
-        )
+        self._finish(work, work.failed("internal", failure), returned=True)
 
     def _expire(self, work: _Work) -> None:
         work.job.cancelled.set()
         message = f"the deadline of {work.job.request.timeout:g} s passed before the scan was done"
-        self._finish(work, replace(work.progress, state=ScanState.FAILED, code="timeout", message=message))
+        self._finish(work, work.failed("timeout", message))
 
     def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
         with self._lock:
@@ -228,8 +224,7 @@ class ScanServer(Answerer):
         work = self._work
         if work is not None:
             work.job.cancelled.set()
-            message = "the scanner shuts down"
-            self._finish(work, replace(work.progress, state=ScanState.FAILED, code="closed", message=message))
+            self._finish(work, work.failed("closed", "the scanner shuts down"))
         with self._lock:
             self._is_stopped = True
         super()._release()

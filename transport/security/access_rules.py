@@ -1,4 +1,4 @@
-"""Who may do what: the access rules of a node's own router and of a router that serves several robots, by role."""
+"""Access rules, by role, of a node that is its own router and of a router that serves several robots."""
 
 from __future__ import annotations
 
@@ -68,13 +68,8 @@ class _Rules:
 
     def write(self, name: str, flow: str, messages: Iterable[str], keys: Iterable[str]) -> None:
         # A rule without `flows` would hold in both directions.
-        self._rules[name] = {
-            "id": name,
-            "permission": "allow",
-            "flows": [flow],
-            "messages": list(messages),
-            "key_exprs": list(keys),
-        }
+        rule = {"id": name, "permission": "allow", "flows": [flow]}
+        self._rules[name] = {**rule, "messages": list(messages), "key_exprs": list(keys)}
 
     def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
         """Allow these rules to owners of these common names; a subject without names would stand for everybody."""

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import datetime
 import ipaddress
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
+
+from transport.exceptions import SecurityError
+
+T = TypeVar("T")
 
 # [days] A CA is replaced with the robot's security folder, not during its life.
 AUTHORITY_DAYS = 3650
@@ -59,6 +64,20 @@ def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
     )
 
 
+def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
+    """What `take` reads from a certificate file.
+
+    Raises:
+        SecurityError: the file cannot be read, or lacks what `take` reads.
+    """
+    from cryptography import x509
+
+    try:
+        return take(x509.load_pem_x509_certificate(path.read_bytes()))
+    except (OSError, ValueError, LookupError, x509.ExtensionNotFound) as error:
+        raise SecurityError(f"cannot read {path}: {error}") from error
+
+
 def make_authority(common_name: str) -> Credentials:
     """A new CA: self-signed, P-256, good for signing certificates and nothing else."""
     from cryptography import x509
@@ -66,17 +85,9 @@ def make_authority(common_name: str) -> Credentials:
     from cryptography.hazmat.primitives.asymmetric import ec
 
     key = ec.generate_private_key(ec.SECP256R1())
-    usage = x509.KeyUsage(
-        digital_signature=False,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=True,
-        crl_sign=True,
-        encipher_only=False,
-        decipher_only=False,
-    )
+    others = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
+    unused = dict.fromkeys((*others, "encipher_only", "decipher_only"), False)
+    usage = x509.KeyUsage(key_cert_sign=True, crl_sign=True, **unused)
     certificate = (
         _builder(common_name, None, key, AUTHORITY_DAYS)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)

@@ -1,4 +1,4 @@
-"""The life of certificates: who has one, how long it is valid, making it again, adding and shutting out a member."""
+"""Life of certificates: validity, renewal, adding and revoking members."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from transport.exceptions import SecurityError
 from transport.keys import check_name
 from transport.messages.terrain_message import Health
 from transport.security.access_rules import FLEET, ROLES, ROUTER, access_control
-from transport.security.authority import Credentials, make_certificate
+from transport.security.authority import Credentials, make_certificate, read_certificate
 from transport.security.folder import (
     CONFIGURATION,
     LONGEST_NAME,
@@ -44,24 +44,22 @@ def days_left(certificate: str | Path) -> float:
     Raises:
         SecurityError: it cannot be read.
     """
-    from cryptography import x509
-
-    try:
-        end = x509.load_pem_x509_certificate(Path(certificate).read_bytes()).not_valid_after_utc
-    except (OSError, ValueError) as error:
-        raise SecurityError(f"cannot read {certificate}: {error}") from error
+    end = read_certificate(Path(certificate), lambda read: read.not_valid_after_utc)
     return (end - datetime.datetime.now(datetime.UTC)).total_seconds() / 86400.0
 
 
 def expiries(folder: str | Path) -> dict[str, float]:
     """[days] left of each certificate below a security folder, or of the folder of one role, by its path."""
     root = Path(folder)
-    found = sorted({*root.glob("*.pem"), *root.glob("*/*.pem"), *root.glob("*/*/*.pem")})
-    return {str(path.relative_to(root)): days_left(path) for path in found}
+    return {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
+
+
+def _files(root: Path, ending: str) -> list[Path]:
+    return sorted(path for depth in ("", "*/", "*/*/") for path in root.glob(f"{depth}*.{ending}"))
 
 
 def judge_security(folder: str | Path) -> tuple[Health, str]:
-    """What is wrong with a security folder, and what to do: keys that others can read, certificates that end, rules.
+    """Assess a security folder: keys that others can read, certificates that end, outdated access rules.
 
     Returns:
         ERROR for a key that others can read or a certificate that has expired, WARN for one that ends within
@@ -73,9 +71,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     root, left = Path(folder), expiries(folder)
     if not left:
         raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
-    readable = [
-        path for path in sorted({*root.glob("*.key"), *root.glob("*/*.key"), *root.glob("*/*/*.key")}) if _is_open(path)
-    ]
+    readable = [path for path in _files(root, "key") if _is_open(path)]
     if readable:
         return Health.ERROR, f"{readable[0].relative_to(root)} can be read by others on this machine; chmod 600 it"
     name, days = min(left.items(), key=lambda item: item[1])
@@ -279,14 +275,8 @@ def hosts_of(certificate: Path) -> list[str]:
     """Names and addresses under which the owner of a certificate can be reached; SecurityError when it has none."""
     from cryptography import x509
 
-    try:
-        names: Any = (
-            x509.load_pem_x509_certificate(certificate.read_bytes())
-            .extensions.get_extension_for_class(x509.SubjectAlternativeName)
-            .value
-        )
-    except (OSError, ValueError, x509.ExtensionNotFound) as error:
-        raise SecurityError(f"cannot read {certificate}: {error}") from error
+    kind = x509.SubjectAlternativeName
+    names = read_certificate(certificate, lambda read: read.extensions.get_extension_for_class(kind).value)
     return [str(entry.value) for entry in names]
 
 

@@ -1,4 +1,4 @@
-"""Who has a certificate of one CA, and the access rules that follow from it."""
+"""Members of a security folder, and the access rules that follow from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from transport.exceptions import SecurityError
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
-from transport.security.authority import Credentials
+from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
 from transport.security.whole_folder import make_whole
 
@@ -207,21 +207,12 @@ def open_members(folder: str | Path) -> Members:
         if lists is None:
             # As an earlier version wrote it: of the one robot.
             lists, found = dict.fromkeys(robots, found), {}
-        members = {
-            robot: Robot(
-                own.folder,
-                dict(lists.get(robot, {}).get("added", {})),
-                tuple(lists.get(robot, {}).get("revoked", [])),
-            )
-            for robot, own in robots.items()
-        }
+        members = {}
+        for robot, own in robots.items():
+            saved = lists.get(robot, {})
+            members[robot] = Robot(own.folder, dict(saved.get("added", {})), tuple(saved.get("revoked", ())))
         routers = {
-            str(name): Router(
-                tuple(router["robots"]),
-                str(router["uplink"]),
-                scans=bool(router["scans"]),
-                summary_only=bool(router.get("summary_only", False)),
-            )
+            str(name): Router(**{**router, "robots": tuple(router["robots"])})
             for name, router in found.get("routers", {}).items()
         }
         return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))
@@ -265,14 +256,10 @@ def common_name(certificate: Path) -> str:
     Raises:
         SecurityError: it cannot be read, or has none.
     """
-    from cryptography import x509
     from cryptography.x509.oid import NameOID
 
-    try:
-        subject = x509.load_pem_x509_certificate(certificate.read_bytes()).subject
-        return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
-    except (OSError, ValueError, IndexError) as error:
-        raise SecurityError(f"cannot read {certificate}: {error}") from error
+    found = read_certificate(certificate, lambda read: read.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0])
+    return str(found.value)
 
 
 def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
