@@ -1,4 +1,4 @@
-"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
+"""Types of arrays of this package; shapes and units are documented where they are used."""
 
 from __future__ import annotations
 

@@ -11,24 +11,24 @@ class PerceptionError(Exception):
 
 
 class InvalidInput(PerceptionError, ValueError):
-    """An argument that cannot be used; the message says what was given and what is allowed."""
+    """An argument that cannot be used; the message names what was given and what is allowed."""
 
 
 class MissingFile(PerceptionError, FileNotFoundError):
-    """A file or folder that was named and is not there."""
+    """A file or folder that does not exist."""
 
 
 class FileFormatError(PerceptionError, ValueError):
     """A file whose content is not what the format allows; the message names file and field.
 
     Attributes:
-        findings: each thing that is wrong, one or more.
+        findings: one or more faults.
     """
 
     findings: tuple[str, ...]
 
     def __init__(self, *findings: str) -> None:
-        """One message of all findings."""
+        """Join all findings to one message."""
         numbered = "; ".join(f"({number}) {text}" for number, text in enumerate(findings, 1))
         super().__init__(findings[0] if len(findings) == 1 else f"{len(findings)} findings: {numbered}")
         self.findings = findings

@@ -1,8 +1,8 @@
-"""How work that takes long says how far it has come: one kind of callback everywhere."""
+"""Type of the callbacks that report the progress of long work."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-# Called with what is done and with all there is to do, in the same unit: stripes, pictures, pauses.
+# Called with the work done and the total, in the same unit: stripes, pictures, pauses.
 Progress = Callable[[int, int], None]

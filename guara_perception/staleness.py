@@ -1,14 +1,14 @@
-"""Refusal of questions to grids that a client handed out although something spoke against them."""
+"""Rejection of questions to stale grids."""
 
 from __future__ import annotations
 
 
 def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
-    """Refuse a question to a stale grid, unless the one who asks allows it.
+    """Reject a question to a stale grid, unless the caller allows it.
 
     Args:
-        stale_because: what speaks against the grid; empty where nothing does.
-        allow_stale: whether the answer is wanted all the same.
+        stale_because: reasons for which the grid is stale; empty for a current one.
+        allow_stale: answer from a stale grid too.
 
     Raises:
         transport.StaleTerrain: it is stale, and that is not allowed.

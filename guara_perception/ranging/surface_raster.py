@@ -1,4 +1,4 @@
-"""The surface of one scan on the cells of a grid, kept up to date stripe by stripe."""
+"""Surface of one scan on the cells of a grid, updated stripe by stripe."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 
 class SurfaceRaster:
-    """Takes the stripes of a scan in any order and rasterises each swath as soon as nothing can change it any more."""
+    """Raster of the stripes of a scan, added in any order; each swath is rasterised once no stripe can change it."""
 
     def __init__(self, geometry: GridGeometry, pattern: range, join_height: float) -> None:
         """Start empty.
@@ -54,7 +54,7 @@ class SurfaceRaster:
         return dict(sorted(self._stripes.items()))
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Take stripes by index, one or several: faster, with the same result."""
+        """Add stripes by index; several in one call are faster, with the same result."""
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
             self._mark_out_of_range(group)
@@ -62,11 +62,10 @@ class SurfaceRaster:
             self._make([key for key in self._to_make if self._is_settled(key)])
 
     def raster(self) -> Raster:
-        """Heights of all that was added so far; a cell with a return above the height limits is not known.
+        """Heights of all stripes added so far; a cell with a return above the height limits is unknown.
 
-        A return below them says only why a cell is unknown: from under a surface that was seen nothing can return, so
-        there it is a stray reflection. What was merged the last time is merged again only in the columns that swaths
-        made since then touch.
+        A return below them only marks the cause of an unknown cell: from below a surface that was seen nothing can
+        return, so there it is a stray reflection. Only the columns of swaths made since the last call are merged again.
         """
         self._make(list(self._to_make))
         for columns in runs(self._to_merge):
@@ -80,7 +79,7 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of returns that were seen in a cell and may not be used."""
+        """Flags of the cells with returns that may not be used."""
         # Few of each stripe: those of many stripes in one go.
         fresh = [stripe.doubtful.points for index, stripe in self._stripes.items() if index not in self._with_doubts]
         if fresh:
@@ -101,7 +100,7 @@ class SurfaceRaster:
         return key[0] in self._stripes and key[1] in self._stripes
 
     def _is_settled(self, key: Key) -> bool:
-        """Whether no stripe that is still to come can change a swath."""
+        """Test that no later stripe can change a swath."""
         first, second = key
         around = (first - self._pattern.step, second + self._pattern.step)
         return all(i in self._stripes or i not in self._pattern for i in around)

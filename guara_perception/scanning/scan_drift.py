@@ -13,12 +13,12 @@ from guara_perception.ranging.stripe_points import StripePoints
 if TYPE_CHECKING:
     from kinematics import StancePose
 
-# Neighbouring columns are smoothed over one another: every fourth says as much of the floor, in half of the time.
+# Neighbouring columns are smoothed together: every fourth one carries as much information, in half of the time.
 COLUMNS_APART = 4
 # So many stripes, all over the scan, show that the whole scan is worth a check for mirrored frames.
 SUSPECTED = 12
 MIRRORED = (
-    "mirrored left to right, the frames fit the calibration: the camera or its driver flips them, and what lies on the "
+    "mirrored left to right, the frames fit the calibration: the camera or its driver flips them, and what is on the "
     "left is taken for the right"
 )
 
@@ -37,9 +37,9 @@ class ProcessedScan(Protocol):
 
 
 def scan_drift(processor: ProcessedScan) -> Drift:
-    """Whether what a scan shows of the floor fits its calibration and the soles that the robot stands on.
+    """Check that the floor seen by a scan fits its calibration and the soles that the robot stands on.
 
-    Mirrored frames look like drift; they are distinguished from it, since they fit when mirrored again.
+    Mirrored frames look like drift, but fit when they are mirrored again.
     """
     drift = _check(processor, processor.points)
     if drift.verdict == DRIFTING and _check(processor, processor.mirrored_points()).verdict == HOLDS:

@@ -1,4 +1,4 @@
-"""`ScanProcessor`: frames in, one stripe or several at a time, terrain out; no frame is kept."""
+"""`ScanProcessor`: terrain from the frames of one scan, added one stripe or several at a time; no frame is kept."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ScanProcessor:
         stamp: int = 0,
         step: int = 0,
     ) -> None:
-        """Prepare a scan: everything that does not depend on the frames is computed here.
+        """Compute everything that does not depend on the frames.
 
         Args:
             calibration: calibration of this rangefinder, or the path of its file.
@@ -113,9 +113,9 @@ class ScanProcessor:
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _unseen_motion(self) -> Float | None:
-        """Covariance (6, 6) of the motion of the camera that a reading before and one after the scan cannot tell.
+        """Covariance (6, 6) of the camera motion that the joint readings before and after the scan cannot detect.
 
-        None on fewer than three feet: nothing tells whether the camera stood, and no node confirms such a scan.
+        None on fewer than three feet: stillness cannot be tested there, and no node confirms such a scan.
         """
         camera = self._calibration.transform_camera_to_base
         try:
@@ -147,7 +147,7 @@ class ScanProcessor:
         return self._surface.stripes
 
     def mirrored_points(self) -> dict[int, StripePoints]:
-        """What `points` would be if every frame had been mirrored left to right."""
+        """Points of the stripes as if every frame had been mirrored left to right."""
         usable = {index: each.mirrored() for index, each in self._profiles.items() if not each.is_frame_bad}
         return self._ranger.points(usable)
 
@@ -157,14 +157,14 @@ class ScanProcessor:
         return dict(sorted(self._profiles.items()))
 
     def add(self, index: int, on: Image, off: Image | None = None) -> StripeProfile:
-        """Process one frame pair as `add_all` does, with the same errors, and give its stripe."""
+        """Process one frame pair as `add_all` does, with the same errors, and return its stripe."""
         return self.add_all([FramePair(index, on, off)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs in any order, one at a time or several: faster, with the same result. None is kept.
+        """Process frame pairs in any order. Several in one call are faster, with the same result; none is kept.
 
         Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
-        background. A sweep in order is served best; when one of the two was lost, the stripe is given up.
+        background. Sweeps should come in order; when one of the two frames was lost, the stripe is rejected.
 
         A frame that cannot be used (blank, of another size, swapped, no array at all) marks its stripe as bad; the
         scan goes on and its report says so.
@@ -231,7 +231,7 @@ class ScanProcessor:
         return self._surface.pairs
 
     def extended(self) -> ScanProcessor:
-        """A standard scan that takes over what this coarse one has: only the stripes between are still to be added.
+        """A standard scan with the stripes of this coarse one; only the stripes between them are still to be added.
 
         Raises:
             InvalidInput: this scan is not coarse.
@@ -241,11 +241,11 @@ class ScanProcessor:
         return self._taken_over("standard", self._profiles)
 
     def restricted(self, indices: Collection[int]) -> ScanProcessor:
-        """This scan as it would be if only some of its stripes had been fired."""
+        """The same scan with only some of its stripes."""
         return self._taken_over(self.mode, indices)
 
     def _taken_over(self, mode: str, indices: Collection[int]) -> ScanProcessor:
-        """A processor of a mode that has some stripes of this one."""
+        """A processor of some mode with some stripes of this one."""
         other = ScanProcessor(
             self._calibration,
             self._robot,
@@ -263,20 +263,20 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Judge what was added so far, so that `finish` has only to judge what is added after it.
+        """Assess what was added so far, so that `finish` only has to assess what is added later.
 
-        Changes nothing but the time that `finish` takes. It takes as long as `finish` itself: for the time in which the
-        last few stripes have yet to come and there is nothing else to do.
+        Changes nothing but the time that `finish` takes, and takes as long as `finish` itself: call it while waiting
+        for the last few stripes.
         """
         self._surface.layers("footprint")
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
-        """The terrain of what was added so far; at any time, and again after more stripes.
+        """Terrain of the stripes added so far; may be called at any time, and again after more stripes.
 
         Args:
-            area: "footprint", or "wide": as far along y as the robot's map, of which the camera sees more the farther
-                away it is. `TerrainMap.update` knows more ground with it.
-            record: record of another grid of this scan, taken but for its lost cells; None makes one.
+            area: "footprint", or "wide": as far along y as the robot's map, from which `TerrainMap.update` learns more
+                ground.
+            record: record of another grid of this scan, used except for its lost cells; None makes one.
 
         Raises:
             InvalidInput: another area.

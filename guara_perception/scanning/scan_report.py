@@ -1,4 +1,4 @@
-"""The report of a scan, which goes into the metadata of its grid, and the diagnosis of one with few returns."""
+"""Record of a scan for its grid, and diagnosis of a scan with few returns."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
 def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
-    """One sentence on a scan with few returns: what happened and what helps, the paper's remedies included.
+    """Cause and remedy of few returns in one sentence, the paper's remedies included.
 
-    Too much light, orientation, order and pattern come first, then whether stripes were found where they cannot be,
-    weak, found but not usable, or not found.
+    Too much light, orientation, order and pattern come first, then stripes found where they cannot be, weak stripes,
+    stripes that are not usable, and stripes that were not found.
 
     Args:
         coverage: share of the expected ground that was seen.
         counts: image columns of all stripes per StripeStatus.
-        wrong: what is wrong with the light, the frames or the pattern as a whole; empty for nothing.
+        wrong: fault of the light, the frames or the pattern as a whole; empty for none.
         weak: text on a weak line; empty where the line is not weak. A stripe where none can be is a guess, and looks
             weak.
     """
@@ -95,7 +95,7 @@ def wrong_pattern(fired: Iterable[int], stride: int) -> str:
 
 
 def regional_coverage(seen: Mask, expected: Mask) -> dict[str, float | None]:
-    """Seen over expected in each ninth of the area, by names such as "far left"; None where nothing was expected."""
+    """Coverage of each ninth of the area, by names such as "far left"; None where nothing was expected."""
     result: dict[str, float | None] = {}
     ny, nx = seen.shape
     for i, along in enumerate(REGIONS_X):
@@ -227,10 +227,10 @@ def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """How the light of some frames fits the lines of stripes, seen in one way.
+    """Fit of the light of some frames to the lines of stripes, for one orientation.
 
     Attributes:
-        name: name of the way in which the frames are seen.
+        name: the orientation, in words.
         stripe: index of the stripe that each frame fits best.
         fits: (f,) whether the frame fits that stripe.
         fine: share of the light near those stripes that lies within a third of the distance that counts as near; by
@@ -283,7 +283,7 @@ def _expected(geometry: ScanGeometry, columns: Index) -> Float:
 
 
 def _order_words(index: Index, stripe: Index) -> str:
-    """Text that says how the stripes in the frames differ from the indices that the frames were given with."""
+    """Text on the difference between the stripes in the frames and the indices given with the frames."""
     off = stripe - index
     usual = int(np.median(off))
     if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:

@@ -1,4 +1,4 @@
-"""`ScanSurface`: the points of stripes in, the layers of the scan's grids out, as often as they are asked for."""
+"""`ScanSurface`: layers of the grids of a scan from the points of its stripes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record import Run
 from kinematics.self_filter import SelfFilter
 
-# The raster need not be finer than this; coarser grids are pooled from it, so a lost stripe always leaves a gap.
+# Coarsest raster; coarser grids are pooled from it, so that a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
 # Share of a cell that rounding may take.
@@ -29,7 +29,7 @@ ROUNDING = 1e-6
 
 
 class ScanSurface:
-    """What a scan has seen of the ground; what has not changed since it was last asked is not computed again."""
+    """Ground seen by a scan; only what has changed since the last call is computed again."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class ScanSurface:
 
         rows = area_rows(settings, cell)
         self._grids = {name: grid for name, (grid, _) in rows.items()}
-        # Made when they are asked for: most scans are asked for one of them.
+        # Made on demand: most scans need one of them.
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grid("wide").refined(self._pooling)
@@ -120,11 +120,11 @@ class ScanSurface:
 
 
 class ScanArea:
-    """An area of a scan; what has not changed since its layers were last asked for is not computed again.
+    """One area of a scan; only what has changed since the last call is computed again.
 
     Attributes:
         grid: cells of the area.
-        plan: the looks that the scan should have at them.
+        plan: stripes that should observe each cell.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class ScanArea:
             rows: rows of the widest area's raster that belong to this area.
             plan: plan of the looks at the cells.
             causes: causes of its unknown cells.
-            limits: what the feet can bear.
+            limits: traversability limits of the feet.
         """
         self.grid, self.plan = grid, plan
         self._rows, self._causes = rows, causes
@@ -181,7 +181,7 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
 
 
 def check_area(area: str) -> None:
-    """Refuse what is none of AREAS.
+    """Reject an area that is not one of AREAS.
 
     Raises:
         InvalidInput: unknown area.

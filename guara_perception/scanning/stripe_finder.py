@@ -1,4 +1,4 @@
-"""The stripes of one sweep from its frames: each frame checked, a background supplied, extraction by the method."""
+"""Stripes of one sweep from its frames: checks of each frame, its background, extraction by the chosen method."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STRIPES_BEFORE = (3, 6)
 
 
 class StripeFinder:
-    """Turns frame pairs into stripe profiles; a frame that cannot be used gives a profile that says why."""
+    """Extracts stripe profiles from frame pairs; the profile of a frame that cannot be used holds the reason."""
 
     def __init__(self, method: str, size: tuple[int, int], stride: int) -> None:
         """Prepare a sweep.
@@ -57,7 +57,7 @@ class StripeFinder:
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
     def _band(self, pair: FramePair, rows: tuple[int, int], shared: SharedFrame | None) -> Band | str:
-        """The band of a stripe, or why there is none; `shared` is its laser-off frame where that serves others too."""
+        """Band of a stripe, or the reason for none; `shared` is its laser-off frame where that serves other stripes."""
         (width, height), on, off = self._size, pair.on, pair.off
         if fault := picture_fault(on):
             return f"the frame is {fault}"
@@ -77,10 +77,10 @@ class StripeFinder:
 
 
 class SweepBackground:
-    """Keeps one channel of the last few laser-on frames, so memory does not grow with the sweep.
+    """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    Which frames serve a stripe depends on its index alone. When one of them was lost, the stripe is given up rather
-    than measured in another way: a lost frame may take knowledge away, never change it.
+    The frames used for a stripe depend on its index alone. When one of them was lost, the stripe is rejected rather
+    than measured in another way: a lost frame may remove knowledge, never change it.
     """
 
     def __init__(self, stride: int) -> None:
@@ -96,10 +96,10 @@ class SweepBackground:
         self._last = -1
 
     def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
-        """Take a good laser-on frame and give its band with a background, or the reason why there is none.
+        """Add a good laser-on frame and return its band with a background, or the reason for none.
 
-        The channel is that in which the first stripe stands out most, and stays the same for the sweep. The first
-        stripes, and those that come out of order, are served by an estimate from their own frame.
+        The channel is that in which the first stripe stands out most, and stays the same for the sweep. The background
+        of the first stripes, and of those that come out of order, is estimated from their own frame.
 
         Args:
             index: index of the stripe.
@@ -139,12 +139,11 @@ METHODS: dict[str, Literal | None] = {
 }
 
 
-def check_method(name: str) -> str:
-    """The name itself when there is such a method.
+def check_method(name: str) -> None:
+    """Reject an unknown method.
 
     Raises:
         InvalidInput: no method of that name; the message lists them.
     """
     if name not in METHODS:
         raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")
-    return name

@@ -1,8 +1,8 @@
-"""A stripe before and after extraction: its pictures, the band of rows that can hold it, the profile that is found."""
+"""Pictures of a stripe, the band of rows that can hold it, and the profile that is extracted from them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import cv2
@@ -31,7 +31,7 @@ class FramePair:
 
 
 class SharedFrame:
-    """A frame that serves several stripes and into which nothing is written meanwhile.
+    """A frame that serves several stripes; nothing may be written into it meanwhile.
 
     Attributes:
         frame: (rows, columns[, channels]).
@@ -42,7 +42,7 @@ class SharedFrame:
         self._channels: dict[int, Image] = {}
 
     def channel(self, number: int) -> Image:
-        """One channel, cut out when it is asked for first."""
+        """Extract one channel, once."""
         if number not in self._channels:
             self._channels[number] = channel_of(self.frame, number)
         return self._channels[number]
@@ -165,8 +165,8 @@ class StripeProfile:
         status: (n,) uint8, a StripeStatus per column.
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
         doubtful_px: (n,) float32, row of a return that may not be used (ambiguous or mixed), NaN where there is none.
-        reason: why the whole frame is bad, empty when it is not.
-        remark: why the laser-off picture was not used, empty when it was or there was none.
+        reason: reason for which the whole frame is bad; empty for a good one.
+        remark: reason for which the laser-off picture was not used; empty when it was, or there was none.
     """
 
     position_px: Float32
@@ -188,7 +188,7 @@ class StripeProfile:
 
     def mirrored(self) -> StripeProfile:
         """The profile of the same picture seen in a mirror, its columns in reverse order."""
-        return StripeProfile(*(getattr(self, name)[::-1] for name in PROFILE_ARRAYS), reason=self.reason)
+        return replace(self, remark="", **{name: getattr(self, name)[::-1] for name in PROFILE_ARRAYS})
 
 
 PROFILE_ARRAYS = StripeProfile.__slots__[:5]

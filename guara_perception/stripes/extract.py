@@ -1,4 +1,4 @@
-"""`extract_stripe`: the stripe of one picture by a chosen method; pictures in which none can be found."""
+"""`extract_stripe`: the stripe of one picture by a chosen method; checks of pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turns a pair of frames into one picture of laser light: background removed, one channel or several fused."""
+"""Laser light of a pair of frames: background removed, one channel or several fused."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ MAX_CLIPPED_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What some columns of a band show.
+    """Assessment of a pair of frames by some columns of a band.
 
     Attributes:
         channel: number of the channel in which the stripe stands out most from the noise; 0 for mono.
-        is_swapped: whether the dark side looks like a stripe and the bright side does not.
+        is_swapped: the dark side looks like a stripe and the bright side does not.
         change: how much brighter the surroundings of the stripe are than the background [grey levels].
         is_uneven: whether the surroundings are brighter or darker in any channel.
         is_core_clipped: whether the stripe's core is clipped in that channel in more than FUSE_FROM_CLIPPED of the
@@ -70,8 +70,8 @@ class LaserLight:
         is_fused: whether `light` is of all channels together; otherwise it is of that one.
         is_clipped: whether any pixel of that channel is at the end of its scale.
         is_uneven: whether the laser-off picture was exposed a little otherwise.
-        unlike: why the laser-off picture cannot be used, in which case there is no `light`; empty where it can.
-        reason: why the pair cannot be used, empty when it can.
+        unlike: reason for which the laser-off picture cannot be used, in which case there is no `light`; else empty.
+        reason: reason for which the pair cannot be used; empty when it can.
     """
 
     light: Array
@@ -156,7 +156,7 @@ def _judged(frame: Image, interval: int) -> Float32:
 
 
 def _is_swapped(depth: Float32, height: Float32, noise: Float32) -> bool:
-    """Whether the deepest dips exceed twice the highest peaks, and most columns (columns, channels) have one."""
+    """Test that the deepest dips exceed twice the highest peaks, and most columns (columns, channels) have one."""
     if depth.max() <= 2 * height.max():
         return False
     channel = int(np.argmax(depth.mean(axis=0)))
@@ -236,7 +236,7 @@ def clipped_columns(on: Image, top: Index, sigma: float, channel: int, *, is_fus
 
 
 def is_clipped(values: Image) -> Mask:
-    """Which grey levels of a picture are at the end of its scale."""
+    """Mask of the grey levels at the end of the scale."""
     return np.asarray(values >= clipped_from(values.dtype))
 
 

@@ -1,4 +1,4 @@
-"""Measures detected stripes: the sub-pixel centre of every column with its sigma, or the reason why there is none."""
+"""Measurement of detected stripes: sub-pixel centre and sigma of every column, or a status without one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Array, Float32, Image, Index, Mask
-from guara_perception.stripes.band import StripeProfile, StripeStatus, nothing
+from guara_perception.stripes.band import StripeProfile, StripeStatus, at_rows, nothing
 from guara_perception.stripes.peaks import ROW_SMOOTHING_SIGMA_PX, SCALE, centres
 
 OK, SATURATED, DROPOUT = (
@@ -33,7 +33,7 @@ STEEPEST_PX_PER_COLUMN = 0.5
 
 @dataclass(frozen=True, slots=True)
 class DetectedStripe:
-    """What is detected of a stripe, column by column, before its centre is measured.
+    """A detected stripe, column by column, before its centre is measured.
 
     Attributes:
         top: (columns,) row of the stripe's peak within the band.
@@ -42,13 +42,13 @@ class DetectedStripe:
         is_clipped: (columns,) whether the stripe's core is clipped.
         is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
         responses: (shifts, columns) responses of the derivative filters about the top.
-        above, below: (columns,) the laser-off picture above and below the top; zero where there is no such picture.
-        beside_px: distance of these rows from the top [px].
+        background: (rows, columns[, channels]) picture with the laser off; None where there is none that can be used.
+        channel: the channel of `background` that the laser lights most.
         sigma: width of the stripe [px].
         noise: standard deviation of a row times the slope of its response.
         rows: number of rows of the band.
         first_row: first row of the band in the full picture.
-        remark: why the laser-off picture was not used, although the stripe could be detected; empty where it was used.
+        remark: reason for which the laser-off picture was not used; empty where it was, or there was none.
     """
 
     top: Index
@@ -57,19 +57,13 @@ class DetectedStripe:
     is_clipped: Mask
     is_unsure: Mask
     responses: Float32
-    above: Image
-    below: Image
-    beside_px: int
+    background: Image | None
+    channel: int
     sigma: float
     noise: float
     rows: int
     first_row: int
     remark: str = ""
-
-
-def distance_beside(sigma: float) -> int:
-    """How far above and below a stripe of this width its surface is looked at [px]."""
-    return max(int(round(BESIDE_SIGMAS * sigma)), LEAST_BESIDE_PX)
 
 
 def sigma_of_filter(sigma: float) -> float:
@@ -124,14 +118,18 @@ def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
 
 
 def _albedo_shift(stripes: Sequence[DetectedStripe], sigma: Float32) -> Float32:
-    """How far the brightness gradient of the surface may have pulled the centre [px].
+    """Shift of the centre that the brightness gradient of the surface may have caused [px].
 
     Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
     picture shows the reflectance under ambient light, noise included, so only a share of it counts.
     """
-    above = _stacked([stripe.above for stripe in stripes]).astype(np.float32)
-    below = _stacked([stripe.below for stripe in stripes]).astype(np.float32)
-    pull = ALBEDO_SHARE * sigma**2 / _numbers([stripe.beside_px for stripe in stripes])
+    columns, beside_px = np.arange(stripes[0].top.size), np.maximum(np.round(BESIDE_SIGMAS * sigma), LEAST_BESIDE_PX)
+    above, below = np.zeros((2, len(stripes), columns.size), np.float32)
+    for i, (stripe, distance) in enumerate(zip(stripes, beside_px[:, 0].astype(int).tolist(), strict=True)):
+        if stripe.background is not None:
+            above[i] = at_rows(stripe.background, stripe.top - distance, columns, stripe.channel)
+            below[i] = at_rows(stripe.background, stripe.top + distance, columns, stripe.channel)
+    pull = ALBEDO_SHARE * sigma**2 / beside_px
     return np.asarray(pull * (below - above) / np.maximum(above + below, np.float32(1)))
 
 
@@ -146,7 +144,7 @@ def _numbers(values: Sequence[float]) -> Float32:
 
 
 def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
-    """Even out the positions of a stripe along its run: speckle moves each column on its own, the surface does not.
+    """Smooth the positions of a stripe along its run: speckle moves each column on its own, the surface does not.
 
     Neighbours enter in pairs, one from each side with the same weight: a straight line is not changed, and nothing is
     averaged across a gap or a jump.

@@ -1,4 +1,4 @@
-"""Peaks of a band of laser light: how high one must be to count, how wide the stripe is, exact centres; medians."""
+"""Peaks of a band of laser light, their threshold, width and sub-pixel centres; medians."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def stripe_sigma(smooth: Array, top: Index, columns: Index, height: Float32, smo
 
 
 def responses(light: Array, top: Index, columns: Index, sigma: float) -> Float32:
-    """What the derivative filters about each top answer: positive above the centre of a stripe, negative below it.
+    """Responses of the derivative filters about each top: positive above the centre of a stripe, negative below it.
 
     Args:
         light: (rows, columns) laser light.
@@ -223,7 +223,7 @@ def responses(light: Array, top: Index, columns: Index, sigma: float) -> Float32
 
 
 def centres(response: Float32) -> tuple[Float32, Float32]:
-    """Where the filtered light peaks: the response crosses zero.
+    """Sub-pixel peaks of the filtered light: zero crossings of the response.
 
     Args:
         response: (shifts, ...) responses of the filters.

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Index, Mask
+from guara_perception.arrays import Float, Float32, Index, Mask
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
-from guara_perception.stripes.band import Band, StripeProfile, at_rows, bad_frame
+from guara_perception.stripes.band import Band, StripeProfile, bad_frame
 from guara_perception.stripes.laser_light import clipped_columns, laser_light
-from guara_perception.stripes.measure import DetectedStripe, distance_beside, measure, sigma_of_filter
+from guara_perception.stripes.measure import DetectedStripe, measure, sigma_of_filter
 from guara_perception.stripes.peaks import (
     COLUMN_MEAN_PX,
     ROW_MEAN_PX,
     THRESHOLD_SIGMAS,
     FoundPeaks,
-    Peaks,
     candidates,
     find_peaks,
     noise_gain,
@@ -77,7 +76,7 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
 
 
 def detect(band: Band) -> DetectedStripe | str:
-    """Detect a stripe that runs across the columns of a band; a text says why the pair of frames cannot be used."""
+    """Detect a stripe that runs across the columns of a band; a text gives the reason why its frames cannot be used."""
     if band.off is None:
         return detect_in_any_light(band)
     signal = laser_light(band.on, band.off)
@@ -89,28 +88,21 @@ def detect(band: Band) -> DetectedStripe | str:
     if is_doubtful(found, signal.is_uneven):
         return detect_in_any_light(band, found.peaks.top, found.peaks.height > found.threshold)
     sigma = found.sigma
-    choice = choose_peaks(found.searched, found.peaks, found.threshold, sigma)
-    columns = np.arange(choice.top.size)
-    is_clipped, is_unsure = np.zeros(columns.size, dtype=bool), choice.is_ambiguous
+    top, height, is_unsure = choose_peaks(found)
+    is_clipped = np.zeros(top.size, dtype=bool)
     if signal.is_clipped:
-        is_clipped, is_lost = clipped_columns(signal.frame, choice.top, sigma, signal.channel, is_fused=signal.is_fused)
+        is_clipped, is_lost = clipped_columns(signal.frame, top, sigma, signal.channel, is_fused=signal.is_fused)
         is_unsure = is_unsure | is_lost
-    beside_px = distance_beside(sigma)
-    above = below = np.zeros(columns.size, np.uint8)
-    if signal.background is not None:
-        above = at_rows(signal.background, choice.top - beside_px, columns, signal.channel)
-        below = at_rows(signal.background, choice.top + beside_px, columns, signal.channel)
     width = sigma_of_filter(sigma)
     return DetectedStripe(
-        top=choice.top,
-        height=choice.height,
-        is_peak=choice.height > found.threshold,
+        top=top,
+        height=height,
+        is_peak=height > found.threshold,
         is_clipped=is_clipped,
         is_unsure=is_unsure,
-        responses=responses(found.smooth, choice.top, columns, width),
-        above=above,
-        below=below,
-        beside_px=beside_px,
+        responses=responses(found.smooth, top, np.arange(top.size), width),
+        background=signal.background,
+        channel=signal.channel,
         sigma=sigma,
         noise=found.noise * noise_gain(width, ROW_MEAN_PX),
         rows=len(signal.light),
@@ -119,7 +111,7 @@ def detect(band: Band) -> DetectedStripe | str:
 
 
 def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
-    """Whether the highest peaks of a band may not be its stripe.
+    """Test that the highest peaks of a band may not be its stripe.
 
     Args:
         found: the peaks.
@@ -140,43 +132,27 @@ def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
     return bool(np.count_nonzero(jumps) > MOST_JUMPS * count or np.count_nonzero(rivals) > MOST_RIVALS * count)
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """The stripe's peak per column.
-
-    Attributes:
-        top: (columns,) row.
-        height: (columns,) float32 value there.
-        is_ambiguous: (columns,) bool, whether another peak would have been as good.
-    """
-
-    top: Index
-    height: Float32
-    is_ambiguous: Mask
-
-
-def choose_peaks(smooth: Array, peaks: Peaks, threshold: float, sigma: float) -> Choice:
+def choose_peaks(found: FoundPeaks) -> tuple[Index, Float32, Mask]:
     """Keep the highest peak where it is alone; elsewhere follow the stripe from column to column.
 
-    Args:
-        smooth: (rows, columns) smoothed light.
-        peaks: the highest peak of each column.
-        threshold: least height of a peak.
-        sigma: width of the stripe [px].
+    Returns:
+        (columns,) row and height of the stripe's peak, and a mask of the columns in which another peak would have been
+        as good.
     """
+    peaks, threshold = found.peaks, found.threshold
     top, height = peaks.top.copy(), peaks.height.copy()
     ambiguous = np.zeros(top.size, dtype=bool)
     rival = (peaks.second > RIVAL_OF_PEAK * height) & (peaks.second > threshold) & (height > threshold)
     if not rival.any():
-        return Choice(top, height, ambiguous)
-    distance = max(int(np.ceil(APART_SIGMAS * sigma)), APART_PX)
+        return top, height, ambiguous
+    distance = max(int(np.ceil(APART_SIGMAS * found.sigma)), APART_PX)
     for begin, end in _runs(rival):
         if end - begin <= EDGE_COLUMNS:
             # Where the stripe jumps, the mean of three columns holds light of both sides: no choice is right.
             ambiguous[begin:end] = rival[begin:end]
             continue
         columns = np.arange(max(begin - CONTEXT_COLUMNS, 0), min(end + CONTEXT_COLUMNS, top.size))
-        rows, heights = candidates(smooth, columns, threshold, distance)
+        rows, heights = candidates(found.searched, columns, threshold, distance)
         heights[heights < RIVAL_OF_PEAK * heights.max(axis=0)] = 0
         chosen, margin = follow_candidates(rows, heights)
         every = np.arange(columns.size)
@@ -185,7 +161,7 @@ def choose_peaks(smooth: Array, peaks: Peaks, threshold: float, sigma: float) ->
         height[columns[use]] = heights[chosen[use], every[use]]
         several = (heights > 0).sum(axis=0) > 1
         ambiguous[columns] |= several & (~use | (margin < LEAST_MARGIN))
-    return Choice(top, height, ambiguous)
+    return top, height, ambiguous
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:

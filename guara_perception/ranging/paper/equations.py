@@ -152,7 +152,7 @@ def line_y(z: float, y1: float, z1: float, y2: float, z2: float) -> float:
 
 
 def line_residual(v: float, z: float, v1: float, z1: float, v2: float, z2: float) -> float:
-    """How far a point (v, z) is from the laser's line in image terms, eq. 16 cross-multiplied; 0 on the line."""
+    """Residual of a point (v, z) from the laser's line in image terms, eq. 16 cross-multiplied; 0 on the line."""
     return (v * z - v1 * z1) * (z2 - z1) - (v2 * z2 - v1 * z1) * (z - z1)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.stripes.any_light.stripe_path import StripePath, find_path
-from guara_perception.stripes.band import Band, at_rows, channel_of
+from guara_perception.stripes.band import Band
 from guara_perception.stripes.laser_light import clipped_columns, opening
-from guara_perception.stripes.measure import DetectedStripe, distance_beside, sigma_of_filter
+from guara_perception.stripes.measure import DetectedStripe, sigma_of_filter
 from guara_perception.stripes.peaks import (
     ROW_MEAN_PX,
     ROW_SMOOTHING_SIGMA_PX,
@@ -60,11 +60,6 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         sigma = max(sigma, width)
     assert every_response is not None
     is_clipped, is_lost = clipped_columns(band.on, top, sigma, path.channel, is_fused=band.on.ndim == 3)
-    beside_px = distance_beside(sigma)
-    above = below = np.zeros(n, np.uint8)
-    if off is not None and not path.remark:
-        dark = channel_of(off, path.channel)
-        above, below = (at_rows(dark, top + side, columns) for side in (-beside_px, beside_px))
     return DetectedStripe(
         top=top,
         height=np.where(path.is_path, np.maximum(height, np.float32(1e-3)), 0).astype(np.float32),
@@ -72,9 +67,8 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         is_clipped=is_clipped & path.is_path,
         is_unsure=~path.is_stripe | is_lost,
         responses=every_response,
-        above=above,
-        below=below,
-        beside_px=beside_px,
+        background=None if path.remark else off,
+        channel=path.channel,
         sigma=sigma,
         noise=noise,
         rows=len(path.laser),

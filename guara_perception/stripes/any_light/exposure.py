@@ -1,4 +1,4 @@
-"""Subtracts the laser-off picture, also one of another exposure, or reports why it cannot be used."""
+"""Subtraction of the laser-off picture, also one of another exposure."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
         on, off: (rows, columns, channels) float32, 0 to 255.
 
     Returns:
-        The light, and why it is that of `on` alone: empty where `off` could be used.
+        The light, and the reason for which it is that of `on` alone; empty where `off` could be used.
     """
     light = on - off
     for channel in range(on.shape[2]):

@@ -239,7 +239,7 @@ def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask
 
 
 def _grain(light: Float32, rows: Index, piece: slice, sigma: Float32) -> tuple[float, float]:
-    """How much the light of a piece varies from column to column, and how much of that is noise; 1 is all of it."""
+    """Relative variation of the light of a piece from column to column, and the part of it that is noise."""
     size = 2 * int(np.ceil(2 * np.median(sigma[piece]))) + 1
     across = rows[piece] + np.arange(3 * size)[:, None] - 3 * size // 2
     seen = light[np.clip(across, 0, len(light) - 1), np.arange(piece.start, piece.stop)]

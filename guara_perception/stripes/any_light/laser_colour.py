@@ -1,4 +1,4 @@
-"""The laser's colour from the picture itself, light in it, and ridges that stand above both their sides."""
+"""Colour of the laser from the picture itself, light of that colour, and ridges that stand above both sides."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def relative_colour(added: Float, channel: int) -> Float:
 
 
 def purity(added: Float, channel: int) -> float:
-    """How clearly a colour is that of a laser of this channel: 0 for white or another laser's, 1 for a pure one."""
+    """Purity of a colour for a laser of this channel: 0 for white or another laser's colour, 1 for a pure one."""
     if added.size == 1:
         return 1.0
     if added[channel] <= 0:
@@ -237,7 +237,7 @@ def _quietness(height: Float32, noise: float, scene: Float32) -> Float32:
 
 
 def _noise(height: Float32, elsewhere: Mask | None) -> float:
-    """How high ridges (rows, columns) are by chance [grey levels]."""
+    """Height of chance ridges (rows, columns) [grey levels]."""
     noise = max(robust_sigma(height[::3, ::7]), LEAST_NOISE)
     if elsewhere is not None:
         some = height[::2, ::3][elsewhere[::2, ::3]]
@@ -248,7 +248,7 @@ def _noise(height: Float32, elsewhere: Mask | None) -> float:
 
 
 def ridge_of_width(light: Float32, sigma: float) -> Float32:
-    """How far the light, smoothed to this sigma [px] over rows, stands above the higher of its two sides."""
+    """Height of the light, smoothed to this sigma [px] over rows, above the higher of its two sides."""
     taps = cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma, cv2.CV_32F)
     mean = np.full(COLUMNS_MEAN, 1 / COLUMNS_MEAN, np.float32)
     side = max(round(SIDE_SIGMAS * sigma), 2)

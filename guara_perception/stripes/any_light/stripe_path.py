@@ -1,4 +1,4 @@
-"""Finds the path of a stripe in any light: where it runs, before anything is measured."""
+"""Path of a stripe in any light, found before anything is measured."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
 
 @dataclass(frozen=True, slots=True)
 class StripePath:
-    """Where a stripe runs.
+    """Path of a stripe.
 
     Attributes:
         row: (columns,) row of its path.
@@ -81,7 +81,7 @@ class StripePath:
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """What is known of a band; all (rows, columns, channels) float32.
+    """Pictures of a band; all (rows, columns, channels) float32.
 
     Attributes:
         frame: laser on as delivered, 0 to 255.
@@ -113,7 +113,7 @@ class Pictures:
 
 @dataclass(frozen=True, slots=True)
 class FirstPass:
-    """What some columns of a picture show of a stripe in one channel.
+    """Path of a stripe in one channel, from some columns of a picture.
 
     Attributes:
         channel: channel that may be the laser's.
@@ -219,7 +219,7 @@ def levels(frame: Image) -> Float32:
 
 
 def _first_passes(pictures: Pictures) -> list[FirstPass]:
-    """What some columns show of the paths in the channels that may be the laser's.
+    """Paths in the channels that may be the laser's, from some columns.
 
     Two passes: the second, in which texture counts as noise and the colour is that of the first, selects the channels.
     """
@@ -257,7 +257,7 @@ def _follow(
 
 
 def _purity(pictures: Pictures, rows: Index, is_stripe: Mask, channel: int) -> float:
-    """How clearly a path has the colour of a laser: of its rim where the core is white, of its core else."""
+    """Purity of the colour of a path: of its rim where the core is white, otherwise of its core."""
     rim = rim_colour(pictures.light, pictures.frame, rows, is_stripe, channel)
     core = core_colour(pictures.detail, pictures.frame, rows, is_stripe, channel)
     return max(purity(rim, channel), purity(core, channel))
