@@ -1,4 +1,4 @@
-"""`compare`: how two grids of the same cells differ."""
+"""Comparison of two grids of the same cells."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from kinematics.arrays import read_only
 
 @dataclass(frozen=True, eq=False)
 class GridComparison:
-    """How grid b differs from grid a; printed, it is a readable text.
+    """Differences of grid b from grid a.
 
     Attributes:
         difference: height of b minus height of a, (ny, nx) float64 [m]; NaN where either is unknown.
         known_in_both, known_only_in_a, known_only_in_b: numbers of cells.
         free_in_both, free_only_in_a, free_only_in_b: numbers of traversable cells.
-        mean, rms, largest: statistics of the difference over the cells known in both [m]; NaN when there are none.
+        mean, rms, largest: statistics of the difference over the cells known in both [m]; NaN if there are none.
     """
 
     difference: Float
@@ -51,12 +51,12 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     """Compare two grids cell by cell.
 
     Args:
-        a: grid with which b is compared, or the path of its file.
+        a: reference grid, or the path of its file.
         b: grid of the same cells (equal origin, resolution and shape), or the path of its file.
 
     Raises:
         InvalidInput: the grids have different cells.
-        MissingFile, FileFormatError: a file is not there or no grid.
+        MissingFile, FileFormatError: a file is missing or no grid.
     """
     a, b = (load_terrain(grid) if isinstance(grid, str | Path) else grid for grid in (a, b))
     same = a.shape == b.shape and np.isclose(a.resolution, b.resolution, rtol=1e-9, atol=0)
@@ -68,16 +68,17 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     known_a, known_b = known_cells(a), known_cells(b)
     free_a, free_b = a.layers["traversability"] > 0, b.layers["traversability"] > 0
     difference = b.layers["elevation"].astype(np.float64) - a.layers["elevation"]
-    both = difference[known_a & known_b]
+    both = known_a & known_b
+    values = difference[both] if both.any() else np.full(1, np.nan)
     return GridComparison(
         difference=read_only(difference),
-        known_in_both=both.size,
+        known_in_both=int(both.sum()),
         known_only_in_a=int((known_a & ~known_b).sum()),
         known_only_in_b=int((known_b & ~known_a).sum()),
         free_in_both=int((free_a & free_b).sum()),
         free_only_in_a=int((free_a & ~free_b).sum()),
         free_only_in_b=int((free_b & ~free_a).sum()),
-        mean=float(both.mean()) if both.size else float("nan"),
-        rms=float(np.sqrt(np.mean(both**2))) if both.size else float("nan"),
-        largest=float(np.abs(both).max()) if both.size else float("nan"),
+        mean=float(values.mean()),
+        rms=float(np.sqrt(np.mean(values**2))),
+        largest=float(np.abs(values).max()),
     )

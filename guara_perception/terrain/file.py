@@ -1,4 +1,4 @@
-"""Loads terrain from the NumPy file that `save_terrain` writes."""
+"""Reader of the NumPy files of `save_terrain`."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layers import LAYERS
 from guara_perception.terrain.layers.record import RECORDS, ScanRecord
 
-# What NumPy and zipfile raise on damaged files; RuntimeError: a flipped bit says "encrypted" or "unknown method".
+# Errors of NumPy and zipfile for damaged files; RuntimeError: a flipped bit means "encrypted" or "unknown method".
 UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 PICTURES = ("ortho_image_mm", "range_image_mm")
 
 
 def load_terrain(path: str | Path) -> TerrainGrid:
-    """Read a grid written by `save_terrain`; the safety invariant is checked again.
+    """Read a grid of `save_terrain` and check the safety invariant.
 
     Raises:
         MissingFile: no such file.
@@ -61,7 +61,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
 
 
 def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tuple[int | None, ...]) -> Array:
-    """An array of the file, if its type is of `kinds` (NumPy's letters) and its shape is `shape` (None = any)."""
+    """Array of the file with a type of `kinds` (NumPy's letters) and a shape of `shape` (None = any)."""
     array = np.asarray(data[name])
     fits = len(array.shape) == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
     if array.dtype.kind not in kinds or not fits:

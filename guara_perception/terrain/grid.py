@@ -1,4 +1,4 @@
-"""`TerrainGrid`: one immutable grid of all layers, and the questions planners ask it."""
+"""Immutable terrain grid with all layers and the queries of planners."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from guara_perception.terrain.questions.swing import swing as _swing
 class TerrainGrid(LayeredGrid):
     """Terrain under and before the robot at one stance pause (docs/terrain.md).
 
-    A `LayeredGrid` (see there for attributes and look-ups) that answers questions: each is a function on the layers,
-    in a module of its own, and a method here.
+    A `LayeredGrid` (see there for attributes and look-ups) with queries, each a function on the layers in a module of
+    its own.
     """
 
     __slots__ = ()
 
     def __repr__(self) -> str:
-        """What the grid holds, in three lines of text."""
+        """Summary in three lines."""
         return describe(self)
 
     def _repr_html_(self) -> str:
-        """The same with small pictures of heights and hazards, for notebooks."""
+        """Summary with small pictures of heights and hazards, for notebooks."""
         return describe_as_html(self)
 
     height_scan = _height_scan

@@ -1,4 +1,4 @@
-"""`plot` and the short texts that a grid shows of itself in a console or a notebook."""
+"""Plot of a layer, and the summary of a grid in a console or a notebook."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.drawing.style import (
-    HEIGHT_COLOURS,
     TRAVERSABILITY_COLOURS,
     draw_hazards,
     draw_layer,
@@ -27,7 +26,7 @@ from guara_perception.terrain.layers.layers import LAYER_NAMES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# What a colour bar says, and the factor from the layer's unit to it.
+# Label of the colour bar of each layer, and the factor to its unit.
 COLOUR_BARS = {
     "elevation": ("height above the soles [mm]", 1e3),
     "elevation_min": ("lowest sample [mm]", 1e3),
@@ -42,7 +41,7 @@ COLOUR_BARS = {
     "looks": ("scans that saw the cell", 1.0),
 }
 SHOWN_FLAGS = 4
-# Where the key of the greys stands below the axes, under the labels, as a share of their height.
+# Position of the key of the greys below the axes, as a fraction of their height.
 KEY_Y = -0.16
 HTML_SIZE_INCH = (4.2, 3.0)
 
@@ -61,9 +60,9 @@ def plot(
     Args:
         layer: any layer; "hazard" is drawn in one colour per flag with a legend.
         hazards: veil the cells that are not traversable.
-        footholds: places to mark, each a `Foothold` or a pair (x, y) [m].
+        footholds: positions to mark, each a `Foothold` or a pair (x, y) [m].
         regions: areas to outline, each a `SteppableRegion`.
-        axes: matplotlib axes to draw on; None makes a figure that a notebook or `plt.show()` shows.
+        axes: matplotlib axes; None = new ones that a notebook or `plt.show()` shows.
 
     Raises:
         InvalidInput: no such layer, a foothold without x and y, or a region without vertices.
@@ -84,23 +83,22 @@ def plot(
         else:
             _draw_values(axes, terrain, layer, hazards)
         for x, y in outlines:
-            # Light below dark, so that it shows on any ground.
+            # White below black is visible on any ground.
             for width, colour in ((2.4, "white"), (1.0, "black")):
                 axes.plot(y, x, color=colour, linewidth=width, zorder=2)
         if marks:
             x, y = np.transpose(marks)
             axes.scatter(y, x, s=50, facecolor="white", edgecolor="black", zorder=3)
-        title = f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}"
-        axes.set_title(title)
+        axes.set_title(f"{layer.replace('_', ' ')}, {terrain.extent}, step {terrain.step}")
         if layer != "hazard":
             key = "pale grey: unknown" + (", veiled: not traversable" if hazards else "")
-            # Below the axes, where a title that a user sets does not replace it.
+            # Below the axes, so that a title of the user does not replace it.
             axes.text(0.5, KEY_Y, key, transform=axes.transAxes, ha="center", va="top", fontsize="small")
     return axes
 
 
 def describe(terrain: LayeredGrid) -> str:
-    """What a grid holds, in three lines; a fourth says why it is stale."""
+    """Summary of a grid in three lines, and a fourth if it is stale."""
     hazard = terrain.layers["hazard"]
     known = (hazard & UNKNOWN_MASK) == 0
     (x0, y0), cell, (ny, nx) = terrain.origin, terrain.resolution, terrain.shape
@@ -123,7 +121,7 @@ def describe(terrain: LayeredGrid) -> str:
 
 
 def describe_as_html(terrain: LayeredGrid) -> str:
-    """The same with two small pictures, heights and hazards, for notebooks."""
+    """Summary of a grid with pictures of heights and hazards, for notebooks."""
     figure, axes = new_figure(1, 2, (2 * HTML_SIZE_INCH[0], HTML_SIZE_INCH[1]))
     plot(terrain, axes=axes[0, 0])
     plot(terrain, "hazard", axes=axes[0, 1])
@@ -140,10 +138,8 @@ def _draw_values(axes: Axes, terrain: LayeredGrid, layer: str, hazards: bool) ->
     values = factor * terrain.layers[layer].astype(np.float64)
     unknown = (terrain.layers["hazard"] & UNKNOWN_MASK) != 0
     values[unknown] = np.nan
-    if layer == "traversability":
-        image = draw_layer(axes, terrain.geometry, values, cmap=TRAVERSABILITY_COLOURS, vmin=0, vmax=1)
-    else:
-        image = draw_layer(axes, terrain.geometry, values, cmap=HEIGHT_COLOURS)
+    colours = {"cmap": TRAVERSABILITY_COLOURS, "vmin": 0, "vmax": 1} if layer == "traversability" else {}
+    image = draw_layer(axes, terrain.geometry, values, **colours)
     axes.figure.colorbar(image, ax=axes, label=label, shrink=0.85)
     refused = (terrain.layers["traversability"] == 0) & ~unknown
     if hazards and refused.any():

@@ -1,4 +1,4 @@
-"""One style for every picture: colour-blind-safe colours, sizes, orientation (x up, y left), writing to a file.
+"""Style of all figures: colour-blind-safe colours, sizes, orientation (x up, y left), files.
 
 Figures are made without pyplot: no global state, no display, any thread.
 """
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-# Perceptually even, readable in grey and by colour-blind eyes.
+# Perceptually uniform, readable in grey and with colour blindness.
 HEIGHT_COLOURS = "cividis"
 TRAVERSABILITY_COLOURS = "viridis"
 UNKNOWN_COLOUR = "#E4E4E4"
 
-# Lines and points, in the order in which to use them (Okabe and Ito's palette without its yellow: too pale for lines).
+# Colours of lines and points, in their order of use (palette of Okabe and Ito without yellow, too pale for lines).
 LINE_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 FREE_COLOUR = "#BEEEC7"
@@ -47,7 +47,7 @@ HAZARD_COLOURS: dict[Hazard, str] = {
     Hazard.STALE: "#A898CC",
     Hazard.EDGE: "#F6E27A",
 }
-"""One colour per hazard. The order is that of precedence: a cell with several flags shows the first of them."""
+"""Colours of hazards in order of precedence: a cell with several flags shows the first of them."""
 
 DOTS_PER_INCH = 150
 _RC: Any = {
@@ -72,7 +72,7 @@ _RC: Any = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """The style while drawing: titles, colour bars and legends take their sizes when they are made.
+    """Apply the style while drawing: titles, colour bars and legends take their sizes when they are made.
 
     Example:
         with styled():
@@ -89,7 +89,7 @@ def styled() -> Iterator[None]:
 def new_figure(
     rows: int = 1, columns: int = 1, size: tuple[float, float] = (5.0, 4.0), **options: Any
 ) -> tuple[Figure, Array]:
-    """A figure with rows x columns axes, (rows, columns) object array.
+    """Make a figure with axes, a (rows, columns) object array.
 
     Args:
         rows: number of rows of axes.
@@ -118,7 +118,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any) -> AxesImage:
-    """Draw a layer a[iy, ix] of a grid as people see it: x up, y to the left, axes in metres; NaN in pale grey.
+    """Draw a layer a[iy, ix] of a grid: x up, y to the left, axes in metres; NaN in pale grey.
 
     Args:
         axes: axes to draw on.
@@ -141,13 +141,13 @@ def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any
 
 
 def hazard_picture(hazard: Flags) -> tuple[Float32, list[tuple[str, str]]]:
-    """Colours of a hazard layer and the legend that goes with it.
+    """Colours of a hazard layer and its legend.
 
     Args:
         hazard: (ny, nx) uint16 flags.
 
     Returns:
-        (ny, nx, 3) float32 colours 0 ... 1, and (name, colour) of everything that the picture shows, free cells first.
+        (ny, nx, 3) float32 colours 0 ... 1, and (name, colour) of all flags shown, free cells first.
     """
     picture = np.full((*hazard.shape, 3), np.nan, dtype=np.float32)
     left = np.ones(hazard.shape, dtype=bool)
@@ -165,7 +165,7 @@ def hazard_picture(hazard: Flags) -> tuple[Float32, list[tuple[str, str]]]:
 
 
 def draw_hazards(axes: Axes, geometry: GridGeometry, hazard: Flags, legend: bool = True) -> None:
-    """Draw a hazard layer, each cell in the colour of its foremost flag, with a legend of what is there."""
+    """Draw a hazard layer with a legend, each cell in the colour of its first flag."""
     from matplotlib.patches import Patch
 
     picture, shown = hazard_picture(hazard)

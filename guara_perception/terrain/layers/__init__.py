@@ -1,4 +1,4 @@
-"""What a grid consists of: geometry, polygons over it, layers, hazards, the invariant and look-ups by position.
+"""Parts of a grid: geometry, polygons, layers, hazards, safety invariant, look-up by position.
 
 Every other subpackage of `terrain` may import this one; it imports none of them.
 """

@@ -1,4 +1,4 @@
-"""Positions of the cells of a grid: the one module that knows axis order and half cells; cells in a polygon."""
+"""Geometry of grids: positions of cells, axis order, cells in a polygon."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class GridGeometry:
 
     @staticmethod
     def over(x: tuple[float, float], y: tuple[float, float], resolution: float) -> GridGeometry:
-        """The grid over an area, which the resolution must divide.
+        """Grid over an area that the resolution divides.
 
         Raises:
             InvalidInput: the resolution does not divide the area.
@@ -67,14 +67,14 @@ class GridGeometry:
         """Cell indices (iy, ix) of points; not clipped, -1 for NaN. Cells are half open: [low, high)."""
         fx = (np.asarray(x, np.float64) - self.origin[0]) / self.resolution
         fy = (np.asarray(y, np.float64) - self.origin[1]) / self.resolution
-        # A point given as 0.50 + 3 * 0.005 must not fall into the cell below because of rounding.
+        # Tolerance to rounding: a point at 0.50 + 3 * 0.005 must not fall into the cell below.
         ix = np.floor(np.where(np.isfinite(fx), fx, -1.0) + 1e-6)
         iy = np.floor(np.where(np.isfinite(fy), fy, -1.0) + 1e-6)
         limit = 2**31
         return np.clip(iy, -1, limit).astype(np.int64), np.clip(ix, -1, limit).astype(np.int64)
 
     def contains(self, iy: Index, ix: Index) -> Mask:
-        """Whether indices lie on the grid."""
+        """Mask of the indices on the grid."""
         return (iy >= 0) & (iy < self.shape[0]) & (ix >= 0) & (ix < self.shape[1])
 
     def centres(self) -> tuple[Float, Float]:
@@ -85,19 +85,19 @@ class GridGeometry:
         return x, y
 
     def widened(self, cells: int) -> GridGeometry:
-        """The grid with `cells` rows and columns more on each side."""
+        """Grid with `cells` more rows and columns on each side."""
         (x, y), (ny, nx) = self.origin, self.shape
         aside = cells * self.resolution
         return GridGeometry((x - aside, y - aside), self.resolution, (ny + 2 * cells, nx + 2 * cells))
 
     def refined(self, factor: int) -> GridGeometry:
-        """The same area with cells `factor` times smaller."""
+        """Grid over the same area with cells `factor` times smaller."""
         ny, nx = self.shape
         return GridGeometry(self.origin, self.resolution / factor, (ny * factor, nx * factor))
 
 
 def inside_polygon(corners: Float, x: Float, y: Float) -> Mask:
-    """Whether points lie inside a simple polygon, by the number of edges that a ray to the left crosses.
+    """Mask of the points inside a simple polygon, by the number of edges that a ray to the left crosses.
 
     Args:
         corners: (n, 2), not closed, in either sense of rotation.
@@ -114,9 +114,9 @@ def inside_polygon(corners: Float, x: Float, y: Float) -> Mask:
 
 
 def touched_cells(corners: Float, geometry: GridGeometry) -> tuple[Index, Index]:
-    """Cells (iy, ix) that a polygon touches, those off the grid among them: none is missed, a few more may be given.
+    """Cells (iy, ix) that a polygon touches, on the grid or off it, conservatively.
 
-    A cell counts when its centre lies inside, or an edge passes within half its diagonal.
+    A cell counts if its centre lies inside, or an edge passes within half its diagonal.
     """
     resolution = geometry.resolution
     low, high = corners.min(axis=0) - resolution, corners.max(axis=0) + resolution

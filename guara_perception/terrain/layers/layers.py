@@ -1,4 +1,4 @@
-"""The layers of a terrain grid: name, type, unit and meaning, in the order in which they are listed everywhere."""
+"""Layers of a terrain grid in their order: name, type, unit and meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The map of a walk: looks of several pauses fused in `odom`, snapshots, known ground.
+"""Map of a walk: scans of several pauses fused in `odom`, snapshots, known ground.
 
 Imports `layers`, `assessment` and `TerrainGrid`; `app` and `simulation` use it.
 """

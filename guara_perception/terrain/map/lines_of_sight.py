@@ -1,4 +1,4 @@
-"""`LinesOfSight`: how high unknown ground can be at most, by the light that passed over it."""
+"""Upper bounds of unknown ground by the light that passed over it."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from guara_perception.terrain.layers.record import MapRecord
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics.transforms import transform_points
 
-# Light that passes higher than this over the soles bounds nothing that a swing needs.
+# Height above the soles above which bounds are of no use to a swing.
 HIGHEST_M = 0.14
-# Ground beside the scanned area over which light passed is bounded too, this far out.
+# Margin of the scanned area in which ground below light is bounded too.
 BESIDE_CELLS = 20
-# In the scan a bound counts where it holds over all neighbours too; in the map, one cell further than it may drift.
+# A bound of a scan must hold over all neighbours too; in the map, one cell further than the drift.
 AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
 # Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.usable_ground` compares it
-# with the truth. A height with a larger sigma gives no bound.
+# with ground truth. A height with a larger sigma gives no bound.
 BOUND_SIGMA_M = 0.003
-# The light may start to widen on the mirror, at a line lens before it, or farther away. Its sideways component, as a
-# share of that with a start on the mirror: bounds hold for all of these. From one to the next, light over the same
-# cell comes from points of the ground 15 mm apart, and the neighbours of each point count too.
+# The light may diverge from the mirror, from a line lens before it, or from farther away. Its sideways component, as a
+# fraction of that from the mirror: bounds hold for all of these. Between two of them, light over the same cell comes
+# from points of the ground 15 mm apart, and the neighbours of each point count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 NONE = np.float32(9.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
-    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none; and where it was taken, and when.
+class _Observation:
+    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none, with pose and time of the scan.
 
-    `seen` (ny, nx) is the highest sample of each cell that it saw, NaN elsewhere; `rise` is the variance of z that the
-    walk had gathered by then [m^2].
+    `seen` (ny, nx) is the highest sample of each known cell, NaN elsewhere; `rise` is the variance of z of the walk up
+    to the scan [m^2].
     """
 
     bounds: Float32
@@ -52,20 +52,19 @@ class _Look:
 
 
 class LinesOfSight:
-    """Bounds of unknown ground over a walk, kept beside a `TerrainMap`.
+    """Upper bounds of unknown ground over a walk, beside a `TerrainMap`.
 
-    Every point that a scan saw proves that the laser's light reached it and that the camera saw it: along both rays
-    there was nothing, so ground below such a ray is lower than it, and the ground at the point itself is no higher. A
-    bound says nothing about whether a foot may be set there; it lets a swing pass over ground that nobody saw, or that
-    was seen and gave no return since: `check_path(..., ceiling=...)`.
+    Every measured point shows that the laser's light reached it and that the camera saw it: both rays were free, so the
+    ground below them is lower, and the ground at the point is no higher. A bound does not make a foothold; it lets a
+    swing pass over ground that was never observed, or that gave no return since: `check_path(..., ceiling=...)`.
 
-    Taken to the safe side: from the highest sample of each cell seen, at the far edge of each cell passed; the least
-    that holds over a cell and all its neighbours; moved aside and raised by what the map may have drifted since (its
-    confidence in sigmas), and one cell more. A bound is forgotten when ground of its age would be STALE, with the
-    scan that the map took back, and where a later scan saw something higher. Where the laser's light starts to widen,
-    on the mirror or at any distance before it, is left open: a bound holds for all. A later look without return lifts
-    no older bound: it may be a hole by now, which is lower. What no scan can see limits it too: a thing thinner than
-    the gap between two stripes, or one put there later that returns no light.
+    Bounds are conservative: from the highest sample of each cell, at the far edge of each cell passed; the largest over
+    a cell and all its neighbours; dilated and raised by the drift of the map since (its confidence in sigmas), and by
+    one cell more. A bound expires when ground of its age would be STALE, with a scan that the map took back, and where
+    a later scan measured something higher. The divergence point of the laser's light, on the mirror or at any distance
+    before it, is not assumed: a bound holds for all. A later observation without return removes no bound: a hole is
+    lower. Objects that no scan can see are not bounded: those thinner than the gap between two stripes, and new ones
+    that return no light.
 
     Example:
         fused = terrain_map.update(terrain, odometry.update(stance))
@@ -77,20 +76,20 @@ class LinesOfSight:
         """Start with no bound.
 
         Args:
-            terrain_map: takes each scan before it is given here.
+            terrain_map: map to which each scan is added first.
         """
         self._map = terrain_map
-        self._looks: list[_Look] = []
+        self._scans: list[_Observation] = []
 
     def add(self, terrain: TerrainGrid, fused: TerrainGrid) -> None:
-        """Take the lines of sight of one scan.
+        """Add the lines of sight of one scan.
 
         Args:
-            terrain: the scan, as the map took it.
-            fused: what `TerrainMap.update` gave for it.
+            terrain: the scan that was added to the map.
+            fused: result of `TerrainMap.update` for it.
 
         Raises:
-            InvalidInput: the scan does not say where camera and body were, or `fused` is of another pause.
+            InvalidInput: the scan lacks the poses of camera and body, or `fused` is of another pause.
         """
         if fused.extent != "map" or fused.step != terrain.step:
             raise InvalidInput(
@@ -103,15 +102,15 @@ class LinesOfSight:
         seen = _laid_out(np.asarray(terrain.elevation_max, np.float32), np.nan)
         pause, rise = self._map.pause, self._map.rise_variance
         first = terrain.step - validity
-        # A look of this pause or a later one is of a scan that was taken back.
-        self._looks = [look for look in self._looks if first <= look.step and look.pause < pause]
-        self._looks.append(_Look(bounds, seen, geometry, transform, terrain.step, pause, terrain.stamp, rise))
+        # Observations of this pause or a later one are of scans that were taken back.
+        self._scans = [scan for scan in self._scans if first <= scan.step and scan.pause < pause]
+        self._scans.append(_Observation(bounds, seen, geometry, transform, terrain.step, pause, terrain.stamp, rise))
 
     def ceiling(self, fused: TerrainGrid) -> Ceiling:
-        """The least bound of each cell of a map of the same walk, as it lies now.
+        """Least bound of each cell of a map of the same walk.
 
         Args:
-            fused: what `TerrainMap.update` or `view` gave.
+            fused: result of `TerrainMap.update` or `view`.
         """
         geometry, confidence = fused.geometry, fused.record.required_limits.confidence
         transform, _, seconds = _map_of(fused)
@@ -120,34 +119,31 @@ class LinesOfSight:
         least = np.full(x.size, NONE, np.float32)
         oldest = fused.stamp - round(seconds * 1e9)
         stands = set(self._map.sideways_drift.pauses.tolist())
-        for look in self._looks:
-            if look.pause not in stands or look.step > fused.step or not oldest <= look.stamp <= fused.stamp:
+        for scan in self._scans:
+            if scan.pause not in stands or scan.step > fused.step or not oldest <= scan.stamp <= fused.stamp:
                 continue
-            there = (in_odom - look.transform_footprint_to_odom[:3, 3]) @ look.transform_footprint_to_odom[:3, :3]
-            iy, ix = look.geometry.indices(there[:, 0], there[:, 1])
-            inside = np.flatnonzero(look.geometry.contains(iy, ix))
-            aside = self._map.sideways_drift.variances(
-                np.full(inside.size, look.pause),
-                in_odom[inside, 0],
-                in_odom[inside, 1],
-                look.transform_footprint_to_odom,
-            )
+            pose = scan.transform_footprint_to_odom
+            there = (in_odom - pose[:3, 3]) @ pose[:3, :3]
+            iy, ix = scan.geometry.indices(there[:, 0], there[:, 1])
+            inside = np.flatnonzero(scan.geometry.contains(iy, ix))
+            pauses = np.full(inside.size, scan.pause)
+            aside = self._map.sideways_drift.variances(pauses, in_odom[inside, 0], in_odom[inside, 1], pose)
             drift = np.ceil(confidence * np.sqrt(aside) / geometry.resolution).astype(np.intp)
             near = (drift <= FARTHEST_DRIFT_CELLS).all(axis=0)
             inside, drift = inside[near], drift[:, near]
             if not inside.size:
                 continue
             at = iy[inside], ix[inside]
-            # Heights in the footprint of the look become heights in the present one.
+            # Heights in the footprint of the scan are converted to the present one.
             seen = np.full(x.size, np.nan, np.float32)
-            seen[inside] = look.seen[at] - there[inside, 2]
+            seen[inside] = scan.seen[at] - there[inside, 2]
             with np.errstate(invalid="ignore"):
                 broken = (seen > least + confidence * BOUND_SIGMA_M).reshape(geometry.shape)
             if broken.any():
                 around = AROUND_CELLS + int(drift.max())
                 least[_worst_around(broken.astype(np.float32), around, around, 0.0).ravel() > 0] = NONE
-            bounds = _worst_of_each(look.bounds, at, AROUND_CELLS + drift)
-            raised = confidence * np.sqrt(max(self._map.rise_variance - look.rise, 0.0))
+            bounds = _worst_of_each(scan.bounds, at, AROUND_CELLS + drift)
+            raised = confidence * np.sqrt(max(self._map.rise_variance - scan.rise, 0.0))
             higher = np.where(bounds < NONE, bounds - there[inside, 2] + raised, NONE).astype(np.float32)
             least[inside] = np.minimum(least[inside], higher)
         height = np.where(least < NONE, least, np.nan).astype(np.float32)
@@ -165,42 +161,35 @@ def _map_of(fused: TerrainGrid) -> tuple[Float, int, float]:
 def _sensor_origins(terrain: TerrainGrid, terrain_map: TerrainMap) -> list[Float]:
     """Positions of camera and laser in base_footprint."""
     record = terrain.scan_record
+    transforms = []
     for name in ("transform_camera_to_base", "transform_base_to_footprint"):
         record.check(name)
-        if getattr(record, name) is None:
+        if (transform := getattr(record, name)) is None:
             raise InvalidInput(f"the scan's metadata lacks {name!r}: lines of sight begin at camera and laser")
-    assert record.transform_camera_to_base is not None and record.transform_base_to_footprint is not None
-    camera, to_footprint = record.transform_camera_to_base[:3, 3], record.transform_base_to_footprint
-    camera = transform_points(to_footprint, camera)
-    if record.laser_origin is not None:
-        return [camera, record.laser_origin]
-    laser = terrain_map.robot.transform_laser_to_base[:3, 3]
-    return [camera, transform_points(to_footprint, laser)]
+        transforms.append(transform)
+    laser_to_base = terrain_map.robot.transform_laser_to_base
+    camera, laser = (transform_points(transforms[1], matrix[:3, 3]) for matrix in (transforms[0], laser_to_base))
+    return [camera, laser if record.laser_origin is None else record.laser_origin]
 
 
 def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) -> Float32:
-    """The least bound (ny, nx) by camera or laser that holds over all neighbours too; NONE where there is none."""
+    """Least bound (ny, nx) by camera or laser that also holds over all neighbours; NONE where there is none."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
         iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance) <= BOUND_SIGMA_M**2))
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
     camera, laser = origins
-    seen = _worst_around(_passed(points, camera - points, geometry), AROUND_CELLS, AROUND_CELLS)
-    to_mirror = laser - points
-    lit = [
-        _worst_around(_passed(points, to_mirror * (1, share, 1), geometry), AROUND_CELLS, AROUND_CELLS)
-        for share in SIDEWAYS_SHARES
-    ]
+    seen = _worst_around(_passed(points, camera - points, geometry))
+    rays = [(laser - points) * (1, share, 1) for share in SIDEWAYS_SHARES]
+    lit = np.maximum.reduce([_worst_around(_passed(points, ray, geometry)) for ray in rays])
     own = np.full(terrain.shape, NONE, np.float32)
     own[iy, ix] = high[iy, ix]
-    return np.minimum.reduce(
-        [seen, np.maximum.reduce(lit), _worst_around(_laid_out(own, NONE), AROUND_CELLS, AROUND_CELLS)]
-    )
+    return np.minimum.reduce([seen, lit, _worst_around(_laid_out(own, NONE))])
 
 
 def _laid_out(values: Float32, beside: float | np.float32) -> Float32:
-    """Values of a scan's cells on the widened geometry."""
+    """Pad values of a scan's cells to the widened geometry."""
     return np.asarray(np.pad(values, BESIDE_CELLS, constant_values=beside))
 
 
@@ -216,7 +205,7 @@ def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
         iy, ix = geometry.indices(points[on, 0] + distance * along[on, 0], points[on, 1] + distance * along[on, 1])
         inside = geometry.contains(iy, ix)
         on, cell = on[inside], (iy * geometry.shape[1] + ix)[inside]
-        # A ray may begin at any point of its cell, and leave the cell that it passes at any point of the edge.
+        # A ray may begin anywhere in its cell, and leave the cell that it passes anywhere on the edge.
         height = points[on, 2] + (distance + 1.5 * geometry.resolution) * rise[on]
         np.minimum.at(least, cell, height.astype(np.float32))
     return least.reshape(geometry.shape)
@@ -233,7 +222,9 @@ def _worst_of_each(bounds: Float32, at: tuple[Index, Index], around: Index) -> F
     return worst
 
 
-def _worst_around(bounds: Float32, along_x: int, along_y: int, beyond: float = float(NONE)) -> Float32:
+def _worst_around(
+    bounds: Float32, along_x: int = AROUND_CELLS, along_y: int = AROUND_CELLS, beyond: float = float(NONE)
+) -> Float32:
     """The highest bound within a number of cells along x and y; beyond the border there is none."""
     area = np.ones((2 * along_y + 1, 2 * along_x + 1), np.uint8)
     return np.asarray(cv2.dilate(bounds, area, borderType=cv2.BORDER_CONSTANT, borderValue=(beyond,)))

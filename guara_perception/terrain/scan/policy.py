@@ -1,4 +1,4 @@
-"""`ScanPolicy`: a coarse scan until there is an obstacle; then the stripes between, within the same pause."""
+"""Scan policy: coarse scans until an obstacle is found, then the stripes between, within the same pause."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
 
-# Clear pauses in a row before a walk goes back to coarse scans: one cycle, so that every foot has swung once.
+# Consecutive clear pauses before coarse scans resume: one cycle, in which every foot swings once.
 CLEAR_PAUSES = 4
-# Cells this far beside the tracks of the soles are in the corridor too: the feet sway, and boxes are hit from the side.
+# Margin of the corridor beside the tracks of the soles: the feet sway, and may hit boxes from the side.
 CORRIDOR_MARGIN_M = 0.03
 
 
 @dataclass(frozen=True, slots=True)
 class ScanDecision:
-    """What to do after the coarse stripes of a pause.
+    """Decision after the coarse stripes of a pause.
 
     Attributes:
         mode: "coarse" (the scan is done) or "standard" (fire `stripes` too).
-        stripes: indices still to be fired, ascending; with little time those that are needed most. Empty for coarse.
-        is_whole: whether `stripes` are all that the standard pattern lacks.
-        reasons: what was found; empty where the way is clear.
+        stripes: indices still to be fired, ascending; with little time the most important ones. Empty for coarse.
+        is_whole: True if `stripes` complete the standard pattern.
+        reasons: obstacles found; empty if the path is clear.
     """
 
     mode: str
@@ -36,7 +36,7 @@ class ScanDecision:
 
 
 class ScanPolicy:
-    """Decides pause by pause; remembers how long the way has been clear.
+    """Choice of the stripes of each pause, by the obstacles of the present and recent pauses.
 
     Example:
         processor = ScanProcessor(calibration, robot, stance, mode="coarse")
@@ -50,15 +50,15 @@ class ScanPolicy:
     """
 
     def __init__(self, robot: RobotLike, *, height_limit: float | None = None) -> None:
-        """Start clear.
+        """Start with a clear path.
 
         Args:
-            robot: model, name or folder; hips and soles span the corridor, robot.toml gives patterns and limits.
-            height_limit: heights that differ more from the support plane are obstacles [m]; None = half of the
-                allowed drop.
+            robot: model, name or folder; its soles span the corridor, robot.toml gives patterns and limits.
+            height_limit: distance from the support plane above which a cell is an obstacle [m]; None = half of the
+                drop limit.
 
         Raises:
-            InvalidInput: a height limit that is not above 0.
+            InvalidInput: a height limit not above 0.
         """
         robot = robot_model(robot)
         self._settings = Settings.of(robot)
@@ -73,12 +73,12 @@ class ScanPolicy:
 
     @property
     def mode(self) -> str:
-        """Mode in which the next pause will be scanned if nothing new is found."""
+        """Mode of the next scan if nothing new is found."""
         return "coarse" if self._clear >= CLEAR_PAUSES else "standard"
 
     @property
     def first_stripes(self) -> tuple[int, ...]:
-        """Indices to fire first at every pause: the coarse pattern."""
+        """Indices of the coarse pattern, fired first at every pause."""
         return tuple(self._settings.pattern("coarse"))
 
     def decide(
@@ -89,12 +89,12 @@ class ScanPolicy:
         time_left: float | None = None,
         stripe_time: float = 1 / 30,
     ) -> ScanDecision:
-        """Judge the coarse scan of a pause; call once per pause.
+        """Evaluate the coarse scan of a pause; call once per pause.
 
         Args:
             coarse: grid of the coarse stripes.
             pairs: `ScanProcessor.pairs` of that scan.
-            time_left: time that is left of the pause [s]; None = as long as it takes.
+            time_left: remaining time of the pause [s]; None = unlimited.
             stripe_time: time for one stripe [s].
 
         Raises:
@@ -113,14 +113,14 @@ class ScanPolicy:
             return ScanDecision("coarse", (), False, ())
         between = self._between(pairs, found)
         most = len(between) if time_left is None else max(int(time_left / stripe_time), 0)
-        # Those that are needed most, but fired in the order in which the mirror passes them.
+        # The most important ones, in the order in which the mirror passes them.
         chosen = tuple(sorted(between[:most]))
         if not chosen:
             return ScanDecision("coarse", (), False, (*reasons, "no time is left for the stripes between"))
         return ScanDecision("standard", chosen, len(chosen) == len(between), tuple(reasons))
 
     def _obstacles(self, coarse: TerrainGrid) -> tuple[Mask, list[str]]:
-        """Cells of the corridor that are an obstacle, and what they are."""
+        """Mask of the obstacle cells of the corridor, and their description."""
         _, y = coarse.geometry.centres()
         corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
         hazardous = corridor & ((coarse.hazard & ALL_BUT_EDGE) != 0)
@@ -135,7 +135,7 @@ class ScanPolicy:
         return hazardous | high, reasons
 
     def _between(self, pairs: Index, found: Mask) -> tuple[int, ...]:
-        """The stripes that a coarse scan lacks: those over most obstacle cells first, then from near to far."""
+        """Stripes that a coarse scan lacks, by the number of obstacle cells below them, then from near to far."""
         lacking = sorted(set(self._settings.pattern("standard")) - set(self._settings.pattern("coarse")))
         every = self._settings.coarse_every
         passed = {index: int(((pairs == index - index % every) & found).sum()) for index in lacking}
