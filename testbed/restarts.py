@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from typing import Any
 
 from transport.grids.evidence import SILENT, Cure, Evidence, Objection, read_word
 from transport.messages.status_message import STATUS_NAME, Status, StatusItem
@@ -76,7 +77,8 @@ class World:
         self.delay, self.now = delay, 0.0
         self.walk, self.step, self.pose, self.stands = 0, 0, 0, False
         self.evidence = Evidence("guara")
-        self.held: dict[str, Grid] = {}
+        # A `Grid` has the fields that the rule reads of a message, and no others.
+        self.held: dict[str, Any] = {}
         self.node: Node | None = None
         self.cut_since = self.deaf_since = math.inf
         self._nodes = 0
@@ -89,7 +91,7 @@ class World:
         self._hung_since = math.inf
         self._next_status = 0.0
         self._losing: set[str] = set()
-        self._wire: deque[tuple[float, str, Status | Grid | bool]] = deque()
+        self._wire: deque[tuple[float, str, Any]] = deque()
 
     # The gait.
 
@@ -315,7 +317,7 @@ class World:
             elif isinstance(what, Status):
                 # A client knows the node's clock to the delay: what lay on the way does not count as heard just now.
                 word = read_word(what, self.now)
-                self.evidence.hear(what, self.now if word is None else min(self.now, word.clock + self.delay))
+                self.evidence.report(what, self.now if word is None else min(self.now, word.clock + self.delay))
             elif not self.evidence.refusal(what, what.extent):
                 self.held[what.extent] = what
 
@@ -328,15 +330,14 @@ class World:
         node = self.node
         can_ask = node is not None and not node.is_hung and not node.is_mute and not self.is_cut
         if found and min(objection.cure for objection in found) is Cure.WORD and can_ask and node is not None:
-            self.evidence.hear(self._status(node), self.now)
+            self.evidence.report(self._status(node), self.now)
             found = self._against(extent, limit)
         return found
 
     def _against(self, extent: str, limit: float) -> tuple[Objection, ...]:
         grid = self.held[extent]
-        is_gone = self.evidence.is_gone(grid, is_alive=True, was_alive=True)
         age = self.now - grid.scan_end_clock
-        return self.evidence.against(grid, age=age, limit=limit, now=self.now, is_gone=is_gone)
+        return self.evidence.against(grid, age=age, limit=limit, now=self.now, was_lost=False)
 
     def contradicted_for(self, extent: str) -> float:
         """For how long the truth has forbidden the grid that the planner holds [s]; -inf when it does not."""

@@ -1,4 +1,4 @@
-"""Stance pauses between the gait controller, which announces them, and whoever follows them."""
+"""Announcements of stance pauses, from the gait controller to those who follow them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GAIT_SILENT = 4.0
 
 
 class StancePublisher(Resource):
-    """The gait controller's side: announces the pauses, without ever waiting for a receiver, and tells its clock.
+    """Publisher of stance pauses and of the clock that stamps them; never waits for a receiver.
 
     Args:
         session: open session.
@@ -90,7 +90,7 @@ class StancePublisher(Resource):
 
 
 class GaitClock(RemoteClock):
-    """Asks the gait for the time now of the clock that stamps its announcements."""
+    """Clock of the gait controller, which stamps its announcements."""
 
     def __init__(self, session: Session, robot: str = DEFAULT_ROBOT, on_news: Callable[[], None] | None = None) -> None:
         """Begin to ask; `on_news` is called, on the thread that asks, when the clock becomes known or better known."""
@@ -121,7 +121,7 @@ class GaitClock(RemoteClock):
 
 
 class StanceReceiver(NewestReceiver[StancePause]):
-    """Follows the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
+    """Receiver of the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
 
     `latest` and the waiting methods know only the newest, as in every receiver.
     """
@@ -161,10 +161,9 @@ class StanceReceiver(NewestReceiver[StancePause]):
         except MessageError as error:
             announcement = error
         with self._changed:
-            if isinstance(announcement, MessageError) and self._waiting:
-                last = self._waiting[-1]
-                if isinstance(last, MessageError) and type(last) is type(announcement):
-                    return
+            is_refused = isinstance(announcement, MessageError)
+            if is_refused and self._waiting and type(self._waiting[-1]) is type(announcement):
+                return
             if len(self._waiting) >= MAXIMUM_WAITING:
                 self._drop_one()
             self._waiting.append(announcement)

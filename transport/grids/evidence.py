@@ -1,4 +1,4 @@
-"""Which grids may be used: what a client has heard of a robot, and the one rule that every way of asking applies.
+"""Evidence of a client about a robot, and the rule by which every way of asking accepts or rejects grids.
 
 No Zenoh and no waiting here; time is an argument [s, of `clock.now()`].
 """
@@ -31,7 +31,7 @@ G = TypeVar("G", bound=Grid)
 
 
 class Cure(IntEnum):
-    """What may end an objection to a grid: nothing, the node's return, its next word, a grid that is on its way."""
+    """Event that may end an objection to a grid: none, return of the node, its next report, a grid on its way."""
 
     NONE = 0
     RETURN = 1
@@ -54,7 +54,7 @@ class Objection:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """What a node said of the robot in one status.
+    """Report of a node about its robot, from one status.
 
     Attributes:
         status: the status.
@@ -80,7 +80,7 @@ class Word:
 
 
 def read_word(status: Status, heard: float) -> Word | None:
-    """The word in a status; None when it is none of a node of ours."""
+    """Report in a status; None when the status is not from a node of this package."""
     item = status.item(STATUS_NAME)
     if item is None:
         return None
@@ -133,7 +133,7 @@ def objections(
         age: time since the end of the scan [s].
         limit: allowed age [s].
         silence: time since the word [s].
-        is_gone: whether the run has lost its sign of life.
+        is_gone: whether the token of the run has vanished.
     """
     found = []
     if grid.withdrawn:
@@ -176,15 +176,15 @@ def objections(
 
 
 class Evidence:
-    """What was heard of one robot, from any run of its node.
+    """Evidence about one robot, from any run of its node.
 
     Attributes:
         word: last word of the run that lives, or lived last; None when none was heard.
-        live: runs that show a sign of life.
+        live: runs whose tokens are there.
     """
 
     def __init__(self, robot: str) -> None:
-        """Nothing heard yet of the instance `robot`."""
+        """Evidence about the instance `robot`, none so far."""
         self._robot = robot
         self._lock = threading.Lock()
         self._run = ""
@@ -196,7 +196,7 @@ class Evidence:
         self.word: Word | None = None
 
     def tokens(self, live: frozenset[str]) -> None:
-        """Take note of the runs that show a sign of life."""
+        """Record the runs whose tokens are there."""
         with self._lock:
             lost, self.live = self.live - live, live
             self._seen.update(dict.fromkeys(live))
@@ -205,8 +205,8 @@ class Evidence:
             if self.word is not None and self.word.run in lost:
                 self.word = replace(self.word, heard=-math.inf)
 
-    def hear(self, status: Status, heard: float) -> str:
-        """Take note of a status; why it must not be taken, empty when it may.
+    def report(self, status: Status, heard: float) -> str:
+        """Record a status; returns why it is refused, empty when it is accepted.
 
         Args:
             status: status that was sent or asked for.
@@ -224,7 +224,7 @@ class Evidence:
             return refusal
 
     def refusal(self, grid: Grid, extent: str, *, is_newest: bool = True) -> str:
-        """Why a grid that came must not be taken for one of this robot; empty when it may.
+        """Reason to refuse a grid that arrived, empty when it is accepted.
 
         Args:
             grid: the grid.
@@ -245,16 +245,11 @@ class Evidence:
                 _forget(self._steps)
             return refusal
 
-    def is_gone(self, grid: Grid, *, is_alive: bool, was_alive: bool) -> bool:
-        """Whether the run of a grid has lost its sign of life; of a node without runs by the node's own."""
-        if not grid.run:
-            return was_alive and not is_alive
-        return grid.run in self._seen and grid.run not in self.live
-
-    def against(self, grid: Grid, *, age: float, limit: float, now: float, is_gone: bool) -> tuple[Objection, ...]:
-        """`objections` by what was heard."""
+    def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
+        """`objections` by what was heard; `was_lost` says whether the token of the node, of any run, has vanished."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
+        is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost
         silence = 0.0 if word is None else max(0.0, now - word.heard)
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
@@ -285,6 +280,6 @@ class Evidence:
 
 
 def _forget(remembered: dict[str, None] | dict[str, int]) -> None:
-    """Keep the newest of what was heard."""
+    """Drop the oldest entries beyond `REMEMBERED`."""
     while len(remembered) > REMEMBERED:
         del remembered[next(iter(remembered))]

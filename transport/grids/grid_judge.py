@@ -1,4 +1,4 @@
-"""`GridJudge`: follows one node and applies the rule of `evidence` to every grid that is asked for."""
+"""Judgement of the grids of one node by the rule of `evidence`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from transport.messages.terrain_message import Health
 from transport.supervision import Seldom
 
 NS = 1e-9
-# [s] Between two looks for news.
+# [s] Between two checks for news.
 POLL = 0.05
 # [s] Longest wait for one answer of the node.
 ANSWER = 1.0
@@ -32,12 +32,12 @@ ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) wh
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What a caller accepts.
+    """Grids that a caller accepts.
 
     Attributes:
         max_age: allowed time since the end of the scan [s]; None takes the grid's own validity.
-        allow_stale: also grids that are too old or that something else speaks against; they say what.
-        confirmed_only: no provisional grids.
+        allow_stale: accept grids with objections too; these are listed in `stale_because`.
+        confirmed_only: reject provisional grids.
     """
 
     max_age: float | None = None
@@ -46,7 +46,7 @@ class Terms:
 
 
 TERMS = Terms()
-# Of a message that takes another grid back.
+# For a message that withdraws another grid.
 TAKING_BACK = Terms(allow_stale=True)
 
 
@@ -59,11 +59,11 @@ class Accepted(TypedDict, total=False):
 
 
 class GridJudge:
-    """Knows the node of one robot: which run of it lives, what pause it is in, how its clock stands.
+    """Observer of the node of one robot, which accepts or rejects its grids.
 
     Attributes:
-        node: the node's sign of life.
-        clock: the node's clock.
+        node: watcher of the node's liveliness token.
+        clock: clock of the node.
     """
 
     def __init__(self, session: Session, robot: str) -> None:
@@ -73,8 +73,8 @@ class GridJudge:
         self._evidence = evidence = Evidence(robot)
         self.refusal = evidence.refusal
         self._live = TokenWatcher(session, run_key(robot, "*"), evidence.tokens)
-        self.clock = NodeClock(session, robot, evidence.hear)
-        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False, refusal=self._hear)
+        self.clock = NodeClock(session, robot, evidence.report)
+        self._status = NewestReceiver(session, status_key(robot), decode_status, latched=False, refusal=self._report)
         self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)
 
     def status(self) -> Status | None:
@@ -95,17 +95,17 @@ class GridJudge:
         item = StatusItem(name="node", level=Health.STALE, message=text)
         return replace(word.status, items=(*word.status.items, item))
 
-    def _hear(self, status: Status) -> str:
+    def _report(self, status: Status) -> str:
         word = read_word(status, clock.now())
         # What lay in a queue on the way was said before it arrived.
         heard = clock.now() if word is None else min(word.heard, self.clock.said(word.run, word.clock))
-        return self._evidence.hear(status, heard)
+        return self._evidence.report(status, heard)
 
     def age(self, received: Received[G]) -> float:
-        """[s] since the end of the scan of a received grid; where it is uncertain, rather too much than too little.
+        """Time since the end of the scan of a received grid [s], conservatively too large where it is uncertain.
 
-        Where the node reports its clock that never jumps, by that clock and this machine's. Else it is the time since
-        the arrival, and before the arrival what the two wall clocks say.
+        Measured by the monotonic clocks of both machines if the node reports its own. Otherwise the time since the
+        arrival, plus the time before the arrival by the two wall clocks.
         """
         terrain = received.message
         if terrain.scan_end_clock is not None:
@@ -175,5 +175,5 @@ class GridJudge:
             age=self.age(received),
             limit=grid.valid_for if terms.max_age is None else terms.max_age,
             now=clock.now(),
-            is_gone=evidence.is_gone(grid, is_alive=self.node.is_alive, was_alive=self.node.was_seen),
+            was_lost=self.node.was_seen and not self.node.is_alive,
         )

@@ -1,4 +1,4 @@
-"""The node's clock seen from here: how old its grids are, whatever the wall clocks say."""
+"""Clock of the node, by which grids are aged independently of the wall clocks."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class NodeClock(RemoteClock):
         offset: offset of the two wall clocks; None while the node has not answered.
     """
 
-    def __init__(self, session: Session, robot: str, hear: Callable[[Status, float], str]) -> None:
-        """Begin to ask, on a thread of its own; `hear` gets each answer, with the instant [s] at which it was asked."""
+    def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:
+        """Begin to ask on a thread of its own; `report` gets each answer and the instant of the question [s]."""
         self._lock = threading.Lock()
         self._bounds: dict[str, ClockBound] = {}
-        self._hear = hear
+        self._report = report
         self.offset: ClockOffset | None = None
         self._jumps = 0
         self._detector = clock.JumpDetector()
@@ -73,7 +73,7 @@ class NodeClock(RemoteClock):
     def _take(self, payload: bytes, asked: float, answered: float) -> bool:
         wall = time.time_ns() - round((clock.now() - asked) * 1e9)
         status = decode_status(payload)
-        if self._hear(status, asked):
+        if self._report(status, asked):
             # Of a run that is over, or of another node.
             return False
         item = status.item(STATUS_NAME)

@@ -1,4 +1,4 @@
-"""A receiver that keeps the newest message of one key, and counts what it did not keep."""
+"""Receiver of the newest message of one key."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ logger = logging.getLogger(__name__)
 CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
+Refused = Callable[[MessageError], None]
 
 
 class NewestReceiver(Resource, Generic[T]):
@@ -164,7 +165,7 @@ class NewestReceiver(Resource, Generic[T]):
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
-            sample = self._next(after, deadline)
+            sample = self._next(after, None if deadline is None else deadline - time.monotonic())
             if sample is None:
                 raise ReceiveTimeout(self.nothing(timeout or 0.0))
             after = sample.number
@@ -181,27 +182,27 @@ class NewestReceiver(Resource, Generic[T]):
         return self.received > received.number
 
     def nothing(self, timeout: float) -> str:
-        """Message about a wait of `timeout` seconds that ended without a message."""
+        """Text about a wait of `timeout` seconds that ended without a message."""
         return (
             f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
             f"{self.rejected} were damaged, {self.missed} were lost"
         )
 
-    def _next(self, after: int, deadline: float | None) -> Sample[T] | None:
-        with self._changed:
-            while True:
-                if self.is_closed:
-                    raise SessionClosed(f"the receiver of {self.key!r} is closed")
-                if self._sample is not None and self._sample.number > after:
-                    return self._sample
-                remaining = None if deadline is None else deadline - time.monotonic()
-                if remaining is not None and remaining <= 0.0:
-                    return None
-                self._changed.wait(remaining)
+    def _next(self, after: int, timeout: float | None) -> Sample[T] | None:
+        """The newest sample with a larger number than `after`; None when `timeout` [s] passed before."""
 
-    def on_newest(
-        self, callback: Callable[[Received[T]], None], *, on_refused: Callable[[MessageError], None] | None = None
-    ) -> None:
+        def newer() -> Sample[T] | None:
+            self._check_open()
+            return self._sample if self._sample is not None and self._sample.number > after else None
+
+        with self._changed:
+            return self._changed.wait_for(newer, timeout)
+
+    def _check_open(self) -> None:
+        if self.is_closed:
+            raise SessionClosed(f"the receiver of {self.key!r} is closed")
+
+    def on_newest(self, callback: Callable[[Received[T]], None], *, on_refused: Refused | None = None) -> None:
         """Call `callback` with the newest message, again and again, on a thread of its own.
 
         What arrives while it works is skipped but for the newest. An error that it raises is logged, and
@@ -214,16 +215,13 @@ class NewestReceiver(Resource, Generic[T]):
         Raises:
             SessionClosed: the receiver is closed.
         """
-        if self.is_closed:
-            raise SessionClosed(f"the receiver of {self.key!r} is closed")
+        self._check_open()
         # A daemon: a callback that never returns must not keep the interpreter from ending.
         thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback, on_refused))
         self._threads.append(thread)
         thread.start()
 
-    def _dispatch(
-        self, callback: Callable[[Received[T]], None], on_refused: Callable[[MessageError], None] | None
-    ) -> None:
+    def _dispatch(self, callback: Callable[[Received[T]], None], on_refused: Refused | None) -> None:
         number = 0
         while True:
             try:
@@ -239,10 +237,7 @@ class NewestReceiver(Resource, Generic[T]):
                 report(f"callback for {self.key}", error)
 
     def _hand_over(
-        self,
-        sample: Sample[T],
-        callback: Callable[[Received[T]], None],
-        on_refused: Callable[[MessageError], None] | None,
+        self, sample: Sample[T], callback: Callable[[Received[T]], None], on_refused: Refused | None
     ) -> None:
         try:
             received = self._open(sample)
