@@ -6,11 +6,14 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from guara_perception.exceptions import FileFormatError, MissingFile
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance
 
 # A file or folder that an argument or option names, as a Path.
 FILE = click.Path(path_type=Path)
@@ -91,6 +94,16 @@ def _with_options(
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def stance_of(path: Path | None, robot: RobotModel) -> Stance:
+    """Stance in a JSON file; without one, the scan posture on all feet."""
+    from guara_perception.fields import read_json
+    from kinematics import Stance
+
+    if path is None:
+        return Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    return Stance.from_dict(read_json(path).data)
 
 
 def note_new_spelling(old: str, new: str) -> None:

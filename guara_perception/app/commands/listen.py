@@ -1,4 +1,4 @@
-"""`guara listen`: the grids of a node as a planner sees them, or the robots that are alive."""
+"""`guara listen`: grids of a node as a planner receives them, or the robots that are alive."""
 
 from __future__ import annotations
 
@@ -28,12 +28,7 @@ COLUMNS = ("robot", "step", "age", "health", "links")
 @click.command(name="listen")
 @click.option("--connect", "endpoint", help="where the node or the site's router listens; default: tcp/127.0.0.1:7447")
 @click.option("--name", "--robot", "names", multiple=True, help="instance name [default: guara]; repeatable with --all")
-@click.option(
-    "--extent",
-    type=click.Choice(EXTENTS),
-    default="footprint",
-    help="the grid of each scan alone, or the fused map",
-)
+@click.option("--extent", type=click.Choice(EXTENTS), default="footprint", help="grid of each scan, or the fused map")
 @click.option(
     "--encoding",
     type=click.Choice(["lossless", "compact"]),

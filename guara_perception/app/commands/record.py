@@ -1,4 +1,4 @@
-"""`guara record`: leads through a calibration session and calibrates it."""
+"""`guara record`: guide through a calibration session and calibrate it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import FILE, NOT_MIRRORED, board_options
+from guara_perception.app.options import FILE, NOT_MIRRORED, board_options, stance_of
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
-# What the ruler of `guara targets` measures when the printer keeps its scale [mm].
+# Length of the ruler of `guara targets` printed to scale [mm].
 RULER_MM = 150.0
 
 
@@ -72,7 +72,7 @@ def command(
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.fields import read_json
-    from kinematics import Stance, load_robot
+    from kinematics import load_robot
 
     if simulated and (devices is not None or camera is not None):
         raise InvalidInput("--simulated brings its own devices: leave --devices and --camera out")
@@ -82,10 +82,7 @@ def command(
     spec = parse_board(board, square * scale, pattern)
     spec = replace(spec, first_square=None) if not_mirrored else spec
     model = load_robot(robot)
-    if stance is not None:
-        standing = Stance.from_dict(read_json(stance).data)
-    else:
-        standing = Stance(model.posture(model.config.scan_posture), model.legs, None)
+    standing = stance_of(stance, model)
     points = (
         cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     )

@@ -1,4 +1,4 @@
-"""`guara run`: the node; scans at each stance pause and publishes until stopped."""
+"""`guara run`: the node, which scans at each stance pause and publishes until stopped."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import InvalidInput
 
-# Moves stripes by 0.035 px rms and takes a ninth of the disk (640 x 512, simulated).
+# It shifts stripes by 0.035 px rms and needs a ninth of the disk space (640 x 512, simulated).
 JPEG_QUALITY = 90
 
 
@@ -56,7 +56,7 @@ JPEG_QUALITY = 90
     callback=read_node_file,
     help="node.toml: options that are set once (docs/files.md); the command line overrides it",
 )
-# Set once for a robot, so node.toml is where they belong.
+# Set once for a robot, normally in node.toml.
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
     "--ros2-unknown",
@@ -153,33 +153,16 @@ def command(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
         scene = Scene(rig.robot, rig.calibration)
-        mirror = None
-        if ros2:
-            mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf)
+        mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf) if ros2 else None
         recorder = None
         if record is not None:
-            recorder = stack.enter_context(
-                ScanRecorder(
-                    record,
-                    robot=instance,
-                    calibration=rig.calibration,
-                    jpeg_quality=quality,
-                    scene=scene,
-                    limit=limit,
-                )
+            made = ScanRecorder(
+                record, robot=instance, calibration=rig.calibration, jpeg_quality=quality, scene=scene, limit=limit
             )
-        node = stack.enter_context(
-            PerceptionNode(
-                rig.robot,
-                rig.calibration,
-                rig.rangefinder,
-                server,
-                mode=mode,
-                recorder=recorder,
-                status=status,
-                mirror=mirror,
-            )
-        )
+            recorder = stack.enter_context(made)
+        parts = (rig.robot, rig.calibration, rig.rangefinder, server)
+        node = PerceptionNode(*parts, mode=mode, recorder=recorder, status=status, mirror=mirror)
+        stack.enter_context(node)
         StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
@@ -200,7 +183,7 @@ def command(
 
 
 def _print_summary(terrain: TerrainGrid) -> None:
-    """Print one line per scan; an output that nobody reads any more (`guara run | head`) never costs a scan."""
+    """Print one line per scan; a closed output (`guara run | head`) never costs a scan."""
     from guara_perception.app.summary import summary
 
     with suppress(OSError):
@@ -208,7 +191,7 @@ def _print_summary(terrain: TerrainGrid) -> None:
 
 
 def recording_size(quality: int | None) -> str:
-    """How frames are recorded, and the disk space that an hour of them takes."""
+    """Format of recorded frames, and the disk space that an hour of them takes."""
     rate = "at 640 x 512 px and a pause every 4 s"
     if quality is None:
         return f"frames lossless, about 35 GB an hour {rate}; as JPEG (--jpeg {JPEG_QUALITY}) about 5 GB"

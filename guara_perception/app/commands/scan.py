@@ -1,4 +1,4 @@
-"""`guara scan`: one scan now, recorded and shown."""
+"""`guara scan`: take one scan, record it and draw it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import FILE, DeviceOptions, device_options
+from guara_perception.app.options import FILE, DeviceOptions, device_options, stance_of
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -61,10 +61,8 @@ def command(
     from guara_perception.app.node.published_scans import with_problems
     from guara_perception.app.record.plate_scan import scan_uncalibrated
     from guara_perception.app.summary import summary
-    from guara_perception.fields import read_json
     from guara_perception.scanning.pictures import with_pictures
     from guara_perception.scanning.scan_processor import ScanProcessor
-    from kinematics import Stance
 
     if folder is not None and out is not None:
         raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
@@ -73,10 +71,7 @@ def command(
     target = folder or out or Path("scan")
     rig = choose_rig(chosen, simulated=simulated, needs_calibration=not no_calibration)
     model = rig.robot
-    if stance is not None:
-        standing = Stance.from_dict(read_json(stance).data)
-    else:
-        standing = Stance(model.posture(model.config.scan_posture), model.legs, None)
+    standing = stance_of(stance, model)
     if no_calibration:
         with rig.rangefinder, progress("Scanning") as show:
             problems = scan_uncalibrated(rig.rangefinder, model, standing, target, mode=mode, progress=show)

@@ -1,10 +1,11 @@
-"""A web page on this machine that shows the camera's picture and what to do, while a session is recorded."""
+"""Web page on this machine with the camera's picture and advice while a session is recorded."""
 
 from __future__ import annotations
 
 import json
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Self
 
 import cv2
@@ -15,37 +16,11 @@ from guara_perception.exceptions import InvalidInput
 from transport.supervision import supervised
 
 WIDTH_PX = 960
-PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Guará: recording</title><link rel="icon" href="data:,">
-<style>
-body {font: 18px/1.4 sans-serif; margin: 1.5rem; background: #1d2124; color: #f2f2f2}
-#advice {font-size: 1.5rem; min-height: 4.5rem; margin: 0 0 1rem} img {max-width: 100%; border: 1px solid #555}
-#task {color: #9ad1c9}
-</style></head><body>
-<div id="task">connecting</div><p id="advice"></p><img id="picture" alt="what the camera sees">
-<script>
-let shown = -1;
-async function refresh() {
-  try {
-    const state = await (await fetch("state.json", {cache: "no-store"})).json();
-    document.getElementById("task").textContent = state.task;
-    document.getElementById("advice").textContent = state.advice;
-    if (state.number !== shown) {
-      shown = state.number;
-      if (shown > 0) document.getElementById("picture").src = "picture.jpg?" + shown;
-    }
-  } catch (error) {
-    document.getElementById("task").textContent = "the recording has ended";
-  }
-  setTimeout(refresh, 200);
-}
-refresh();
-</script></body></html>
-"""
+PAGE = Path(__file__).with_suffix(".html")
 
 
 class LivePage:
-    """Serves the page to this machine only, on a thread of its own, while the `with` block lasts.
+    """Server of the page, for this machine only, on a thread of its own while the `with` block lasts.
 
     Attributes:
         address: address to open in a browser.
@@ -95,12 +70,12 @@ class LivePage:
         self._server.server_close()
 
     def tell(self, task: str) -> None:
-        """Show the name of the session's present task."""
+        """Show the name of the current task."""
         with self._lock:
             self._task, self._advice = task, ""
 
     def watch(self, picture: Image, advice: str) -> None:
-        """Show a picture, and advice on what to do."""
+        """Show a picture and the advice for the next one."""
         with self._lock:
             self._picture, self._advice = picture, advice
             self._number += 1
@@ -110,7 +85,7 @@ class LivePage:
             state = {"task": self._task, "advice": self._advice, "number": self._number}
             picture = self._picture
         if path == "/":
-            return PAGE.encode(), "text/html; charset=utf-8"
+            return PAGE.read_bytes(), "text/html; charset=utf-8"
         if path == "/state.json":
             return json.dumps(state).encode(), "application/json"
         if path == "/picture.jpg" and picture is not None:

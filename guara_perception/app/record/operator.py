@@ -1,4 +1,4 @@
-"""Who puts board, crosses and plates before the camera: a person at a terminal, asked task by task."""
+"""Operator of a calibration session: a person at a terminal, asked task by task."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from guara_perception.calibration.board import BoardSpec
 
 
 class Operator(Protocol):
-    """Puts things where the camera sees them."""
+    """Puts board, crosses and plates before the camera."""
 
     def show_board(self, advice: str) -> None:
-        """A board is being held up; `advice` says what is missing. Returns at once: the camera watches."""
+        """Request a board held up, with advice on the next picture; returns at once."""
 
     def lay_board(self, board: BoardSpec) -> None:
-        """The board lies on the floor, in view; returns when it does."""
+        """Request the board on the floor, in view; returns when it is there."""
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """The crosses lie on the floor; `why_again` says what was wrong the last time. Returns when they do."""
+        """Request the crosses on the floor, `why_again` with the fault of the last try; returns when they are there."""
 
     def lay_plate(self, height: float) -> None:
-        """A flat plate whose top is `height` [m] above the floor fills the view; returns when it does."""
+        """Request a flat plate that fills the view, its top `height` [m] above the floor; returns when it is there."""
 
     def clear(self) -> None:
-        """Only a plain floor is in view; returns when it is."""
+        """Request a plain floor and nothing else in view; returns when it is clear."""
 
 
 class TextOperator:
-    """Asks a person on the terminal; the live page shows the same text."""
+    """Operator asked on the terminal; the live page shows the same text."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         """Show every line with `tell` too."""
         self._tell = tell
-        self._said = ""
+        self._printed = ""
 
     def show_board(self, advice: str) -> None:
-        """Say what is missing, once."""
-        if advice != self._said:
-            self._say(advice)
+        """Print the advice, once."""
+        if advice != self._printed:
+            self._print(advice)
 
     def lay_board(self, board: BoardSpec) -> None:
         """Ask for the board on the floor."""
@@ -61,10 +61,10 @@ class TextOperator:
         self._ask("Robot in its scan posture on a flat floor, nothing in view; it must not move until the end")
 
     def _ask(self, text: str) -> None:
-        self._say(text)
+        self._print(text)
         click.pause(f"{text}; then press any key ")
 
-    def _say(self, text: str) -> None:
-        self._said = text
+    def _print(self, text: str) -> None:
+        self._printed = text
         self._tell(text)
         click.echo(text, err=True)

@@ -1,4 +1,4 @@
-"""Scans a plate without a calibration: the pattern of robot.toml, whole frames kept."""
+"""Scan of a plate without a calibration: the pattern of robot.toml, whole frames."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ FRAME_SECONDS = 2.0
 
 
 class PlateScanFailed(PerceptionError, RuntimeError):
-    """A plate could not be scanned whole; the message says what to mend."""
+    """A plate could not be scanned completely; the message gives the reason."""
 
 
 def nominal_order(robot: RobotModel, mode: str = "standard") -> FiringOrder:
-    """(index, mirror angle [rad]) of robot.toml's `[scan]`, for the first calibration."""
+    """(index, mirror angle [rad]) by `[scan]` of robot.toml, for the first calibration."""
     settings = Settings.of(robot)
     angles = np.linspace(*settings.mirror_angles, settings.stripes)
     return [(index, float(angles[index])) for index in settings.pattern(mode)]
@@ -57,7 +57,7 @@ def scan_uncalibrated(
         progress: called with (stripes done, stripes in all).
 
     Returns:
-        What is wrong with the light, each in one sentence; the scan is whole nevertheless.
+        Faults of the light, a sentence each; the scan is complete nevertheless.
 
     Raises:
         PlateScanFailed: a setting changed since it was locked; a frame was lost or does not show its stripe.

@@ -1,4 +1,4 @@
-"""`record_session`: leads an operator through a calibration session, task by task, board pictures with advice."""
+"""`record_session`: guide an operator through a calibration session, with advice on pictures of the board."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ GRAB_SECONDS: Final = 2.0
 # Pictures of the board after which the recording gives up (ten minutes at 30 per second).
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
-# Called with a picture and what is wanted next.
+# Called with a picture and the request for the next one.
 Watch = Callable[[Image, str], None]
 ZONES: Final = 3
 WANTED_PICTURES: Final = 12
-# [rad] Below this tilt a change of focal length looks like a change of distance.
+# [rad] Below this tilt focal length and distance of the board cannot be told apart.
 TILT: Final = float(np.deg2rad(15))
-# A still board moves by less than STILL_PX from frame to frame. A board nearer to an earlier view than SAME_OF_WIDTH, a
-# share of the picture's width, was shown before.
+# A still board moves by less than STILL_PX from frame to frame. Two views differ by more than SAME_OF_WIDTH, a share of
+# the picture's width.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
 CLIPPED_SHARE: Final = 0.02
@@ -49,7 +49,7 @@ SIDES: Final = ("left", "right", "top", "bottom")
 
 
 class RecordingFailed(PerceptionError, RuntimeError):
-    """The session could not be recorded; what was taken is kept, and the same command goes on."""
+    """The session could not be recorded; its pictures are kept, and the same command continues."""
 
 
 def record_session(
@@ -61,20 +61,18 @@ def record_session(
     *,
     tell: Callable[[str], None],
     watch: Watch = lambda picture, request: None,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Record what is missing of a session and finish it.
+    """Record the missing parts of a session and finish it.
 
     Args:
-        writer: writer of the session's folder; what that holds already is not asked for again.
+        writer: writer of the session's folder; parts that it holds already are not recorded again.
         robot: model of the robot.
         rangefinder: open board and camera.
         devices: the devices as the user named them; with the metered exposure and the measured lag they are written
             into the folder.
-        operator: who puts boards, crosses and plates before the camera.
+        operator: puts boards, crosses and plates before the camera.
         tell: called with a text for each task.
-        watch: called with each picture and what to do next, for a live page.
-        progress: called with (stripes done, stripes in all) of each plate.
+        watch: called with each picture and the request for the next one, for a live page.
 
     Returns:
         Path of `session.json`.
@@ -102,7 +100,7 @@ def record_session(
         if not writer.has(name):
             operator.lay_plate(plate)
             tell(f"scanning the plate of {1e3 * plate:g} mm")
-            for problem in scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name, progress=progress):
+            for problem in scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name):
                 tell(f"{name}: {problem}")
     return writer.finish()
 
@@ -130,7 +128,7 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
 
 
 def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
-    """Lock the settings with which an interrupted session began, so that all its pictures have one exposure."""
+    """Lock the settings of an interrupted session, so that all its pictures have one exposure."""
     from drivers import CameraSettings
 
     rangefinder.lock(CameraSettings(**devices.settings))
@@ -176,7 +174,6 @@ def _record_boards(
 
 
 def _record_floor(writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, watch: Watch) -> None:
-    reason = ""
     for _ in range(MOST_TRIES):
         operator.lay_board(writer.plan.board)
         picture = _fresh(rangefinder)
@@ -185,8 +182,7 @@ def _record_floor(writer: SessionWriter, rangefinder: Rangefinder, operator: Ope
         if view.is_usable:
             writer.write(FLOOR_PICTURE, picture)
             return
-        reason = view.reason
-    raise RecordingFailed(f"the board on the floor was not found: {reason}")
+    raise RecordingFailed(f"the board on the floor was not found: {view.reason}")
 
 
 def _record_crosses(
@@ -197,8 +193,7 @@ def _record_crosses(
     views = [find_board(picture, plan.board, name) for name, picture in pictures.items()]
     height, width = pictures[FLOOR_PICTURE].shape[:2]
     lens = calibrate_intrinsics([view for view in views if view.is_usable], plan.board, (width, height))
-    to_footprint = robot.stance_pose(plan.stance).transform_base_to_footprint
-    nominal = to_footprint @ robot.transform_camera_to_base
+    nominal = robot.stance_pose(plan.stance).transform_base_to_footprint @ robot.transform_camera_to_base
     points = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in plan.crosses)
     reason = ""
     for _ in range(MOST_TRIES):
@@ -217,7 +212,7 @@ def _record_crosses(
 
 @dataclass
 class BoardAdvice:
-    """What the pictures taken so far show, and what is missing.
+    """Coverage of the pictures of the board so far, and advice on the next one.
 
     Attributes:
         board: the board.
@@ -230,7 +225,7 @@ class BoardAdvice:
     _tilts: set[str] = field(default_factory=set)
 
     def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
-        """Whether a picture can be used: its view, and why not (empty when it can)."""
+        """View of a picture, and the reason why it cannot be used, empty when it can."""
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
             reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped"
@@ -263,7 +258,7 @@ class BoardAdvice:
         return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
 
     def missing(self, shape: tuple[int, ...]) -> str:
-        """What to show next."""
+        """Request for the next picture."""
         advice = []
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
         if empty:
@@ -279,13 +274,13 @@ class BoardAdvice:
 
 
 def _moved(view: BoardView, other: BoardView) -> Float:
-    """How far the corners that both views show lie apart (n, 2) [px]."""
+    """Distances (n, 2) of the corners that both views show [px]."""
     _, here, there = np.intersect1d(view.corners, other.corners, return_indices=True)
     return np.abs(view.corners_px[here] - other.corners_px[there])
 
 
 def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
-    """Which sides of the picture the board leans away at, by TILT or more; judged with a common lens."""
+    """Sides of the picture at which the board leans away by TILT or more, judged with a common lens."""
     height, width = shape
     focal = FOCAL_OF_WIDTH * width
     matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])

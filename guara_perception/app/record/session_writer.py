@@ -1,4 +1,4 @@
-"""The folder of a session in the making: what is there already, so that an interrupted recording goes on."""
+"""Folder of a session while it is recorded; an interrupted recording continues in it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FLOOR_PICTURE, CROSSES_PICTURE = "board_floor.png", "crosses.png"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionPlan:
-    """What is to be recorded; it must be the same when a recording goes on.
+    """Contents of a session; it must be the same when a recording is continued.
 
     Attributes:
         robot: name of the robot.
@@ -55,10 +55,10 @@ class SessionPlan:
 
 
 class SessionWriter:
-    """Writes a session folder picture by picture; each is whole or not there."""
+    """Writes a session folder picture by picture, each whole or not at all."""
 
     def __init__(self, folder: str | Path, plan: SessionPlan) -> None:
-        """Begin, or go on where an earlier recording with the same plan stopped.
+        """Begin, or continue an earlier recording with the same plan.
 
         Raises:
             InvalidInput: the folder holds something else, a finished session, or was begun with another plan.
@@ -83,15 +83,15 @@ class SessionWriter:
 
     @property
     def boards(self) -> list[str]:
-        """Names of the board pictures that are there."""
+        """Names of the board pictures taken so far."""
         return sorted(path.name for path in self.folder.glob("board_[0-9][0-9].png"))
 
     def has(self, name: str) -> bool:
-        """Whether a picture or scan is there."""
+        """Whether a picture or scan exists."""
         return (self.folder / name).exists()
 
     def read(self, name: str) -> Image:
-        """A picture that is there."""
+        """Read a picture."""
         return read_picture(self.folder / name)
 
     def write(self, name: str, picture: Image) -> None:

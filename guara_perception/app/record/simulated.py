@@ -1,4 +1,4 @@
-"""A simulated workshop: robot, devices and someone who shows board, crosses and plates, for `record --simulated`."""
+"""Simulated workshop for `record --simulated`: robot, devices and an operator with board, crosses and plates."""
 
 from __future__ import annotations
 
@@ -49,25 +49,25 @@ BOARD_POSES = (
     (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
     (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
 )
-# A board of which a part is enough is held further out, so that the edge of the picture cuts it.
+# A board of which a part suffices is held further out, so that the edge of the picture cuts it.
 CHARUCO_REACH = 1.5
-# Metering and the measurement of the lag look at the stripe on this.
+# Floor on which the exposure is metered and the lag is measured.
 FLOOR_MATERIAL = "soil"
 
 
 class SimulatedWorkshop:
-    """Devices and operator in one: its camera sees what the operator is asked to show.
+    """Devices and operator in one: the camera sees whatever the operator is asked to show.
 
-    The devices have a clock of their own, so that a busy machine loses no frame.
+    The devices run on a clock of their own, so that a busy machine loses no frame.
 
     Attributes:
         robot: the model.
-        rangefinder: emulated board through the real driver, and a camera that sees the present scene.
-        truth: what the rangefinder truly is.
+        rangefinder: emulated board through the real driver, and a camera that sees the current scene.
+        truth: true geometry of the rangefinder.
     """
 
     def __init__(self, robot: str | Path = "guara", size: tuple[int, int] = (640, 512), seed: int = 1) -> None:
-        """Set it up: the robot stands in its scan posture on a flat floor."""
+        """Set up the robot in its scan posture on a flat floor."""
         from drivers import LaserBoard
         from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
         from drivers.emulator.emulated_camera import EmulatedCamera
@@ -95,7 +95,7 @@ class SimulatedWorkshop:
         self.rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera, clock=clock)
 
     def use_board(self, board: BoardSpec) -> None:
-        """Take this board from now on."""
+        """Use this board from now on."""
         self._board = board
 
     def show_board(self, advice: str) -> None:
@@ -109,7 +109,7 @@ class SimulatedWorkshop:
         self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
 
     def lay_board(self, board: BoardSpec) -> None:
-        """Lay it where the camera looks."""
+        """Lay the board where the camera looks."""
         to_camera = np.linalg.inv(self._camera_to_footprint)
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
         start = self._camera_to_footprint[:3, 3]
@@ -119,11 +119,11 @@ class SimulatedWorkshop:
         self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Lay them where they belong."""
+        """Lay the crosses at their places on the mat."""
         self._still(self._targets.crosses(cross_points(self.robot), self._camera_to_footprint))
 
     def lay_plate(self, height: float) -> None:
-        """Let the camera see a plate of this height, and the laser on it."""
+        """Show a plate of this height, with the laser on it."""
         self._scene = renderer(self._over(height))
 
     def clear(self) -> None:
