@@ -20,7 +20,6 @@ import numpy as np
 from drivers.emulator.config import STEP
 from guara_perception.calibration.calibration import Calibration, StripePlane
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
-from guara_perception.scanning.scan_drift import scan_drift
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.rangefinder import LaserPlanes, SimulatedRangefinder
@@ -136,7 +135,7 @@ def scan(
     off = rig.frame(laser=0.0)
     for index, offset in zip(STRIPES, offsets, strict=True):
         processor.add(index, rig.frame(mirror_angle=known.stripe(index).mirror_angle + offset), off)
-    return scan_drift(processor)
+    return processor.drift()
 
 
 @cache

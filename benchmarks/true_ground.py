@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.arrays import Float, Mask
-from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.settings import Settings
 from guara_perception.simulation.features import material_index
 from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.record import ScanRecord
+from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from kinematics import RobotModel
 
 CELL_M = 0.001

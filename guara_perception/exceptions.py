@@ -1,4 +1,4 @@
-"""Errors of guara_perception: one root, each subclass also the builtin that fits; libraries that are optional."""
+"""Errors of guara_perception: one root, each subclass also the builtin that fits; optional libraries, stale grids."""
 
 from __future__ import annotations
 
@@ -73,3 +73,20 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
         return importlib.import_module(name)
     except ImportError:
         raise MissingExtra(f"{purpose} needs {name}: pip install 'guara-perception[{extra}]'") from None
+
+
+def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
+    """Reject a question to a stale grid, unless the caller allows it.
+
+    Args:
+        stale_because: reasons for which the grid is stale; empty for a current one.
+        allow_stale: answer from a stale grid too.
+
+    Raises:
+        transport.StaleTerrain: it is stale, and that is not allowed.
+    """
+    if stale_because and not allow_stale:
+        # Who only computes grids loads no transport.
+        from transport.exceptions import StaleTerrain
+
+        raise StaleTerrain(f"{'; '.join(stale_because)}. Ask a newer grid; allow_stale=True answers from this one")

@@ -60,11 +60,6 @@ class TraversabilityLimits:
                 raise InvalidInput(f"limit {name} is {value!r}, it must be a number above 0 and at most {high:.4g}")
 
 
-def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
-    """Limits as plain JSON values, for the JSON form of a grid's record."""
-    return {name: float(getattr(limits, name)) for name in TraversabilityLimits.__slots__}
-
-
 @dataclass(frozen=True, slots=True)
 class Settings:
     """All perception settings of one robot.

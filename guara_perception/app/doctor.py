@@ -24,7 +24,6 @@ from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
 from guara_perception.scanning.process import run_scan
-from guara_perception.scanning.scan_drift import scan_drift
 from kinematics import KinematicsError, load_robot
 from transport import Health, TransportError
 
@@ -192,7 +191,7 @@ def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
     if calibration is None or scan is None:
         return Finding(SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
     recorded, calibrated = open_scan(scan), load_calibration(calibration)
-    drift = scan_drift(run_scan(recorded, calibrated, load_robot(recorded.robot)))
+    drift = run_scan(recorded, calibrated, load_robot(recorded.robot)).drift()
     if drift.verdict == DRIFTING:
         return Finding(WARN, f"{'; '.join(drift.reasons)}: calibrate again")
     if drift.verdict == HOLDS:

@@ -12,14 +12,14 @@ import numpy as np
 
 from guara_perception.arrays import Float, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.calibration.drift import Drift
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scanning.light_diagnosis import FrameSamples
-from guara_perception.scanning.scan_drift import mirrored
-from guara_perception.scanning.scan_report import scan_record
+from guara_perception.scanning.scan_report import scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.settings import RobotLike, Settings, robot_model
@@ -146,7 +146,14 @@ class ScanProcessor:
         """Organised points of the stripes added so far, by index; bad frames are not among them."""
         return self._surface.stripes
 
-    def mirrored_points(self) -> dict[int, StripePoints]:
+    def drift(self) -> Drift:
+        """Check that the floor seen so far fits the calibration and the soles that the robot stands on.
+
+        Mirrored frames look like drift, but fit when they are mirrored again.
+        """
+        return scan_drift(self.points, self._mirrored_points, self.pose)
+
+    def _mirrored_points(self) -> dict[int, StripePoints]:
         """Points of the stripes as if every frame had been mirrored left to right."""
         usable = {index: each.mirrored() for index, each in self._profiles.items() if not each.is_frame_bad}
         return self._ranger.points(usable)
@@ -297,7 +304,7 @@ class ScanProcessor:
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,
-                mirrored=lambda: mirrored(self),
+                mirrored_points=self._mirrored_points,
             )
         lost = {index for index, profile in self._profiles.items() if profile.is_frame_bad}
         is_lost = np.array([index in lost for index in self._geometry.stripes])

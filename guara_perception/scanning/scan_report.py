@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
+from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
@@ -47,6 +49,15 @@ WHERE_NONE_CAN_BE = (
     "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
     "moved, or the stance is wrong"
 )
+MIRRORED = (
+    "mirrored left to right, the frames fit the calibration: the camera or its driver flips them, and what is on the "
+    "left is taken for the right"
+)
+# The drift check reads every fourth column: neighbouring columns are smoothed together, so these carry as much
+# information in half of the time.
+COLUMNS_APART = 4
+# So many stripes, all over the scan, show that the whole scan is worth a check for mirrored frames.
+SUSPECTED = 12
 TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
 
 
@@ -119,7 +130,7 @@ def scan_record(
     layers: Mapping[str, Array],
     seconds: Mapping[str, float],
     samples: FrameSamples,
-    mirrored: Callable[[], str],
+    mirrored_points: Callable[[], Mapping[int, StripePoints]],
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     from kinematics import describe_robot
@@ -152,7 +163,7 @@ def scan_record(
         wrong = samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
     else:
-        reasons += filter(None, (mirrored(), samples.texture()))
+        reasons += filter(None, (mirrored_frames(points, mirrored_points, pose), samples.texture()))
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")
@@ -189,6 +200,37 @@ def scan_record(
         # An unjudged calibration is said too.
         extra={"calibration_verdict": None},
     )
+
+
+def scan_drift(
+    points: Mapping[int, StripePoints], mirrored_points: Callable[[], Mapping[int, StripePoints]], pose: StancePose
+) -> Drift:
+    """Drift check of a scan; see `ScanProcessor.drift`.
+
+    Args:
+        points: points of each stripe, by index.
+        mirrored_points: computes the same points as if every frame had been mirrored left to right.
+        pose: pose of the body over the ground.
+    """
+    drift = _check_drift(points, pose)
+    if drift.verdict == DRIFTING and _check_drift(mirrored_points(), pose).verdict == HOLDS:
+        return replace(drift, reasons=(MIRRORED, *drift.reasons))
+    return drift
+
+
+def mirrored_frames(
+    points: Mapping[int, StripePoints], mirrored_points: Callable[[], Mapping[int, StripePoints]], pose: StancePose
+) -> str:
+    """MIRRORED where a scan of a flat floor fits its calibration only when its frames are mirrored, else empty."""
+    some = dict(islice(points.items(), 0, None, max(len(points) // SUSPECTED, 1)))
+    if _check_drift(some, pose).verdict != DRIFTING:
+        return ""
+    return MIRRORED if MIRRORED in scan_drift(points, mirrored_points, pose).reasons else ""
+
+
+def _check_drift(stripes: Mapping[int, StripePoints], pose: StancePose) -> Drift:
+    points = {index: stripe.points[::COLUMNS_APART] for index, stripe in stripes.items()}
+    return check_drift(points, pose.covariance, pose.soles_in_footprint)
 
 
 def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import guara_perception as gp
-from guara_perception.settings import Settings, limits_to_dict
+from guara_perception.settings import Settings
+from guara_perception.terrain.layers.record import limits_to_dict
 from kinematics import RobotModel, load_robot
 
 

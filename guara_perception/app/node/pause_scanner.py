@@ -21,7 +21,6 @@ from guara_perception.app.summary import summary
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
-from guara_perception.scanning.scan_drift import scan_drift
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
@@ -134,7 +133,7 @@ class PauseScanner:
         self._status.scanned(terrain, scan, self._tails[-1])
         if logger.isEnabledFor(logging.INFO):
             logger.info("%s", summary(terrain))
-        self._status.drift(scan_drift(processor))
+        self._status.drift(processor.drift())
         try:
             self._check_steps()
             messages.append(published.publish_map())

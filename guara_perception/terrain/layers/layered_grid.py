@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Array, Codes, Flags, Float, Float32, Mask
-from guara_perception.exceptions import InvalidInput
-from guara_perception.staleness import refuse_stale
+from guara_perception.exceptions import InvalidInput, refuse_stale
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard, check_invariant, occupancy_values
 from guara_perception.terrain.layers.layers import LAYER_NAMES

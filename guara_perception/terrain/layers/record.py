@@ -13,7 +13,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from guara_perception.settings import TraversabilityLimits, limits_to_dict
+from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import Stance, StanceError
 from kinematics.arrays import read_only
@@ -428,3 +428,8 @@ FORMS: Mapping[str, tuple[Reader, str]] = {
     "Health | None": (_health, "an object of level and reasons"),
     "Rounding | None": (_rounding, "an object of elevation [m] and variance, each 0 or more"),
 }
+
+
+def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
+    """Limits as plain JSON values, for the JSON form of a grid's record."""
+    return {name: float(getattr(limits, name)) for name in TraversabilityLimits.__slots__}

@@ -11,7 +11,6 @@ import pytest
 import guara_perception as gp
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch, check_drift
 from guara_perception.scanning.process import run_scan
-from guara_perception.scanning.scan_drift import scan_drift
 from kinematics import RobotModel
 
 
@@ -142,7 +141,7 @@ def test_watch_warns_when_pauses_agree() -> None:
 @pytest.mark.parametrize("name", ["dark", "tilt"])
 def test_recorded_scans_hold(name: str, data: Path, calibration: gp.Calibration, robot: RobotModel) -> None:
     """Scans of another renderer hold with the calibration that was measured from its session."""
-    drift = scan_drift(run_scan(gp.open_scan(data / "scans" / name), calibration, robot))
+    drift = run_scan(gp.open_scan(data / "scans" / name), calibration, robot).drift()
     assert (drift.verdict, drift.reasons) == (HOLDS, ())
 
 
@@ -154,7 +153,7 @@ def test_recorded_scan(paper_scan: gp.Scan, calibration: gp.Calibration, robot: 
     moved = dataclasses.replace(calibration, transform_camera_to_base=turned)
     verdicts = []
     for candidate in (calibration, moved):
-        verdicts.append(scan_drift(run_scan(paper_scan, candidate, robot)).verdict)
+        verdicts.append(run_scan(paper_scan, candidate, robot).drift().verdict)
     assert verdicts == [HOLDS, DRIFTING]
 
 
@@ -165,12 +164,12 @@ def test_mirrored_frames_are_distinguished_from_a_drift(
     """Left and right swapped look like a camera that moved; the check says that they are swapped, and only then."""
     mirrored = dataclasses.replace(paper_scan, read_frame=lambda name: paper_scan.read_frame(name)[:, ::-1].copy())
     processor = run_scan(mirrored, calibration, robot)
-    drift = scan_drift(processor)
+    drift = processor.drift()
     assert drift.verdict == DRIFTING and drift.reasons[0].startswith("mirrored left to right, the frames fit")
     assert processor.finish().record.health == gp.terrain.layers.record.Health("degraded", (drift.reasons[0],))
     slipped = tuple(
         dataclasses.replace(stripe, plane=stripe.plane + [0, 0, 0, 0.002 * (stripe.index > 30)])
         for stripe in calibration.stripes
     )
-    drift = scan_drift(run_scan(paper_scan, dataclasses.replace(calibration, stripes=slipped), robot))
+    drift = run_scan(paper_scan, dataclasses.replace(calibration, stripes=slipped), robot).drift()
     assert drift.verdict == DRIFTING and not any("mirrored" in reason for reason in drift.reasons)
