@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06
 PLAY_PERIOD_S = 0.7
 
 
-class BrowserView:
+class BrowserView(AbstractContextManager["BrowserView"]):
     """Web server that shows moments of a walk; use it in a `with` block.
 
     Example:
@@ -61,9 +62,6 @@ class BrowserView:
         self._drawing = SceneDrawing(self._server.scene, robot, self._click)
         self._controls = Controls(self._server.gui, go_to=self._go_to, play=self._play_or_stop, redraw=self._redraw)
         self._look_from(np.zeros(3))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

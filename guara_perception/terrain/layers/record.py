@@ -16,7 +16,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import Stance, StanceError
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 R = TypeVar("R", bound="GridRecord")
 Reader: TypeAlias = Callable[[object], Any]
@@ -69,7 +69,7 @@ class Rounding:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class GridRecord:
+class GridRecord(FrozenArrays):
     """Fields common to scans and maps; None where a value is absent.
 
     `to_json` gives the fields of docs/files.md. A record from `from_json` gives back all fields that it was made of,
@@ -139,11 +139,9 @@ class GridRecord:
 
     def __post_init__(self) -> None:
         """Freeze arrays and mappings."""
+        super().__post_init__()
         for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, entry.name, read_only(value))
-            elif isinstance(value, Mapping):
+            if isinstance(value := getattr(self, entry.name), Mapping):
                 object.__setattr__(self, entry.name, MappingProxyType(dict(value)))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -416,10 +414,7 @@ FORMS: Mapping[str, tuple[Reader, str]] = {
     "Mapping[str, str] | None": (_named(TEXT), "an object of texts"),
     "Mapping[str, int] | None": (_named(WHOLE), "an object of whole numbers"),
     "Mapping[str, float] | None": (_named(NUMBER), "an object of numbers"),
-    "Mapping[str, float | None] | None": (
-        _named(lambda value: None if value is None else NUMBER(value)),
-        "an object of numbers",
-    ),
+    "Mapping[str, float | None] | None": (_named(_number_or_null), "an object of numbers"),
     "Transform | None": (_array(4, 4), "4 x 4 finite numbers"),
     "Covariance | None": (_array(6, 6), "6 x 6 finite numbers"),
     "Point | None": (_array(3), "three finite numbers"),

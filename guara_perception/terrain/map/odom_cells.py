@@ -125,24 +125,17 @@ class OdomCells:
     def centre_on(self, x: float, y: float) -> None:
         """Centre the window on a point of `odom`; forget the cells that leave it."""
         cy, cx = (int(np.floor(value / self.resolution)) - self.side // 2 for value in (y, x))
-        if self.first is None:
-            self.first = (cy, cx)
+        old, self.first = self.first, (cy, cx)
+        if old is None:
             return
-        old_y, old_x = self.first
-        self.first = (cy, cx)
-        rows = _entering(old_y, cy, self.side)
-        columns = _entering(old_x, cx, self.side)
+        window = np.arange(self.side)
+        rows, columns = (
+            np.setdiff1d(new + window, before + window) for new, before in zip(self.first, old, strict=True)
+        )
         for name, (_, empty) in MEMORY.items():
             square = self.memory[name].reshape(self.side, self.side)
             square[rows % self.side] = empty
             square[:, columns % self.side] = empty
-
-
-def _entering(old: int, new: int, side: int) -> Index:
-    """Rows (or columns) of the new window that were not in the old one."""
-    if abs(new - old) >= side:
-        return np.arange(new, new + side)
-    return np.arange(old + side, new + side) if new > old else np.arange(new, old)
 
 
 class HasIndices(Protocol):

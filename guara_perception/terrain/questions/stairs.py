@@ -98,7 +98,8 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
         flight = [regions[first]]
         for region in regions[first + 1 :]:
             rise = region[1] - flight[-1][1]
-            if rise > MOST_RISE_M or (len(flight) > 1 and not _alike(rise, flight[1][1] - flight[0][1])):
+            first_rise = flight[1][1] - flight[0][1] if len(flight) > 1 else rise
+            if rise > MOST_RISE_M or abs(rise - first_rise) > RISES_ALIKE * max(rise, first_rise):
                 break
             flight.append(region)
         if len(flight) > len(best):
@@ -128,10 +129,6 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
         risers.append(Riser(ends[0], ends[1], upper - lower))
     rises = [riser.height for riser in risers]
     return Stairs(tuple(treads), tuple(risers), direction, float(np.mean(rises)), float(np.mean(np.diff(along))))
-
-
-def _alike(one: float, other: float) -> bool:
-    return abs(one - other) <= RISES_ALIKE * max(one, other)
 
 
 def _level_regions(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:

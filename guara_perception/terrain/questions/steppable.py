@@ -220,12 +220,11 @@ def _reached(
     """Free cells whose corners a leg reaches."""
     iy, ix = np.nonzero(free)
     half = terrain.resolution / 2 + CORNER_OUTSIDE_M
-    reached = np.ones(iy.size, dtype=bool)
+    centres = np.column_stack((cx[ix], cy[iy], height[iy, ix]))
+    result = free.copy()
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        corners = np.column_stack((cx[ix] + sx * half, cy[iy] + sy * half, height[iy, ix]))
-        reached &= beyond_reach_of_ground(terrain, leg, corners, robot) == 0
-    result = np.zeros(free.shape, dtype=bool)
-    result[iy, ix] = reached
+        corners = centres + (sx * half, sy * half, 0.0)
+        result[iy, ix] &= beyond_reach_of_ground(terrain, leg, corners, robot) == 0
     return result
 
 

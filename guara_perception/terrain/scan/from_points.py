@@ -1,4 +1,4 @@
-"""`terrain_from_points`: points of another sensor, a depth camera for instance, as a grid like that of a scan."""
+"""Grids from points of other sensors, for instance a depth camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel
 
-# A line of sight passes over a cell that reaches no higher than this much above it.
+# A cell hides what lies behind it if it rises above the line of sight by more than this.
 SIGHT_TOLERANCE_M = 0.002
 
 
@@ -37,25 +37,23 @@ def terrain_from_points(
     step: int = 0,
     metadata: Mapping[str, Any] | None = None,
 ) -> TerrainGrid:
-    """A grid of extent "footprint" from measured points, judged by the same rules as a scan; `TerrainMap` takes it.
+    """Assess measured points by the rules of a scan, as a grid of extent "footprint" that `TerrainMap` accepts.
 
-    A cell is known where a point fell into it, and nowhere else: nothing is interpolated between points, so cells must
-    not be smaller than the distance between points. A cell that something higher hides from the sensor is OCCLUDED;
-    one with points outside the robot's height limits only, OUT_OF_RANGE; one at which the sensor looked without a
-    return, DROPOUT; all others UNSCANNED.
+    A cell is known if a point falls into it. Nothing is interpolated, so cells must not be smaller than the distance
+    between points. A cell that something higher hides from the sensor is OCCLUDED; one with points outside the robot's
+    height limits is OUT_OF_RANGE; one that the sensor observed without a return is DROPOUT; all others are UNSCANNED.
 
     Args:
-        points: (n, 3) in base_footprint [m]; rows with NaN are left out. Remove points of the robot's own body first.
+        points: (n, 3) in base_footprint [m]; rows with NaN are skipped. Remove points of the robot's own body first.
         sigma: standard deviation of the heights, one number or (n,) [m].
         sensor_origin: (3,) position of the sensor in base_footprint [m].
         robot: model, name or folder; gives the area, the height limits and those of traversability; None = the Guará.
-        no_returns: (m, 3) directions in base_footprint in which the sensor looked and measured nothing, for instance
-            the rays of a depth camera's pixels without a depth. What the map knew there is then forgotten. None = these
-            directions are not known; what the map knew there then stays and ages.
+        no_returns: (m, 3) directions in base_footprint of rays without a return, for instance those of a depth camera's
+            pixels without a depth. The map forgets its cells there. None = unknown; the map's cells there stay and age.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
-        metadata: more fields, for instance the `stance` and `transform_base_to_footprint` of the pause.
+        metadata: further fields, for instance the `stance` and `transform_base_to_footprint` of the pause.
 
     Raises:
         InvalidInput: arrays of other shapes, a sigma or origin that is not finite, a resolution that does not divide
@@ -78,7 +76,7 @@ def terrain_from_points(
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
     raster = merge([rasterise(cloud[within], sigmas[within] ** 2, geometry)], geometry)
     beyond = _cells_of(cloud[~within], geometry)
-    # A cell in which something rises above the height limits is unknown, even where lower points fell into it too.
+    # A cell with points outside the height limits is unknown, whatever other points it has.
     raster = without_cells(raster, beyond)
     looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
     hazard = _causes(raster, geometry, origin, beyond, looked)
@@ -119,18 +117,18 @@ def judged_grid(
 
 
 def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, looked: Float) -> Flags:
-    """Why each unknown cell is unknown; 0 where it is known and nothing speaks against it."""
+    """Causes of the unknown cells, and of known ones with points outside the height limits; 0 elsewhere."""
     unknown = np.isnan(raster.elevation)
     flags = np.zeros(geometry.shape, np.uint16)
     known = ~unknown
     flags[unknown] = np.uint16(Hazard.UNSCANNED)
     if known.any():
-        # Unknown ground is taken to be as low as the lowest known ground, since the lowest is hidden most easily.
+        # Unknown ground is assumed to be as low as the lowest known ground, which is hidden most easily.
         lowest = float(np.min(raster.low[known]))
         flags[unknown & _hidden(raster.high, geometry, origin, lowest)] = np.uint16(Hazard.OCCLUDED)
         empty = looked[np.isfinite(looked).all(axis=1)]
         empty = empty[empty[:, 2] < 0]
-        # Where lines of sight meet the ground, which may be anywhere between its lowest and its highest point.
+        # Intersections of the rays with the ground, whose height is between its lowest and its highest point.
         for height in np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
             way = (height - origin[2]) / empty[:, 2]
             hit = np.column_stack((origin[:2] + way[:, None] * empty[:, :2], np.full(len(empty), height)))
@@ -141,7 +139,7 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
 
 
 def _hidden(high: Float, geometry: GridGeometry, origin: Float, height: float) -> Mask:
-    """Cells that something known hides from the sensor, if their ground is at this height."""
+    """Mask of the cells that a known cell hides from the sensor if their ground is at this height."""
     x, y = geometry.centres()
     px, py = (axis.ravel() for axis in np.meshgrid(x, y))
     away = np.hypot(px - origin[0], py - origin[1])
