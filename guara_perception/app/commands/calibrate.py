@@ -1,4 +1,4 @@
-"""`guara calibrate`: a session folder into a calibration with a verdict and a report."""
+"""`guara calibrate`: compute a calibration from a session folder, with a verdict and a report."""
 
 from __future__ import annotations
 

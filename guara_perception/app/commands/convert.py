@@ -1,4 +1,4 @@
-"""`guara convert`: recordings, scans and grids from one format into another, and cut recordings made whole."""
+"""`guara convert`: convert recordings, scans and grids between formats, and repair cut recordings."""
 
 from __future__ import annotations
 

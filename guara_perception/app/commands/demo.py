@@ -1,4 +1,4 @@
-"""`guara demo`: a walk from scans to footholds without hardware; ends by itself and checks itself."""
+"""`guara demo`: a walk from scans to footholds without hardware, which ends by itself and checks itself."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
 
 
 def line(item: DemoPause) -> str:
-    """One pause in one line."""
+    """One line of text about a pause."""
     record = item.terrain.scan_record
     counts = record.hazard_cells or {}
     duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9

@@ -1,4 +1,4 @@
-"""`guara info`: what a file or folder holds."""
+"""`guara info`: describe a file or folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONGEST_LIST = 8
 @click.argument("file", type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object instead")
 def command(file: Path, as_json: bool) -> None:
-    """Say what FILE holds: a grid, recording, calibration, or the folder of a scan, session or robot.
+    """Describe FILE: a grid, recording, calibration, or the folder of a scan, session or robot.
 
     \b
     Example:

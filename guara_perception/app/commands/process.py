@@ -1,4 +1,4 @@
-"""`guara process`: a recorded scan into a grid file and pictures."""
+"""`guara process`: compute a grid file and pictures from a recorded scan."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
-@click.option("--step", type=int, help="which scan of a recording that holds several")
-@click.option("--keep-going", is_flag=True, help="leave unknown what a bad frame should show, instead of refusing")
+@click.option("--step", type=int, help="pause of the scan, for a recording that holds several")
+@click.option("--keep-going", is_flag=True, help="leave the ground of a bad frame unknown instead of refusing the scan")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
     scan: Path,

@@ -1,4 +1,4 @@
-"""`guara replay`: recorded scans in the order of their pauses, fused as on the walk, saved or published again."""
+"""`guara replay`: process the recorded scans of a walk in order, fuse them, and save or publish the grids."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.command(name="replay")
 @click.argument("scans", nargs=-1, required=True, metavar="SCAN...", type=FILE)
 @click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
-@click.option("--extent", default="footprint,map", help="which grids to give: footprint, map or both")
+@click.option("--extent", default="footprint,map", help="grids to save or publish: footprint, map or both")
 @click.option("-o", "--out", type=FILE, help="folder for a grid file of each pause and extent")
 @click.option("--publish", is_flag=True, help="publish over Zenoh as the node does, stamped as if scanned now")
 @click.option("--interval", type=click.FloatRange(0, 3600), default=1.0, help="seconds between two pauses")
@@ -45,8 +45,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan whose step is not higher than that of the scan before begins another walk: the map starts again. A scan whose
-    grid the node withdrew is left out.
+    A scan whose step is not higher than that of the scan before begins another walk with a new map. A scan whose grid
+    the node withdrew is left out.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`guara robot`: a folder for any robot, made from its URDF and checked."""
+"""`guara robot`: make the folder of a robot from its URDF, and check it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.app.options import FILE
 
 @click.group(name="robot")
 def command() -> None:
-    """Make a folder for a robot from its URDF, and check one.
+    """Make the folder of a robot from its URDF, and check one.
 
     \b
     Example:
@@ -65,7 +65,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 def check(
     context: click.Context, folder: Path, picture: Path | None, walk: bool, view: bool, port: int, as_json: bool
 ) -> None:
-    """Say all that is wrong or doubtful about a robot folder (or a robot by name).
+    """Report all that is wrong or doubtful in a robot folder (or a robot by name).
 
     Exit 0: sound; 1: something is wrong; 2: it does not load. Notes do not count.
 

@@ -118,7 +118,7 @@ def router(
 @click.option("--robot", help="instance name of the robot; default: all of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect as each role, to each node and router, and print what it may do; exit 1 when that is not as it should be.
+    """Connect as each role to each node and router and print its rights; exit 1 when they differ from the rules.
 
     \b
     Example:
@@ -193,7 +193,7 @@ def add(folder: Path, name: str, role: str) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
-    """Shut the member NAME out, as when its machine was stolen; its name is never used again.
+    """Shut out the member NAME, such as one whose machine was stolen; its name is never used again.
 
     \b
     Example:

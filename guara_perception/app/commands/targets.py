@@ -1,4 +1,4 @@
-"""`guara targets`: what a calibration looks at, to print."""
+"""`guara targets`: print the targets of a calibration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from guara_perception.app.options import FILE, board_options
 @click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", help="paper of the printer")
 @board_options
 def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
-    """Print to scale what a calibration looks at: ruler, board, crosses, floor mat, labels of plates.
+    """Print the targets of a calibration to scale: ruler, board, crosses, floor mat, labels of plates.
 
     Larger drawings go over several pages with joining marks. Print at 100 %, and check the ruler.
 

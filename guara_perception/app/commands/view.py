@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from guara_perception.view.moment import Moment
     from kinematics import RobotModel
 
-# [s] A live view that has nothing to show after this time says what it waits for.
+# [s] Time without a pause after which a live view reports what it waits for.
 SILENCE = 5.0
-# [s] Between two lines about what is live.
+# [s] Between two updates of the line about the newest grid.
 TELLING = 1.0
 
 
@@ -52,7 +52,7 @@ def command(
     """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    A click on the ground says what is known of that cell. The page is served to this machine only. With --rerun a
+    A click on the ground shows what is known of that cell. The page is served to this machine only. With --rerun a
     recording opens as one scene in Rerun's own viewer.
 
     \b
@@ -109,7 +109,7 @@ def show_live(
     address: str,
     tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; when none comes within some seconds, print what is waited for.
+    """Show every new pause until stopped; when none comes within some seconds, print the cause.
 
     Once a second `tell` gets a line about the newest grid, and whether it is stale.
     """

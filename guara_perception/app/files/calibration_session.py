@@ -1,4 +1,4 @@
-"""Opens a calibration session folder: `session.json`, its pictures and its plate scans."""
+"""Reader of calibration session folders: `session.json`, its pictures and its plate scans."""
 
 from __future__ import annotations
 

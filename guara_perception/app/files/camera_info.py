@@ -1,4 +1,4 @@
-"""Writes and reads a camera as ROS `camera_info` YAML."""
+"""Camera as ROS `camera_info` YAML."""
 
 from __future__ import annotations
 

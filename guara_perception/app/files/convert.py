@@ -1,4 +1,4 @@
-"""Converts a recorded scan between a folder and an MCAP recording."""
+"""Conversion of recorded scans between folders and MCAP recordings."""
 
 from __future__ import annotations
 

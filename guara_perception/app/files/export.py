@@ -1,4 +1,4 @@
-"""Writes a grid as PLY, PCD or CSV for other tools."""
+"""Export of grids as PLY, PCD or CSV for other tools."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ COLUMNS = ("x", "y", "elevation", "sigma", "slope", "step_height", "roughness", 
 
 
 def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
-    """Write a grid in the format that the name's ending says, whole or not at all.
+    """Write a grid in the format of the file's ending, whole or not at all.
 
     `.ply` and `.pcd` (binary) hold a point per known cell: x, y, z and sigma [m], hazard flags, and the colour that
     pictures give the cell's foremost hazard. `.csv` holds a line per cell, unknown ones too: their heights are empty
     and their hazard names the cause.
 
     Returns:
-        How many points or lines were written.
+        Number of points or lines written.
 
     Raises:
         InvalidInput: another ending.

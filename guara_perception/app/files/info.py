@@ -1,4 +1,4 @@
-"""`describe_file`: what a file or folder that this project writes holds."""
+"""`describe_file`: contents of a file or folder that this project writes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ KINDS = "a grid (.npz), a recording (.mcap), a calibration (.json), a scan folde
 
 
 def describe_file(path: str | Path) -> dict[str, Any]:
-    """What `path` holds, as plain values; the entry "kind" says what it is.
+    """Contents of a file or folder as plain values; the entry "kind" names its type.
 
     Raises:
         MissingFile: nothing there.
-        InvalidInput: nothing that this project writes.
+        InvalidInput: a file or folder of another kind.
         FileFormatError: it is damaged; the message names the field.
     """
     path = Path(path)
@@ -99,7 +99,6 @@ def _session(path: Path) -> dict[str, Any]:
 
 
 def _robot(path: Path) -> dict[str, Any]:
-
     try:
         robot = load_robot(path)
     except KinematicsError as error:

@@ -1,4 +1,4 @@
-"""`open_scan`: a recorded scan, whether it is a folder or part of an MCAP recording."""
+"""`open_scan`: open a recorded scan, a folder or part of an MCAP recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Range images as picture files: 16 bits with scale and offset for programs, 8 bits to look at, causes as flags."""
+"""Range images as picture files: 16 bits with scale and offset, 8 bits for display, causes as flags."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ IMAGES = ("range_image_mm", "ortho_image_mm")
 
 
 def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
-    """Write both range images in 16 and 8 bits, the causes of the orthorectified one, and what the numbers mean.
+    """Write both range images in 16 and 8 bits, the causes of the orthorectified one, and a key to the values.
 
     Pixel (r, c) is row r along x, column c along y, as in the grid file; nothing is flipped for display here.
     """
@@ -39,7 +39,7 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
     meaning = {
         "16bit": {"unknown": 0, "scale_mm": SCALE_MM, "offset_mm": OFFSET_MM, "height_mm": "value * scale + offset"},
         "8bit": {name: {"unknown": 0, "value_1_mm": low, "value_255_mm": high} for name, (low, high) in shown.items()},
-        "causes": {flag.name: int(flag) for flag in Hazard if flag and int(flag) & int(UNKNOWN_MASK)},
+        "causes": {flag.name: int(flag) for flag in Hazard if int(flag) & int(UNKNOWN_MASK)},
         "pixels": {"rows": "along x", "columns": "along y", "size": [ROWS, COLUMNS]},
     }
     path = folder / "range_images.json"

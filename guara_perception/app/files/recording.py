@@ -20,13 +20,13 @@ from transport.recording import open_recording as open_messages
 
 
 class Recording:
-    """A recording (.mcap) that is read piece by piece; use it in a `with` block.
+    """Recording (.mcap) that is read piece by piece; use it in a `with` block.
 
     Iterating over it gives its footprint grids, one per pause.
 
     Attributes:
         path: path of the file.
-        scans: the recorded scans, in order; `process_scan` makes terrain of each, with other settings if wished.
+        scans: the recorded scans, in order; `process_scan` makes terrain of each, also with other settings.
         calibration: the attached calibration, or None.
 
     Example:

@@ -1,4 +1,4 @@
-"""The files of a recording that goes on over restarts: their names, and the room that they may take together."""
+"""Files of a recording that continues over restarts: their names, and the disk space that they may take."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError
 
 SUFFIX = ".mcap"
-# [byte] What a file of a folder holds before the next begins: 12 minutes of JPEG frames, 100 s of lossless ones.
+# [byte] Size of a file of a folder at which the next one begins: 12 minutes of JPEG frames, 100 s of lossless ones.
 FILE_SIZE = 1_000_000_000
-# With a limit a file holds a fifth of it at most: there are finished ones to keep when the oldest goes.
+# With a limit a file holds a fifth of it at most, so that finished files remain when the oldest is removed.
 FILES_IN_LIMIT = 5
-# [byte] A fifth of it still holds a pause of lossless frames (39 MB), so that all stay below the limit.
+# [byte] A fifth of it still holds a pause of lossless frames (39 MB), so that the files stay below the limit.
 LEAST_LIMIT = 200_000_000
 UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT]B)", re.IGNORECASE)
-# What an MCAP file begins and ends with.
+# First and last bytes of an MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
 
 
 class RecordingFiles:
     """Files that follow one another: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
 
-    No file that is there is ever written to. Only a folder's files of this naming are ever removed, and of these none
-    that a process still writes.
+    No existing file is ever written to. Only files of a folder with these names are ever removed, and none that a
+    process still writes.
 
     Attributes:
-        file_size: [byte] from which on the next file is begun; None for never.
+        file_size: [byte] at which the next file is begun; None for never.
     """
 
     def __init__(self, path: Path, robot: str, limit: int | None = None) -> None:
-        """Name them.
+        """Set the names.
 
         Args:
-            path: a name that ends with .mcap, or else a folder, which is made when it is not there.
+            path: a name that ends with .mcap, or else a folder, which is created if it does not exist.
             robot: instance name.
             limit: [byte] that the files of a folder may take together, from `read_limit`.
 
@@ -64,7 +64,7 @@ class RecordingFiles:
         )
 
     def next(self) -> Path:
-        """A name after those that are there.
+        """The name after those that exist.
 
         Raises:
             RecordingError: the folder is not there, or cannot be read.
@@ -83,7 +83,7 @@ class RecordingFiles:
         """Remove the oldest files until the next one, once full and with its last pause, stays within the limit.
 
         Raises:
-            RecordingError: one that is too many cannot be removed.
+            RecordingError: a file beyond the limit cannot be removed.
         """
         if self._limit is None or self.file_size is None:
             return
@@ -127,11 +127,11 @@ def _has_end(path: Path) -> bool:
 
 
 def read_limit(text: str, path: Path | None) -> int:
-    """Bytes of a text such as "50GB".
+    """Number of bytes in a text such as "50GB".
 
     Args:
         text: what was given.
-        path: where it is recorded to, None for nowhere.
+        path: file or folder to record to, None for none.
 
     Raises:
         InvalidInput: it is no size, too low, or not for a folder.

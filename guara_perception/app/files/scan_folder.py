@@ -1,4 +1,4 @@
-"""Scan folders, `scan.json` and frames: opened, and written frame by frame, whole or not at all."""
+"""Scan folders with `scan.json` and frames: reader, and writer that leaves a whole folder or none."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _stripe(item: Fields) -> ScanStripe:
 
 
 class ScanFolderWriter:
-    """A scan folder in the making; use it in a `with` block and call `finish` when the scan is complete."""
+    """Writer of a scan folder; use it in a `with` block and call `finish` when the scan is complete."""
 
     def __init__(self, folder: str | Path) -> None:
         """Begin in a temporary folder beside the target.

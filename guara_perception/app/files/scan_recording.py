@@ -1,4 +1,4 @@
-"""Opens the scans of an MCAP recording."""
+"""Scans of an MCAP recording."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) 
             return frame.pixels
         return decode_picture(frame.data or b"", f"{source}: frame {text}")
 
-    # A stripe whose frame was lost has nothing to be read: it is left out, and so stays unknown.
+    # A stripe whose frame was lost is left out, so that its ground stays unknown.
     stripes = tuple(
         ScanStripe(stripe.index, stripe.mirror_angle, name(stripe.on) or "", name(stripe.off), stripe.stamp)
         for stripe in record.stripes

@@ -1,4 +1,4 @@
-"""Writes a picture; OpenCV's own writer prints to the terminal and returns only False when the disk is full."""
+"""Writer of pictures; OpenCV's own prints to the terminal and only returns False when the disk is full."""
 
 from __future__ import annotations
 

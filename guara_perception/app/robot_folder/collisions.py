@@ -1,4 +1,4 @@
-"""Which links of a robot touch one another in a posture; the library coal tests the URDF's collision shapes."""
+"""Contacts between links of a robot in a posture, by the library coal on the URDF's collision shapes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from guara_perception.arrays import Float
 from kinematics.state import RobotState
 from kinematics.urdf import Shape, Urdf
 
-# Links with one moving joint between them overlap where they are joined, in every posture of every robot.
+# Links with one moving joint between them overlap at the joint, in every posture of every robot.
 JOINED_JOINTS = 1
-# Links with two between them overlap in most robots as well (body, hip and thigh): a motion planner should skip such
-# pairs (`neighbours`), but for a single posture a contact is a true finding, so `touching` does report them.
+# Links with two between them overlap in most robots as well (body, hip and thigh): motion planners should skip such
+# pairs (`neighbours`). In a single posture their contact is a true finding, so `touching` reports it.
 NEIGHBOUR_JOINTS = 2
 
 
@@ -31,7 +31,7 @@ def _joints_between(urdf: Urdf, first: str, second: str) -> int:
 
 
 def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Pairs of links whose shapes touch, without pairs that are allowed to and without pairs that are joined.
+    """Pairs of links whose shapes touch, except pairs that are allowed to and pairs that are joined.
 
     Args:
         state: joint positions of a robot.
@@ -46,7 +46,7 @@ def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tupl
         for shape in link.shapes:
             transform: Float = state.transform_to_base(name) @ shape.transform_shape_to_link
             shapes.append((name, _geometry(shape), coal.Transform3s(transform[:3, :3], transform[:3, 3])))
-    found: dict[tuple[str, str], None] = {}
+    found: list[tuple[str, str]] = []
     request = coal.CollisionRequest()
     for (first, first_shape, first_pose), (second, second_shape, second_pose) in combinations(shapes, 2):
         if first == second or frozenset((first, second)) in skipped or (first, second) in found:
@@ -55,8 +55,8 @@ def touching(state: RobotState, allowed: Iterable[tuple[str, str]]) -> list[tupl
             skipped.add(frozenset((first, second)))
             continue
         if coal.collide(first_shape, first_pose, second_shape, second_pose, request, coal.CollisionResult()):
-            found[first, second] = None
-    return list(found)
+            found.append((first, second))
+    return found
 
 
 def _geometry(shape: Shape) -> Any:

@@ -1,4 +1,4 @@
-"""Finds the legs of a robot in the tree of its URDF."""
+"""Search for the legs of a robot in the tree of its URDF."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FoundLeg:
 
 
 def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
-    """The legs: chains of three moving joints or more of their own, in pairs left and right.
+    """Find the legs: chains of three or more moving joints of their own, in pairs left and right.
 
     Raises:
         InvalidInput: fewer than three, or legs that share joints; the message says what was found.

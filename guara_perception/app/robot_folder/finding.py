@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Weight(Enum):
-    """How much a finding matters."""
+    """Severity of a finding."""
 
     UNUSABLE = "unusable"
     WRONG = "wrong"
@@ -16,12 +16,12 @@ class Weight(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found in one file, table, leg or link of a robot folder.
+    """Finding in one file, table, leg or link of a robot folder.
 
     Attributes:
-        weight: unusable: the robot does not load; wrong: it loads, but this should be mended; note: good to know.
+        weight: unusable: the robot does not load; wrong: it loads, but this should be corrected; note: good to know.
         subject: the file, table, leg or link.
-        text: what is wrong, and what to do about it.
+        text: the fault, and what to do about it.
     """
 
     weight: Weight
@@ -29,19 +29,19 @@ class Finding:
     text: str
 
     def __str__(self) -> str:
-        """In one line."""
+        """One line of text."""
         return f"{self.weight.value}: {self.subject}: {self.text}"
 
     def to_dict(self) -> dict[str, str]:
-        """As plain values, for JSON."""
+        """Plain values, for JSON."""
         return {"weight": self.weight.value, "place": self.subject, "text": self.text}
 
 
 def wrong(subject: str, text: str) -> Finding:
-    """Something to mend."""
+    """Finding that should be corrected."""
     return Finding(Weight.WRONG, subject, text)
 
 
 def note(subject: str, text: str) -> Finding:
-    """Something to know."""
+    """Finding that is good to know."""
     return Finding(Weight.NOTE, subject, text)

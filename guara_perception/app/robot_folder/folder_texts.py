@@ -15,7 +15,7 @@ SWING_HEIGHT_M = 0.060
 
 
 def assumed(proposal: Proposal) -> dict[str, str]:
-    """What the robot's owner must measure before it walks on it, by the field of robot.toml."""
+    """Assumed fields of robot.toml, each with the way to measure it before the robot walks."""
     legs = {
         f"legs.{leg.leg.name}.sole": "in the scan posture the frame must lie where this foot touches the floor"
         for leg in proposal.legs

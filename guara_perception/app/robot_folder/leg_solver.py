@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg of which only the joints are known, and the place where its foot touches the ground."""
+"""Inverse kinematics of a leg of which only the joints are known, and its foot."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from kinematics.urdf_checks import root_link
 # Angles from which the search starts, besides the centre of the limits [rad].
 STARTS = (-1.6, -0.8, 0.0, 0.8, 1.6)
 TIP = "tip of the leg"
-# Longer than wide by more than this, a shape is a bone with the foot at its end, else it is the foot.
+# Ratio of length to width above which a shape is a bone with the foot at its end; else it is the foot.
 BONE_RATIO = 1.5
 
 
@@ -87,14 +87,14 @@ class LegSolver:
         return self._last
 
     def _cost(self, positions: Float, tip: Float) -> float:
-        """Least for a hip that does not roll and a knee on the side of the body's centre."""
+        """Cost of a posture: least for a hip that does not roll and a knee on the side of the body's centre."""
         frames = self.transforms(positions)
         knee = frames[-1][:3, 3] if len(frames) < 4 else frames[2][:3, 3]
         outward = float(np.sign(self.leg.start[0]) * (knee[0] - (tip[0] + self.pitch_joint[0]) / 2.0))
         return outward * 2.0 + float(np.abs(positions[0])) + 0.01 * float(np.abs(positions).sum())
 
     def transforms(self, positions: Float) -> list[Float]:
-        """transform_link_to_base (4, 4) of the links that the joints of the leg carry, one after the other."""
+        """transform_link_to_base (4, 4) of the links that the joints of the leg carry, from hip to foot."""
         whole = np.zeros(len(self._tree.joint_names))
         whole[self._columns] = positions
         with warnings.catch_warnings():
@@ -156,7 +156,7 @@ class Foot:
     size: Float
 
     def lowest(self, rotation: Float) -> float:
-        """How far the lowest point of all shapes is below the tip, with the link turned by a rotation (3, 3) [m]."""
+        """Distance of the lowest point of all shapes below the tip, the link turned by a rotation (3, 3) [m]."""
         down = np.array([0.0, 0.0, -1.0])
         depths = [
             extent_along(shape, rotation @ m[:3, :3], down) + float(down @ (rotation @ (m[:3, 3] - self.tip)))

@@ -1,4 +1,4 @@
-"""Where camera and laser mirror go: the lowest position outside the robot from which both see the area."""
+"""Mounts of camera and laser mirror: the lowest positions outside the robot from which both see the area."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def find_mounts(
     """Propose area, camera and mirror for a robot that stands.
 
     Args:
-        tree: the robot; its shapes are what may be in the way.
+        tree: the robot, whose shapes may hide the area.
         posture: posture in which it scans.
         sole: length and width of a sole [m].
         others: joint positions of further stances from which the area should be seen, with feet before or behind.
@@ -96,7 +96,7 @@ def find_mounts(
         if best.hidden <= HIDDEN_ENOUGH:
             break
     if best is None:
-        # The Guará's mounts; `guara robot check` then reports what is wrong with them.
+        # The Guará's mounts; `guara robot check` then reports their faults.
         camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
         mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
         pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)
@@ -105,7 +105,7 @@ def find_mounts(
 
 
 def _candidates(near: float) -> Iterator[tuple[float, float, float]]:
-    """Height over the floor, x of the camera and of the mirror: low ones first, and those most like the Guará's."""
+    """Yield (height over the floor, x of the camera, x of the mirror), low ones and those like the Guará's first."""
     for height in np.arange(CAMERA_HEIGHT_M, HIGHEST_M, 0.05):
         scale = float(height) / CAMERA_HEIGHT_M
         for ahead in (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35):

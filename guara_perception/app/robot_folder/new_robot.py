@@ -1,4 +1,4 @@
-"""Writes a robot folder from a URDF, with its SRDF and README.md, whole or not at all."""
+"""Robot folder from a URDF, with SRDF and README.md, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
 
     Raises:
         InvalidInput: the folder holds something, the name cannot be one, or no robot that walks is found in the URDF.
-        kinematics.RobotFileError: the URDF is broken; the message names all findings with their lines.
+        kinematics.RobotFileError: the URDF is invalid; the message lists all findings with their lines.
     """
     name = name or re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):

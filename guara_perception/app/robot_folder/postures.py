@@ -1,4 +1,4 @@
-"""Postures in which a robot stands level over its feet, and the height from which its feet reach what a gait asks."""
+"""Postures of a robot that stands level over its feet, and the best height for the reach of its feet."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from guara_perception.exceptions import InvalidInput
 from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
-# Where the wave gait sets a foot, from the place where it stands [m]: on level ground half a swing fore and aft and the
-# planner's search radius more; half a swing on ground that is lower; more above an obstacle. All 40 mm aside.
+# Footholds of the wave gait relative to the standing foot [m]: on level ground half a swing fore and aft plus the
+# search radius of the planner; half a swing on lower ground; more above an obstacle. All 40 mm aside.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)
@@ -29,7 +29,7 @@ ROUNDS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPosture:
-    """The robot standing.
+    """Posture of a standing robot.
 
     Attributes:
         hip_height: height of the pitch joints over the plane of the soles [m].
@@ -45,7 +45,7 @@ class FoundPosture:
 
 
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
-    """The posture with the hips at a height over the soles, which lie below the hips; None = out of reach."""
+    """Posture with the hips at a height over the soles, which lie below the hips; None = out of reach."""
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height
     joints: dict[str, float] = {}
@@ -98,7 +98,7 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
 
 
 def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
-    """The share of the positions that the gait asks for, around where a foot stands, that it reaches."""
+    """Share of the FOOT_OFFSETS around the standing foot that it reaches."""
     start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
     tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
     found = leg.solver(start).solve(tip + FOOT_OFFSETS, np.zeros(len(FOOT_OFFSETS)))
@@ -106,7 +106,7 @@ def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
 
 
 def raised(tree: KinematicTree, legs: tuple[LegSolver, ...], posture: FoundPosture, lift: float) -> FoundPosture | None:
-    """A posture with the body `lift` [m] higher over the same sole frames; None = out of reach.
+    """Posture with the body `lift` [m] higher over the same sole frames; None = out of reach.
 
     Args:
         tree: the robot with its sole frames.

@@ -1,4 +1,4 @@
-"""All that a robot folder says beyond the URDF, proposed from the URDF alone."""
+"""Proposal of a robot folder from a URDF alone: legs, soles, postures, mounts and scan pattern."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HALF_SWING_M = 0.07
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A robot as its folder will describe it.
+    """Robot as its folder will describe it.
 
     Attributes:
         urdf: the source with frames for soles, camera and laser.
@@ -128,14 +128,14 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
 
 
 def _free(urdf: Urdf, wanted: str) -> str:
-    """The wanted name, or one like it, that no link and no joint has."""
+    """The wanted name, or one like it, that no link and no joint has yet."""
     taken = {link.name for link in urdf.links} | {joint.name for joint in urdf.joints}
     names = [wanted, *(f"{wanted}_{number}" for number in range(2, 100))]
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
 def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
-    """Sole frames where each foot touches the ground in the scan posture, with the axes that the base has there."""
+    """The URDF with sole frames where the feet touch the ground in the scan posture, axes as those of the base."""
     names = {}
     for leg in legs:
         name = _free(urdf, f"{leg.leg.name}_sole")
@@ -149,7 +149,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """The rectangle that must lie on known ground: the whole of a round foot, seen from above."""
+    """Rectangle that must lie on known ground: the whole of a round foot, seen from above."""
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:
@@ -182,5 +182,5 @@ def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[
 
 
 def kind_of(leg: FoundLeg, foot: Foot) -> str:
-    """Text that describes a leg."""
+    """Description of a leg in a few words."""
     return f"{len(leg.joints)} joints, {'point foot' if foot.is_round else 'flat sole'}"

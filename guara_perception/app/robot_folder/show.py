@@ -39,7 +39,7 @@ def show_robot(robot: RobotModel, port: int) -> None:
 
 
 def robot_moment(robot: RobotModel) -> Moment:
-    """The robot over a flat floor: seen where camera and laser reach, unknown elsewhere; lines for cone and laser."""
+    """Moment of the robot over a flat floor, unknown where camera or laser do not reach, with cone and laser planes."""
     settings, seen = Settings.of(robot), coverage(robot)
     stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
     pose = robot.stance_pose(stance, find_unloaded=False)
