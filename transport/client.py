@@ -28,17 +28,16 @@ from transport.queries.query import query_terrain
 from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.supervision import Seldom
 
-# [s] A node that lives and has a grid hands it over within this time, over a slow link or from a busy machine.
+# [s] A living node delivers its last grid within this time, even over a slow link or from a busy machine.
 FIRST_GRID = 5.0
 
 logger = logging.getLogger(__name__)
 
 
 class PerceptionClient:
-    """Receives the grids of one robot and asks it for scans.
+    """Client of one robot: receives its grids and requests scans.
 
-    Each extent is subscribed to when first asked for. `GridJudge` decides by the sender and the age of each
-    grid whether it may be used.
+    Each extent is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender and age.
 
     Attributes:
         robot: instance name.
@@ -50,8 +49,10 @@ class PerceptionClient:
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
-            encoding: encoding of the grids: "lossless", or "compact" (`transport.messages.compact`); KeyNameError for
-                others.
+            encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.compact`).
+
+        Raises:
+            KeyNameError: unknown encoding.
         """
         self.robot = robot
         self._encoding = check_encoding(encoding)
@@ -82,15 +83,15 @@ class PerceptionClient:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the node shows its sign of life."""
+        """True while the liveliness token of the node is there."""
         return self._judge.node.is_alive
 
     def wait_until_alive(self, timeout: float) -> bool:
-        """Wait for the node's sign of life; False when `timeout` [s] passed before."""
+        """Wait until the node is alive; False when `timeout` [s] passed before."""
         return self._judge.node.wait(True, timeout)
 
     def links(self) -> tuple[str, ...]:
-        """Addresses that this client is connected to now."""
+        """Addresses to which this client is connected."""
         return self._session.links()
 
     def status(self) -> Status | None:
@@ -107,11 +108,11 @@ class PerceptionClient:
         return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
-        """[s] since the end of the scan of a received grid; see `GridJudge.age`."""
+        """Time since the end of the scan of a received grid [s]; see `GridJudge.age`."""
         return self._judge.age(received)
 
     def latest(self, *, extent: str = "footprint", **accepted: Unpack[Accepted]) -> TerrainMessage:
-        """The newest grid, if it may be used.
+        """Newest grid, if it may be used.
 
         Args:
             extent: "footprint" or "map".
@@ -144,10 +145,9 @@ class PerceptionClient:
                 received = newer
 
     def summary(self, *, timeout: float, **accepted: Unpack[Accepted]) -> SummaryMessage:
-        """The newest summary of the map; waits for one while there is none that may be used.
+        """Newest summary of the map that may be used, waited for if there is none.
 
-        It has no history: what was sent before the first call is not received. Samples that are no valid summary are
-        skipped.
+        Summaries have no history: those sent before the first call are not received. Invalid samples are skipped.
 
         Args:
             timeout: [s] to wait for one that may be used.
@@ -162,9 +162,9 @@ class PerceptionClient:
         return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
-        """The steppable regions of the newest map that may still be used, waited for as in `summary`.
+        """Steppable regions of the newest map that may be used, waited for as in `summary`.
 
-        Arguments and errors as in `summary`, but the last regions sent before the first call are received too.
+        Arguments and errors as in `summary`. The last regions sent before the first call are received too.
         """
         receiver = self._receiver(RegionsMessage.extent, regions_key(self.robot), decode_regions)
         return self._waiter.newest(receiver, timeout, Terms(**accepted))
@@ -200,7 +200,7 @@ class PerceptionClient:
             timeout: longest wait [s]; None waits without end.
             extent: "footprint" or "map".
             after: number of a sample; only later ones count.
-            takes_back: a message that takes an earlier grid back is handed out too, whatever is accepted.
+            takes_back: return a message that withdraws an earlier grid too, whatever is accepted.
             accepted: as in `latest`.
 
         Raises:
@@ -260,19 +260,19 @@ class PerceptionClient:
     ) -> None:
         """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`.
 
-        A grid that may not be used when its turn comes is not handed over. One that takes another back always is,
-        with what speaks against it.
+        A grid that may not be used by then is skipped. One that withdraws another is always passed on, with the
+        objections to it.
         """
         notices, terms, receiver = Seldom(logger), Terms(**accepted), self.receiver(extent)
 
         def hand_over(received: Received[TerrainMessage]) -> None:
-            # What was handed over before is taken back, however late.
+            # A withdrawal must arrive, however late.
             mine = TAKING_BACK if received.message.withdrawn else terms
             newer = partial(receiver.has_newer, received)
             try:
                 callback(self._judge.check(received, mine, patience=SETTLE, is_superseded=newer))
             except StaleTerrain as error:
-                notices.log("not handed over: %s", error)
+                notices.log("grid skipped: %s", error)
 
         receiver.on_newest(hand_over)
 

@@ -1,4 +1,4 @@
-"""The clock by which ages are measured: it never jumps, and goes on while the machine sleeps."""
+"""Monotonic clock for ages, which goes on while the machine sleeps."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def now() -> float:
-    """[s] since some instant in the past, the same for all processes of one machine."""
+    """Time since an arbitrary instant [s], the same for all processes of one machine."""
     return time.monotonic() if BOOT_CLOCK is None else time.clock_gettime(BOOT_CLOCK)
 
 
 class JumpDetector:
-    """Finds jumps of the wall clock against the clock that never jumps."""
+    """Detector of jumps of the wall clock against the monotonic clock."""
 
     # [s] Less is what time servers do when they slew a clock, and what a busy machine does between two readings.
     LEAST = 0.1
@@ -24,7 +24,7 @@ class JumpDetector:
         self._offset = self._read()
 
     def jump(self) -> float:
-        """[s] by which the wall clock has jumped since it was asked last; 0 when it has not."""
+        """Jump of the wall clock since the last call [s], 0 for none."""
         offset, last = self._read(), self._offset
         self._offset = offset
         return offset - last if abs(offset - last) > self.LEAST else 0.0

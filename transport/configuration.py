@@ -1,4 +1,4 @@
-"""Zenoh configurations of node and clients: where to listen or connect, how faults are noticed."""
+"""Zenoh configurations of nodes, routers and clients: endpoints, leases and queues."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from transport.exceptions import ConfigurationError
 # Where the node listens and clients connect unless configured otherwise: this machine only.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
-# [ms] A side that says nothing for this long is taken as gone; a hung node is seen in under 2.5 s.
+# [ms] A silent side is taken as dead after this time; a hung node is noticed in under 2.5 s.
 LEASE_MS = 2000
 
 # [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.
@@ -60,7 +60,7 @@ def check_tls(endpoint: str) -> str:
 
 
 def tls_endpoint(host: str, port: str) -> str:
-    """The endpoint of TLS at a host, whose address of IPv6 goes into brackets."""
+    """TLS endpoint of a host; an IPv6 address is put into brackets."""
     return f"tls/[{host}]:{port}" if ":" in host and not host.startswith("[") else f"tls/{host}:{port}"
 
 
@@ -78,7 +78,7 @@ def check_encrypted(endpoint: str) -> str:
 
 
 def is_local(endpoint: str) -> bool:
-    """Whether an endpoint can be reached from this machine only."""
+    """Check whether an endpoint can be reached from this machine only."""
     protocol, _, address = check_endpoint(endpoint).partition("/")
     if protocol == "unixsock-stream":
         return True
@@ -92,7 +92,7 @@ def is_local(endpoint: str) -> bool:
 
 
 def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
-    """Refuse to be reachable from other machines without security, unless that was asked for.
+    """Refuse endpoints that other machines can reach without security, unless explicitly allowed.
 
     Raises:
         ConfigurationError: an endpoint is reachable from outside and nothing protects it.
@@ -106,7 +106,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending(*, patient: bool = False) -> dict[str, Any]:
-    """The `transport/link/tx` section: how long a silent side is taken as alive, what waits for a link and how long."""
+    """The `transport/link/tx` section: lease, queues, and the wait before a sample is dropped."""
     drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 
@@ -119,7 +119,7 @@ def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
 
 
 def dialling(endpoint: str) -> dict[str, Any]:
-    """The `connect` section of a router that dials another one, at once and again whenever the link is gone."""
+    """The `connect` section of a router that dials another one and reconnects when the link is lost."""
     return {
         "endpoints": [check_endpoint(endpoint)],
         "timeout_ms": -1,
@@ -141,7 +141,7 @@ def node_configuration(
 
 
 def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
-    """Configuration of a router of a site: as of a node, but it waits longer before it drops a grid for a link."""
+    """Configuration of a site router: that of a node, with a longer wait before a grid is dropped for a link."""
     return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
 
 

@@ -8,7 +8,7 @@ class TransportError(Exception):
 
 
 class MessageError(TransportError, ValueError):
-    """A payload or a message is not what its type allows: wrong length, type, shape, name or number."""
+    """A payload or message violates its type: wrong length, type, shape, name or number."""
 
 
 class VersionError(MessageError):
@@ -16,7 +16,7 @@ class VersionError(MessageError):
 
 
 class UnknownPhase(MessageError):
-    """A stance pause of a phase that a later version may know; it says nothing that this one could act on."""
+    """A stance pause of a phase that only later versions know; it has no effect."""
 
 
 class KeyNameError(TransportError, ValueError):
@@ -36,7 +36,7 @@ class SessionClosed(TransportError, RuntimeError):
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner answers: none is running, or this side may not read or trigger it."""
+    """No scanner answers: none is running, or this side lacks the permission to read or trigger it."""
 
 
 class ConnectionFailed(ScannerUnavailable):
@@ -44,11 +44,11 @@ class ConnectionFailed(ScannerUnavailable):
 
 
 class ScannerGone(TransportError, ConnectionError):
-    """The scanner was there and went away: its process died, hung, or lost its link."""
+    """The scanner has disappeared: its process died, hung, or lost its link."""
 
 
 class StaleTerrain(TransportError, LookupError):
-    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or no node vouches for it.
+    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or without a living node.
 
     Attributes:
         is_final: whether no later message can make this grid usable again.

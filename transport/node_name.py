@@ -1,4 +1,4 @@
-"""One node of a name: a second one waits until the first has gone, and is refused when it stays."""
+"""Ensure that only one node uses a robot name: a second one waits for the first to stop, then fails."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
 def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
-    """Wait until no other node has the name, and keep it from others who want it too.
+    """Wait until no other node has the name, and reserve it.
 
     Args:
         session: open session of the node.
@@ -61,7 +61,7 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
         if not others and min([mine, *claims]) == mine:
             return claim
         if not is_reported:
-            logger.warning("another node has the name %r; waiting until it is gone, %g s at most", robot, timeout)
+            logger.warning("another node named %r is running; waiting up to %g s for it to stop", robot, timeout)
             is_reported = True
         if time.monotonic() > deadline:
             claim.close()
@@ -88,7 +88,7 @@ def open_only_node(
     timeout: float = NAME_TIMEOUT,
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Session:
-    """As `open_node`, but where another node holds the port, knock there and wait until it is gone.
+    """As `open_node`, but notify another node that holds the port, and wait for it to stop.
 
     Args:
         robot: instance name, for the other node to say who waits.
@@ -115,13 +115,13 @@ def open_only_node(
                     raise ConnectionFailed(f"{error} (waited {timeout:g} s for the port to become free)") from error
                 if not has_knocked:
                     has_knocked = True
-                    logger.warning("the port is taken; waiting until it is free, %g s at most: %s", timeout, error)
+                    logger.warning("the port is in use; waiting up to %g s for it to become free: %s", timeout, error)
                     _knock(stack, listen, security, robot)
             time.sleep(POLL)
 
 
 def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, robot: str) -> None:
-    """Show the node that holds the port that another one waits for it."""
+    """Notify the node that holds the port that another one is waiting."""
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
@@ -130,11 +130,11 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
         session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))
     except (TransportError, IndexError) as error:
-        logger.debug("nobody to knock at: %s", error)
+        logger.debug("no node to notify: %s", error)
 
 
 class NameWatch:
-    """Watches the tokens of a name; a session's end ends it too."""
+    """Watcher of the tokens of a name, closed with the session."""
 
     def __init__(self, session: Session, robot: str, run: str, on_change: Callable[[], None]) -> None:
         """Watch from now on.
@@ -151,7 +151,7 @@ class NameWatch:
         self._runs = TokenWatcher(session, run_key(robot), lambda _: on_change())
 
     def items(self) -> list[StatusItem]:
-        """Empty when nobody else is there."""
+        """Status item about another node of the name, if there is one."""
         if self._runs.names - {self._run}:
             level, text = Health.ERROR, TWO_NODES
         elif self._claims.names:

@@ -1,4 +1,4 @@
-"""`GridPublishers`: the keys on which a node publishes its grids, and what is made of each grid for them."""
+"""Publishers of the grids of a node and of all messages derived from them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.f
 
 
 class GridPublishers:
-    """Everything is encoded and sent on threads of the outbox; grids of one extent never wait for the other's."""
+    """Encodes and sends on threads of the outbox; grids of one extent never wait for those of the other."""
 
     def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
         """Declare the keys.
@@ -37,7 +37,7 @@ class GridPublishers:
         Args:
             session: open session of the node.
             robot: instance name.
-            outbox: outbox of the node; whoever made it closes it, before these publishers.
+            outbox: outbox of the node, closed by its owner before these publishers.
 
         Raises:
             SessionClosed: the session is closed.
@@ -45,7 +45,7 @@ class GridPublishers:
         self._outbox = outbox
 
         def latched(key: str, encoding: str, priority: str) -> Publisher:
-            """Whoever subscribes later gets the last message, and so does whoever queries the key."""
+            """Publisher whose last message late subscribers get, and queries of the key too."""
             return Publisher(session, key, priority=priority, encoding=encoding, answers=True)
 
         self._terrain = {
@@ -72,11 +72,11 @@ class GridPublishers:
         summary: Callable[[], Payload] | None,
         regions: Callable[[], RegionsMessage] | None,
     ) -> None:
-        """Hand over a grid, and summary and regions of a map; arguments as those of `PerceptionServer.publish`."""
+        """Send a grid, and summary and regions of a map; arguments as those of `PerceptionServer.publish`."""
         publisher, lane = self._terrain[terrain.extent], terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
-        # Made when somebody reads it: it costs twenty times what the lossless one does.
+        # Made only for a subscriber: it costs twenty times as much as the lossless one.
         self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
         if summary is not None:
             make = summary
@@ -87,14 +87,14 @@ class GridPublishers:
             )
 
     def close(self) -> None:
-        """Take back the keys."""
+        """Undeclare the keys."""
         for publisher in (*self._terrain.values(), *self._compact.values(), self._occupancy, self._grid_map):
             publisher.close()
         self._summary.close()
         self._regions.close()
 
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
-        """Hand over occupancy and grid map of a footprint; `bridge` also publishes them for ROS 2."""
+        """Send occupancy and grid map of a footprint; `bridge` also publishes them for ROS 2."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
 
         def make_occupancy() -> bytearray:
@@ -104,7 +104,7 @@ class GridPublishers:
             layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
             return encode(grid_map_message(layers, *geometry))
 
-        # Made when somebody reads them: planners do not.
+        # Made only for a subscriber: planners do not read them.
         sent = (
             (self._occupancy, MadeOnce(make_occupancy), "occupancy", OCCUPANCY),
             (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),

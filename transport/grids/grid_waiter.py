@@ -1,4 +1,4 @@
-"""`GridWaiter`: waits until a receiver has a message that may be used, and says why none came."""
+"""Waiting for grids that may be used, and the reason when none came."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEWS = 1.0
 
 
 class GridWaiter:
-    """Waits for one client; a `GridJudge` says of each grid whether it may be used."""
+    """Waits for grids that a `GridJudge` accepts."""
 
     def __init__(self, judge: GridJudge, robot: str) -> None:
         """Wait for grids of the instance `robot`."""
@@ -33,7 +33,7 @@ class GridWaiter:
 
     @staticmethod
     def first(receiver: NewestReceiver[G], timeout: float) -> Received[G] | None:
-        """The newest message, however old, that is there within `timeout` [s]; None when none is."""
+        """Newest message, however old, that arrives within `timeout` [s]; None if none does."""
         try:
             return receiver.wait_for(lambda _: True, max(0.0, timeout))
         except ReceiveTimeout:
@@ -63,7 +63,7 @@ class GridWaiter:
             terms: what the caller accepts.
             after: number of a sample; only later ones count.
             says_stale: raise StaleTerrain when one came in time and was refused, instead of saying so in the error.
-            takes_back: a message that takes another back is one too, with what speaks against it.
+            takes_back: accept a message that withdraws another too, with the objections to it.
 
         Raises:
             StaleTerrain: see `says_stale`.
@@ -101,7 +101,7 @@ class GridWaiter:
     def is_of_step(
         self, step: int, epoch: str | None, *, refined_only: bool = False
     ) -> Callable[[Received[TerrainMessage]], bool]:
-        """Whether a grid is of stance pause `step` or a later one; arguments as of `PerceptionClient.wait_for_step`."""
+        """Predicate for grids of stance pause `step` or later; arguments as in `PerceptionClient.wait_for_step`."""
 
         def predicate(received: Received[TerrainMessage]) -> bool:
             terrain = received.message
@@ -116,14 +116,14 @@ class GridWaiter:
         return predicate
 
     def unavailable(self, found: str = "") -> ScannerUnavailable:
-        """The error when no node is visible; its message begins with `found`, which says what else is known."""
+        """Error for a missing node; its message begins with `found`."""
         return ScannerUnavailable(
             f"{found}no node of robot {self._robot!r} was found: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"
         )
 
     def _not_received(self, found: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
-        """Why nothing came in time, by what is known of the node."""
+        """Error for a wait without result, by the state of the node."""
         if self._judge.node.is_alive:
             return ReceiveTimeout(found)
         if self._judge.node.was_seen:

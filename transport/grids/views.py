@@ -1,4 +1,4 @@
-"""What only people look at: the points of the last scan and what the camera saw, beside the grids."""
+"""Publisher of views for people: the points of the last scan and a picture of the camera."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
 
 
 class ViewSender(Resource):
-    """Publishes points and picture of each scan, behind everything else; late subscribers get the last."""
+    """Publishes points and picture of each scan at the lowest priority; late subscribers get the last."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the keys.
@@ -34,7 +34,7 @@ class ViewSender(Resource):
         """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns at once.
 
         Args:
-            make: function that gives the message objects; runs on a thread of its own, only the newest if several wait.
+            make: returns the message objects; called on a thread of its own, only the newest if several wait.
         """
 
         def put() -> None:

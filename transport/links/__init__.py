@@ -1,4 +1,4 @@
-"""A session of Zenoh and what goes over it, whatever it carries: publishers, receivers, tokens, what was missed.
+"""Zenoh sessions, publishers, receivers, queryables and liveliness tokens, whatever they carry.
 
 Imports `messages`, `security` and the files beside the rooms; the other rooms and the files above them use it.
 """

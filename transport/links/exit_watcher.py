@@ -1,4 +1,4 @@
-"""Closes what is still open when the main thread ends, so that no script that crashed is kept alive by Zenoh.
+"""Closing of open sessions when the main thread ends, so that Zenoh does not keep a crashed script alive.
 
 An open session with a subscriber keeps the interpreter waiting for ever, and `atexit` functions run too late
 to help. One thread for the whole process waits for the end of the main thread, without ever waking before.

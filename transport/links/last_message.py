@@ -1,4 +1,4 @@
-"""What a publisher keeps for those who join later or whose link was too slow: its last message, asked for in pieces.
+"""Last message of a publisher, kept for late subscribers and slow links, which query it in pieces.
 
 The keys and the heartbeat are those of Zenoh's advanced publisher, so that its advanced subscribers (and those of
 rmw_zenoh) are served too. Zenoh's own answers late joiners on the thread and under the lock that its puts need: one
@@ -37,7 +37,7 @@ Payload = bytes | bytearray
 
 
 class MadeOnce:
-    """A payload that costs time: made when first asked for, by whoever asks first, and kept."""
+    """Payload that is encoded at its first use and kept."""
 
     def __init__(self, make: Callable[[], Payload]) -> None:
         """Make nothing yet."""
@@ -59,22 +59,22 @@ NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
 
 def announcement_key(key: str, source: str = "*/*") -> str:
-    """Where the number of the last message is repeated, and where advanced subscribers ask for it."""
+    """Key on which the number of the last message is repeated, and which advanced subscribers query."""
     return f"{key}/@adv/pub/{source}/_"
 
 
 def pieces_key(key: str, source: str = "*/*") -> str:
-    """Where pieces of the last message are asked for, as `KEY?piece=OFFSET;size=BYTES;number=N` (-1: the last)."""
+    """Key for queries of pieces of the last message, `KEY?piece=OFFSET;size=BYTES;number=N` (-1: the last)."""
     return f"{key}/@adv/pieces/{source}"
 
 
 class LastMessage:
-    """The last message of one publisher, kept for others."""
+    """Last message of one publisher, for late subscribers and slow links."""
 
     def __init__(
         self, session: Session, key: str, source: str, encoding: str | None = None, *, answers: bool = False
     ) -> None:
-        """Declare the keys, show the token, begin the heartbeat.
+        """Declare the keys and the token, and start the heartbeat.
 
         Args:
             session: open session.
@@ -110,7 +110,7 @@ class LastMessage:
                 del self._kept[other]
 
     def announce(self) -> None:
-        """Tell the number of the last message, if there is one.
+        """Announce the number of the last message, if there is one.
 
         Raises:
             SessionClosed: the session is closed.
@@ -176,7 +176,7 @@ def _whole(text: str | None, default: int) -> int:
 
 
 def _is_within(number: int, span: str | None) -> bool:
-    """Whether a number lies in a span of an advanced subscriber, `FIRST..LAST`, either end open."""
+    """Check whether a number lies in a range of an advanced subscriber, `FIRST..LAST`, either end optional."""
     if span is None:
         return True
     first, _, last = span.partition("..")

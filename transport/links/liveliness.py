@@ -66,7 +66,7 @@ class AliveWatcher(TokenWatcher):
 
     @property
     def is_alive(self) -> bool:
-        """Whether the token is there now."""
+        """True while the token is there."""
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:

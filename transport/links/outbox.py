@@ -1,4 +1,4 @@
-"""Threads that send for others: whoever makes a message never waits, and lanes never wait for one another."""
+"""Background sender: the caller never waits, and lanes never wait for one another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Publishers of one key: latched, where late joiners get the last message, or plain."""
+"""Publishers of one key: plain, or latched, whose last message late subscribers get."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ LARGEST = "BACKGROUND"
 
 
 class Publisher(Resource):
-    """Puts payloads on one key; a latched one keeps the last for those who join later.
+    """Publisher of one key; a latched one keeps the last payload for late subscribers.
 
-    What the link of a reader cannot carry now is dropped for that reader alone. A latched publisher keeps it, and
-    `NewestReceiver` fetches it in pieces.
+    On a congested link a payload is dropped for that reader alone. A latched publisher keeps it, and `NewestReceiver`
+    fetches it in pieces.
 
     Attributes:
         key: key on which it publishes.

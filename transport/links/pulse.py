@@ -1,4 +1,4 @@
-"""Sends what a Zenoh session repeats twice a second, on one thread: messages of all its publishers leave together."""
+"""Periodic messages of a Zenoh session, sent together from one thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One message that arrived: when it did, and what it says, decoded when first asked for."""
+"""A received message with its time of arrival, decoded at its first use."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Received(Generic[T]):
 
 
 class Sample(Generic[T]):
-    """One payload with the time of its arrival; decoded at most once, by whoever asks first."""
+    """Payload with its time of arrival, decoded at most once."""
 
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
         """Take the present as the time of its arrival."""

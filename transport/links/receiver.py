@@ -24,10 +24,10 @@ Refused = Callable[[MessageError], None]
 
 
 class NewestReceiver(Resource, Generic[T]):
-    """Receives one key and keeps the newest message only.
+    """Receiver of one key that keeps only the newest message.
 
-    Zenoh's thread copies each payload, which replaces the one before; decoding happens in the thread that asks. A slow
-    reader therefore never sees an old message, and never holds anybody up. What was published before, or lost on a
+    Zenoh's thread copies each payload, which replaces the one before; the thread that asks decodes it. A slow reader
+    therefore never sees an old message, and never delays another. What was published before, or lost on a
     slow link, is fetched.
 
     Attributes:
@@ -55,8 +55,8 @@ class NewestReceiver(Resource, Generic[T]):
             key: key to receive.
             decode: makes a message of a payload; raises MessageError when it is not one.
             latched: ask for the last message that was published before, and notice losses.
-            refusal: says why a message must not replace the one before, empty when it may; called once for each that
-                arrives, on Zenoh's thread. What is refused is counted, and logged now and then.
+            refusal: returns the reason to refuse a message, empty to accept it; called once for each that arrives, on
+                Zenoh's thread. Refusals are counted and logged at a limited rate.
 
         Raises:
             SessionClosed: the session is closed.
@@ -178,7 +178,7 @@ class NewestReceiver(Resource, Generic[T]):
                 return received
 
     def has_newer(self, received: Received[T]) -> bool:
-        """Whether a message has arrived after a received one."""
+        """Check whether a message has arrived after a received one."""
         return self.received > received.number
 
     def nothing(self, timeout: float) -> str:

@@ -54,7 +54,7 @@ def publisher_id(token_key: str) -> bytes:
 
 
 def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
-    """What rmw_zenoh wants beside each payload: sequence from 1, time [ns], length of the id, the id."""
+    """Attachment of a sample as in rmw_zenoh: sequence from 1, time [ns], length of the id, the id."""
     return struct.pack("<qqB", sequence, stamp, len(identity)) + identity
 
 

@@ -1,4 +1,4 @@
-"""One open Zenoh session: how it is opened, what it holds, and that it always closes."""
+"""Zenoh sessions of nodes and clients, which close all that was declared in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What travels: messages in Python, checked when made, and their CDR payloads and back; no Zenoh in it.
+"""Messages in Python, checked on construction, and their CDR payloads; independent of Zenoh.
 
 Any module may import it; of the transport it imports only errors, names of keys and array types.
 """

@@ -1,4 +1,4 @@
-"""The steppable regions of a fused map, as a message and as its CDR payload."""
+"""Steppable regions of a fused map: message in Python, and its CDR payload."""
 
 from __future__ import annotations
 
@@ -113,10 +113,10 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 
 
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
-    """Whether the half-planes hold just the polygon of corners (m, 2), all of which lie in every half-plane.
+    """Check that the half-planes bound just the polygon of corners (m, 2), all of which lie in every half-plane.
 
-    They do when every edge lies on the line of a half-plane and the edges enclose an area: a closed way along the
-    border of an area that is open on one side runs there and back, and encloses nothing.
+    True if every edge lies on the line of a half-plane and the edges enclose an area: a closed path along the border
+    of an unbounded region runs there and back, and encloses no area.
     """
     on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
     on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)
@@ -125,7 +125,7 @@ def _is_outlined(halfspaces: Float, corners: Float) -> bool:
 
 
 def _make_region(region: RegionMessage) -> Any:
-    """A guara_msgs/SteppableRegion; x of the plane's frame points along x, as far as the plane lets it."""
+    """A guara_msgs/SteppableRegion; the x axis of the plane's frame is the x axis of the grid, projected."""
     x, y = region.vertices[:, :2].mean(axis=0)
     a, b, c = region.plane
     normal = np.array([-a, -b, 1.0]) / math.sqrt(a * a + b * b + 1.0)

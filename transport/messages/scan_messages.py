@@ -1,4 +1,4 @@
-"""Requests to the scanner and its answers: messages in Python, and their CDR payloads."""
+"""Scan requests, queries and their replies: messages in Python, and their CDR payloads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LIMITS = ("x_min", "x_max", "y_min", "y_max")
 
 
 class ScanState(IntEnum):
-    """What a ScanReply says."""
+    """State of a scan request."""
 
     ACCEPTED = 1
     PROGRESS = 2
@@ -29,7 +29,7 @@ class ScanState(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanRequest:
-    """A planner asks for a scan.
+    """Request for a scan.
 
     Attributes:
         id: unique per request; the same id again returns the same scan.
@@ -58,7 +58,7 @@ class ScanRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanReply:
-    """What the scanner answers to a ScanRequest.
+    """Reply of the scanner to a ScanRequest.
 
     Attributes:
         id: id of the request.
@@ -85,7 +85,7 @@ class ScanReply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """Why a request was not taken up.
+    """Refusal of a request.
 
     Attributes:
         id: id of the request, empty when it could not be read.
@@ -100,7 +100,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QueryRequest:
-    """A planner asks for the newest grid, or a region of it.
+    """Query for the newest grid, or a region of it.
 
     Attributes:
         extent: "footprint" or "map".

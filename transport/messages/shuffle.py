@@ -1,4 +1,4 @@
-"""Arrays of numbers made small for slow links: bytes of one significance side by side, then zstd.
+"""Compression of arrays for slow links: byte shuffle, then zstd.
 
 The shuffle is that of HDF5 and Blosc: of elements of `itemsize` bytes first all first bytes, then all second bytes, and
 so on; bytes beyond the last whole element stay at the end as they are.
@@ -36,7 +36,7 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
 
 
 def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maximum: int = MAXIMUM_PAYLOAD) -> bytes:
-    """What `compress` was given.
+    """Decompress and unshuffle; inverse of `compress`.
 
     Args:
         data: one zstd frame, whole.
@@ -61,7 +61,7 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
 
 
 def _transposed(data: bytes | bytearray | memoryview, itemsize: int, *, encode: bool) -> Bytes:
-    """The bytes of the whole elements by significance, or the other way round."""
+    """Shuffle (`encode`) or unshuffle the bytes of the whole elements."""
     flat = np.frombuffer(data, np.uint8)
     count = len(flat) // itemsize
     whole = count * itemsize

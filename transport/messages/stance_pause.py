@@ -1,4 +1,4 @@
-"""The stance pause that the gait controller announces: message in Python, and its CDR payload."""
+"""Stance pause announced by the gait controller: message in Python, and its CDR payload."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAXIMUM_EPOCH = 100
 
 
 class PausePhase(IntEnum):
-    """What a message announces: the pause begins, the robot still stands (HOLD), or the pause ends."""
+    """Event of an announcement: the pause begins, goes on (HOLD), or ends."""
 
     BEGIN = 1
     END = 2
@@ -30,7 +30,7 @@ class PausePhase(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StancePause:
-    """An announcement that a stance pause begins, goes on or ends.
+    """Announcement that a stance pause begins, goes on or ends.
 
     Attributes:
         robot: instance name.

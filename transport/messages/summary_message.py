@@ -1,4 +1,4 @@
-"""The summary of a fused map: three layers in small numbers, as a message and as its CDR payload."""
+"""Summary of a fused map in three quantised layers: message in Python, and its CDR payload."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LAYERS: Mapping[str, np.dtype[Any]] = {
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SummaryMessage(MapOrigin):
-    """The fused map made small: heights, flags and traversability of every cell.
+    """Fused map in compact form: heights, flags and traversability of every cell.
 
     Attributes:
         resolution: [m] edge of a cell.

@@ -1,4 +1,4 @@
-"""The Terrain message in Python: all layers of one scan with geometry, posture and validity."""
+"""Terrain message in Python: all layers of one scan with geometry, stance and validity."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAXIMUM_CELLS = 4_000_000
 
 
 class LayerKind(NamedTuple):
-    """What a layer holds: dtype of its array and unit of its values."""
+    """Type of a layer: dtype of its array and unit of its values."""
 
     dtype: np.dtype[Any]
     unit: str
@@ -56,7 +56,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
 )
 
 
-# Values of a cell that nobody looked at, where they are not NaN: `hazard` is gp.Hazard.UNSCANNED.
+# Values of an unscanned cell, where they are not NaN: `hazard` is gp.Hazard.UNSCANNED.
 EMPTY = {"clearance": 0.0, "traversability": 0.0, "hazard": 4, "age": 255, "looks": 0}
 
 
@@ -119,12 +119,12 @@ class TerrainMessage:
         version: (major, minor) of the message.
         epoch: from the metadata: identity of the walk; empty when it does not say.
         run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
-        provisional: from the metadata: whether the pause has yet to confirm that the robot stood still.
-        refinement_follows: from the metadata: whether a finer grid of the same pause follows.
-        withdrawn: from the metadata: whether it takes another grid back; then nothing is known in it.
+        provisional: from the metadata: the pause has yet to confirm that the robot stood still.
+        refinement_follows: from the metadata: a finer grid of the same pause follows.
+        withdrawn: from the metadata: it withdraws another grid; all its cells are unknown.
         scan_end_clock: from the metadata: the end of the scan by a clock of the node that never jumps [s]; None when
             it does not say.
-        stale_because: does not travel: why a client that hands it out, having been told to, would not have.
+        stale_because: set by the client, not sent: objections despite which the grid was returned.
     """
 
     robot: str
@@ -246,11 +246,11 @@ class TerrainMessage:
         return ny, nx
 
     def emptied(self, stamp: int, reason: str) -> TerrainMessage:
-        """The same cells with nothing known in them, for readers who cannot tell that their frame has ended.
+        """Copy with all cells unknown, for readers that do not see that the frame of a grid has ended.
 
         Args:
-            stamp: [ns] since the epoch; time from which on nothing is known.
-            reason: why.
+            stamp: [ns] since the epoch; time of the new grid.
+            reason: reason, given as health.
         """
         layers = {name: np.full(self.shape, EMPTY.get(name, np.nan), kind.dtype) for name, kind in LAYERS.items()}
         withdrawn = {**json.loads(self.metadata), "provisional": False, "withdrawn": True}
@@ -266,7 +266,7 @@ class TerrainMessage:
         )
 
     def transform(self, source_frame: str, destination_frame: str) -> TransformMessage:
-        """The transform between two frames at the time of the scan.
+        """Transform between two frames at the time of the scan.
 
         Raises:
             MessageError: the message does not hold it.

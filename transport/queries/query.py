@@ -1,4 +1,4 @@
-"""Asks for the newest grid or a region of it, and answers such questions."""
+"""Queries for the newest grid or a region of it, and their server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clock of another process, bounded by a round trip: it was read between the question and the answer."""
+"""Clock of another process, bounded by a round trip: it was read between question and answer."""
 
 from __future__ import annotations
 

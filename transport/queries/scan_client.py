@@ -1,4 +1,4 @@
-"""The planner's side of a scan request: send it, follow it, and name what went wrong."""
+"""Client of scan requests: sends one, follows its progress and raises its failure."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def request_scan(
 
 
 def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage]], bool]:
-    """Recognises the grid of a scan that was requested, or a later one.
+    """Predicate for the grid of a requested scan, or a later one.
 
     Args:
         done: reply that ended the request.
@@ -149,7 +149,7 @@ def _asked(
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:
-    """Whether the node that was asked has died: the end of the answers may be noticed before the end of its life."""
+    """Check whether the node has died; the end of its replies may be noticed before its token vanishes."""
     deadline = time.monotonic() + GONE_WITHIN
     while is_alive():
         if time.monotonic() > deadline:

@@ -106,7 +106,7 @@ class ScanServer(Answerer):
 
     @property
     def is_busy(self) -> bool:
-        """Whether a scan is being worked on."""
+        """True while a scan is running."""
         return self._work is not None
 
     def _reply(self, query: Any, reply: ScanReply) -> None:

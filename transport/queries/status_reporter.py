@@ -1,4 +1,4 @@
-"""Publishes the status of a node once a second and whenever it changes, and answers queries for it."""
+"""Status of a node, published once a second and on change, and returned to queries."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CLOSE_TIMEOUT = 2.0
 
 
 class StatusReporter(Resource):
-    """Sends what `collect` returns: once a second with the session's pulse, changes at once on a thread of its own."""
+    """Publishes what `collect` returns: once a second with the session's pulse, and at once on change."""
 
     def __init__(
         self,

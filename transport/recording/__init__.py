@@ -1,4 +1,4 @@
-"""Scans, grids and the calibration in MCAP files: written while the robot walks, read back, mended when cut.
+"""Recordings in MCAP files: scans, grids and the calibration, written during a walk, read back, recovered if cut.
 
 Imported by the programs that write, show and replay them; it imports the messages.
 """

@@ -1,4 +1,4 @@
-"""A file that grows by whole records only: one that a full disk left incomplete is cut off before the next follows."""
+"""Append-only file of whole records: a record that a full disk left incomplete is truncated."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 class GrowingFile:
-    """Collects what is written and appends it when asked to, all or nothing; what could not be written is kept.
+    """Buffers what is written and appends it all or nothing; what could not be appended stays in the buffer.
 
     Attributes:
-        pending: what was not appended yet.
+        pending: bytes that were not appended yet.
     """
 
     def __init__(self, path: Path, *, empties: bool = False) -> None:
@@ -20,10 +20,10 @@ class GrowingFile:
 
         Args:
             path: name of the file.
-            empties: whether one that is there is emptied.
+            empties: truncate an existing file.
 
         Raises:
-            OSError: it cannot be created, or is there.
+            OSError: it exists or cannot be created.
         """
         how = os.O_TRUNC if empties else os.O_EXCL
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | how | os.O_CLOEXEC, 0o666)

@@ -66,7 +66,7 @@ class FrameRecord:
 
 @dataclass(frozen=True, slots=True)
 class FrameReference:
-    """Where a frame lies in a recording.
+    """Position of a frame in a recording.
 
     Attributes:
         topic: topic of the frame's message.

@@ -1,4 +1,4 @@
-"""Makes a cut or damaged recording readable again: copies every whole piece into a new file with an index."""
+"""Recovery of cut or damaged recordings: every intact record is copied into a new file with an index."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What came out of a damaged recording.
+    """Result of the recovery of a damaged recording.
 
     Attributes:
         messages: messages that were saved.
         attachments: attachments that were saved.
-        damaged_chunks: pieces that were whole in length but not in content, and were left out.
-        bytes_lost: [byte] at the end of the file that belong to no whole piece.
+        damaged_chunks: chunks of full length with damaged content, which were left out.
+        bytes_lost: bytes at the end of the file that belong to no whole record.
         was_whole: the file had its index and nothing was lost.
     """
 
@@ -46,7 +46,7 @@ class _Counts:
 
 
 def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
-    """Copy all that is whole in `source` into the new file `destination`.
+    """Copy all intact records of `source` into the new file `destination`.
 
     Raises:
         RecordingError: `source` cannot be read or is no MCAP file, or `destination` exists or cannot be written.
@@ -103,7 +103,7 @@ def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
-        # All of a chunk or nothing: a message without what came before it in its chunk tells nothing.
+        # All of a chunk or nothing: a message without those before it in its chunk has no meaning.
         try:
             inner = list(unpacker.records(record))
         except Exception:  # the decompressor has errors of its own kind

@@ -22,11 +22,11 @@ from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
 
 class RecordingWriter:
-    """An MCAP file of ROS 2 messages in the making; use it in a `with` block, from any thread.
+    """Writer of an MCAP file of ROS 2 messages; use it in a `with` block, from any thread.
 
-    A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns: from then on it survives
-    the end of the process, whatever ends it. What a full disk refused is kept, up to `MAXIMUM_PENDING`, and written
-    when there is room again; the file itself never holds an incomplete record before a whole one.
+    A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. What is acknowledged survives
+    the end of the process. Records that a full disk refused are kept, up to `MAXIMUM_PENDING`, and written when there
+    is space again; the file never holds an incomplete record before a whole one.
 
     In the file, log_time is when a message was written and never goes back. publish_time is the same, but for frames:
     theirs is the stamp by which stripes refer to them.
@@ -90,7 +90,7 @@ class RecordingWriter:
 
     @property
     def is_scan_open(self) -> bool:
-        """Whether a scan was begun and not ended."""
+        """True between `begin_scan` and `end_scan`."""
         return self._scan is not None
 
     def begin_scan(self, scan: ScanRecord) -> None:

@@ -161,7 +161,7 @@ def _perception(robot: str) -> list[str]:
 
 
 def _stance_keys(robot: str) -> list[str]:
-    """What the gait announces its pauses on, and where it tells its clock."""
+    """Keys of the stance pauses and of the clock of the gait."""
     stance = stance_key(robot)
     return [stance, f"{stance}/@adv/**", gait_clock_key(robot)]
 

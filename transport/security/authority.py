@@ -1,4 +1,4 @@
-"""A certificate authority of one's own, and certificates that it signs, as PEM texts."""
+"""Private certificate authority and the certificates that it signs, as PEM texts."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
 
 
 def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
-    """What `take` reads from a certificate file.
+    """Read a certificate file and return the result of `take`.
 
     Raises:
         SecurityError: the file cannot be read, or lacks what `take` reads.

@@ -1,4 +1,4 @@
-"""The security folder: a CA, and per role a folder with certificate, key and Zenoh configuration."""
+"""Security folder: a CA, and for each role a folder with certificate, key and Zenoh configuration."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ FILES = (
 
 
 def tls_links(name: str, *, listens: bool, prefix: str = "") -> dict[str, Any]:
-    """What TLS adds to `transport/link` of the member `name`; the names of its files begin with `prefix`."""
+    """TLS part of `transport/link` of the member `name`; the names of its files begin with `prefix`."""
     files = {
         "root_ca_certificate": f"{prefix}ca.pem",
         "connect_private_key": f"{prefix}{name}.key",

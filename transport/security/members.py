@@ -221,7 +221,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Make the folder of a new member by `write`, then save all members; where that fails the folder is removed.
+    """Make the folder of a new member by `write`, then save all members; the folder is removed if that fails.
 
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.

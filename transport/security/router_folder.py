@@ -1,4 +1,4 @@
-"""The folder of a router that serves several robots: certificate, and a whole configuration for a stock `zenohd`."""
+"""Folder of a router that serves several robots: certificate, and a complete configuration for a stock `zenohd`."""
 
 from __future__ import annotations
 

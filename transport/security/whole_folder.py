@@ -1,4 +1,4 @@
-"""A folder that appears whole or not at all, and new files of which some are for their owner alone."""
+"""Atomic creation of folders, and of files that only their owner can read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
 
 
 def make_whole(target: Path, write: Callable[[Path], None]) -> None:
-    """Make a folder whole or not at all: `write` fills one beside it, which then takes its name.
+    """Make a folder atomically: `write` fills one beside it, which is then renamed.
 
     Raises:
         SecurityError: it cannot be written.
