@@ -52,12 +52,12 @@ class Feature:
         return c * dx + s * dy, c * dy - s * dx
 
     def covers(self, x: Float, y: Float) -> Mask:
-        """Which points lie within its rectangle."""
+        """Mask of the points within the feature's rectangle."""
         u, v = self.local(x, y)
         return (np.abs(u) <= self.size[0] / 2) & (np.abs(v) <= self.size[1] / 2)
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
-        """Heights after this feature, and where its material shows.
+        """Heights with this feature added, and mask of the points that show its material.
 
         Args:
             x, y: points [m], any shape.
@@ -74,7 +74,7 @@ class Patch(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box(Feature):
-    """A box with a level top, `height` above the ground at its centre."""
+    """A box with a level top, `height` above the ground at its centre; base of all features that raise the ground."""
 
     height: float
 
@@ -82,45 +82,37 @@ class Box(Feature):
         Feature.__post_init__(self)
         _positive(self, "height")
 
-    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
-        """See `Feature.shape`."""
-        mask = self.covers(x, y) & (ground < base + self.height)
-        return np.where(mask, base + self.height, ground), mask
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ramp(Feature):
-    """A wedge that rises along its own x from the ground to `height`, and ends there with a wall."""
-
-    height: float
-    material: str = "concrete"
-
-    def __post_init__(self) -> None:
-        Feature.__post_init__(self)
-        _positive(self, "height")
+    def rise(self, x: Float, y: Float) -> Float | float:
+        """Height of the top above the ground at the centre [m], -inf where the feature does not reach."""
+        return self.height
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
         """See `Feature.shape`."""
-        u, _ = self.local(x, y)
-        top = base + self.height * (u / self.size[0] + 0.5)
+        top = base + self.rise(x, y)
         mask = self.covers(x, y) & (ground < top)
         return np.where(mask, top, ground), mask
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rock(Feature):
+class Ramp(Box):
+    """A wedge that rises along its own x from the ground to `height`, and ends there with a wall."""
+
+    material: str = "concrete"
+
+    def rise(self, x: Float, y: Float) -> Float:
+        """See `Box.rise`."""
+        return self.height * (self.local(x, y)[0] / self.size[0] + 0.5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rock(Box):
     """A lump: half an ellipsoid of the given size and height, with bumps by its own seed."""
 
-    height: float
     seed: int = 0
     material: str = "concrete"
 
-    def __post_init__(self) -> None:
-        Feature.__post_init__(self)
-        _positive(self, "height")
-
-    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
-        """See `Feature.shape`."""
+    def rise(self, x: Float, y: Float) -> Float:
+        """See `Box.rise`."""
         u, v = self.local(x, y)
         u, v = 2 * u / self.size[0], 2 * v / self.size[1]
         rng = np.random.default_rng(self.seed)
@@ -129,9 +121,7 @@ class Rock(Feature):
             a, b, phase = rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(0, 2 * np.pi)
             bumps = bumps + 0.05 * np.sin(a * u + b * v + phase)
         inside = np.clip(1 - u**2 - v**2, 0, None)
-        top = base + self.height * np.sqrt(inside) * (0.8 + bumps)
-        mask = (inside > 0) & (ground < top)
-        return np.where(mask, top, ground), mask
+        return np.where(inside > 0, self.height * np.sqrt(inside) * (0.8 + bumps), -np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +153,13 @@ class Step:
     run: float = field(default=1.0, init=False)
 
     def __post_init__(self) -> None:
-        _check_stairs(self)
+        _finite(self, "x")
+        _positive(self, "height", "run")
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= 100:
+            raise InvalidInput(f"count is {self.count!r}, it must be a whole number 1 ... 100")
+        if self.direction not in DIRECTIONS:
+            raise InvalidInput(f"direction is {self.direction!r}, allowed: {', '.join(DIRECTIONS)}")
+        material_index(self.material)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -196,16 +192,6 @@ KINDS: dict[str, type[Feature] | type[Step]] = {
     "step": Step,
     "stairs": Stairs,
 }
-
-
-def _check_stairs(step: Step) -> None:
-    _finite(step, "x")
-    _positive(step, "height", "run")
-    if isinstance(step.count, bool) or not isinstance(step.count, int) or not 1 <= step.count <= 100:
-        raise InvalidInput(f"count is {step.count!r}, it must be a whole number 1 ... 100")
-    if step.direction not in DIRECTIONS:
-        raise InvalidInput(f"direction is {step.direction!r}, allowed: {', '.join(DIRECTIONS)}")
-    material_index(step.material)
 
 
 def _finite(owner: object, *names: str) -> None:

@@ -80,7 +80,7 @@ class SimulatedRangefinder:
 
     @property
     def view(self) -> SceneView:
-        """What the camera looks at from where it stands.
+        """View of the scene from the current pose.
 
         Raises:
             InvalidInput: `set_pose` was never called.
@@ -143,9 +143,11 @@ class SimulatedRangefinder:
             exposure: exposure time relative to the nominal one.
 
         Raises:
-            InvalidInput: `set_pose` was never called.
+            InvalidInput: `set_pose` was never called, or an exposure that is not above 0.
         """
         view = self.view
+        if not (np.isfinite(exposure) and exposure > 0):
+            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
         if laser <= 0:
             return self._sensor.dark_picture(exposure)
         light, rows = self._laser_light(view, mirror_angle, mirror_travel)
@@ -216,13 +218,7 @@ class LaserPlanes:
     def of(calibration: Calibration) -> LaserPlanes:
         """The laser planes of a calibrated specimen."""
         stripes = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
-        rotation, translation = (
-            calibration.transform_camera_to_base[:3, :3],
-            calibration.transform_camera_to_base[:3, 3],
-        )
-        planes = np.array([stripe.plane for stripe in stripes])
-        normals = planes[:, :3] @ rotation.T
-        planes = np.column_stack((normals, planes[:, 3] - normals @ translation))
+        planes = np.array([stripe.plane for stripe in stripes]) @ inverse(calibration.transform_camera_to_base)
         planes *= np.where(planes[:, :1] < 0, -1.0, 1.0)
         return LaserPlanes(np.array([stripe.mirror_angle for stripe in stripes]), planes)
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
-from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 
 # Noisy pictures without laser that are kept for a scene and an exposure, and used in turn.
@@ -93,11 +92,7 @@ class Sensor:
         return np.asarray(np.maximum(factors, 0))
 
     def _next_dark(self, exposure: float) -> Image:
-        if not (np.isfinite(exposure) and exposure > 0):
-            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
-        if exposure not in self._dark:
-            self._dark[exposure] = []
-        kept = self._dark[exposure]
+        kept = self._dark.setdefault(exposure, [])
         self._turn += 1
         if len(kept) < DARK_PICTURES:
             kept.append(self._delivered(self._ambient_now(), exposure))
@@ -105,9 +100,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """A picture with laser light that differs all over from one without."""
-        if not (np.isfinite(exposure) and exposure > 0):
-            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
+        """Picture with laser light that differs everywhere from one without."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:

@@ -67,7 +67,7 @@ def specimen(
         angles = np.round(angles / mirror_step) * mirror_step
     planes = _laser_planes(robot, angles, errors[11:])
     stripes = tuple(
-        StripePlane(index=i, mirror_angle=float(angle), plane=_into_camera(plane, transform_camera_to_base))
+        StripePlane(index=i, mirror_angle=float(angle), plane=plane @ transform_camera_to_base)
         for i, (angle, plane) in enumerate(zip(angles, planes, strict=True))
     )
     return Calibration(
@@ -103,8 +103,3 @@ def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
         normal = beam - 2 * (beam @ face) * face
         planes.append(np.append(normal, -(normal @ position)))
     return np.array(planes)
-
-
-def _into_camera(plane_in_base: Float, transform_camera_to_base: Float) -> Float:
-    normal = transform_camera_to_base[:3, :3].T @ plane_in_base[:3]
-    return np.append(normal, plane_in_base[3] + plane_in_base[:3] @ transform_camera_to_base[:3, 3])
