@@ -73,8 +73,8 @@ class Patch(Feature):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Box(Feature):
-    """A box with a level top, `height` above the ground at its centre; base of all features that raise the ground."""
+class Raised(Feature):
+    """Base of features that raise the ground; `height` is above the ground at the centre [m]."""
 
     height: float
 
@@ -94,25 +94,30 @@ class Box(Feature):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ramp(Box):
+class Box(Raised):
+    """A box with a level top."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ramp(Raised):
     """A wedge that rises along its own x from the ground to `height`, and ends there with a wall."""
 
     material: str = "concrete"
 
     def rise(self, x: Float, y: Float) -> Float:
-        """See `Box.rise`."""
+        """See `Raised.rise`."""
         return self.height * (self.local(x, y)[0] / self.size[0] + 0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rock(Box):
+class Rock(Raised):
     """A lump: half an ellipsoid of the given size and height, with bumps by its own seed."""
 
     seed: int = 0
     material: str = "concrete"
 
     def rise(self, x: Float, y: Float) -> Float:
-        """See `Box.rise`."""
+        """See `Raised.rise`."""
         u, v = self.local(x, y)
         u, v = 2 * u / self.size[0], 2 * v / self.size[1]
         rng = np.random.default_rng(self.seed)

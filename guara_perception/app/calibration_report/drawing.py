@@ -25,6 +25,9 @@ SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
 # The paper's rectified picture: 540 x 450 mm of floor.
 AREA_X, AREA_Y = (0.50, 0.95), (-0.27, 0.27)
+FLOOR_EXTENT = (AREA_Y[1], AREA_Y[0], *AREA_X)
+FLOOR_LABELS = {"xlabel": "y, left of the robot [m]", "ylabel": "x, ahead of the robot [m]"}
+PICTURE_LABELS = {"xlabel": "column [px]", "ylabel": "row [px]"}
 
 
 def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **keywords: Any) -> tuple[Figure, list[Any]]:
@@ -66,17 +69,13 @@ def board_before_after(result: CalibrationResult) -> bytes:
     before.imshow(picture)
     ground = next(view for view in result.intrinsics.views if view.name == result.session.ground_board_image)
     before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
-    before.set_title("before: as the camera sees it (bent and in perspective)")
-    before.set_xlabel("column [px]")
-    before.set_ylabel("row [px]")
-    after.imshow(floor_picture(result, picture), extent=(AREA_Y[1], AREA_Y[0], AREA_X[0], AREA_X[1]))
+    before.set(title="before: as the camera sees it (bent and in perspective)", **PICTURE_LABELS)
+    after.imshow(floor_picture(result, picture), extent=FLOOR_EXTENT)
     for x in np.arange(AREA_X[0], AREA_X[1] + 1e-9, 0.05):
         after.axhline(x, color=GREEN, linewidth=0.4)
     for y in np.arange(-0.25, 0.26, 0.05):
         after.axvline(y, color=GREEN, linewidth=0.4)
-    after.set_title("after: straight from above, lines every 50 mm")
-    after.set_xlabel("y, left of the robot [m]")
-    after.set_ylabel("x, ahead of the robot [m]")
+    after.set(title="after: straight from above, lines every 50 mm", **FLOOR_LABELS)
     return to_png(figure)
 
 
@@ -91,7 +90,7 @@ def floor_picture(result: CalibrationResult, picture: Image) -> Image:
 
 
 def corner_residuals(result: CalibrationResult) -> bytes:
-    """Arrows from where corners should be to where they are, and the error of each view."""
+    """Residuals of the corners as arrows, and rms error of each view."""
     figure, (field, bars) = new_figure(10.5, 4.2, columns=2, width_ratios=(1.35, 1))
     corners = np.concatenate([view.corners_px for view in result.intrinsics.views])
     errors = -np.concatenate(result.fit.residuals_px)
@@ -113,13 +112,12 @@ def corner_residuals(result: CalibrationResult) -> bytes:
     bars.barh(range(len(names)), rms, color=BLUE)
     bars.set_yticks(range(len(names)), names, fontsize=7)
     bars.invert_yaxis()
-    bars.set_xlabel("rms corner error [px]")
-    bars.set_title("error of each picture")
+    bars.set(xlabel="rms corner error [px]", title="error of each picture")
     return to_png(figure)
 
 
 def coverage_and_sigma(result: CalibrationResult) -> bytes:
-    """Where corners were seen, and how far a floor point may be off."""
+    """Corners seen in each part of the picture, and standard deviation of a floor point."""
     figure, (cells, sigma) = new_figure(10.5, 4.2, columns=2)
     width, height = result.fit.camera.size
     cells.imshow(result.coverage, cmap="Greens", vmin=0, extent=(0, width, height, 0), aspect="equal")
@@ -161,34 +159,25 @@ def fiducials(result: CalibrationResult) -> bytes:
     picture = for_show(result.session.read_picture(result.session.fiducials.image))
     marks = result.floor.marks[:6]
     figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
-    predicted = floor_pixels(
-        result.fit.camera, result.fit.transform_camera_to_footprint, result.session.fiducials.points_in_footprint
-    )
+    points = result.session.fiducials.points_in_footprint
+    predicted = floor_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, points)
     half = 0.028 * result.fit.camera.size[0]
-    for axis, mark, expected, point in zip(
-        axes, marks, predicted, result.session.fiducials.points_in_footprint, strict=False
-    ):
+    for axis, mark, expected, point in zip(axes, marks, predicted, points, strict=False):
         axis.imshow(picture)
         axis.plot(*expected, "o", color=GREEN, markersize=13, fillstyle="none", label="expected")
         axis.plot(*mark.centre_px, "+", color=RED, markersize=9, label="found")
-        axis.set_xlim(mark.centre_px[0] - half, mark.centre_px[0] + half)
-        axis.set_ylim(mark.centre_px[1] + half, mark.centre_px[1] - half)
+        u, v = mark.centre_px
+        axis.set(xlim=(u - half, u + half), ylim=(v + half, v - half), xticks=[], yticks=[])
         off = float(np.linalg.norm(mark.centre_px - expected))
         axis.set_title(f"x {point[0]:.3f} y {point[1]:+.3f} m\noff by {off:.2f} px", fontsize=8)
-        axis.set_xticks([])
-        axis.set_yticks([])
     axes[0].legend(loc="lower left", fontsize=6)
     return to_png(figure)
 
 
-def _picture_axes(axes: object, result: CalibrationResult) -> None:
+def _picture_axes(axes: Any, result: CalibrationResult) -> None:
     width, height = result.fit.camera.size
-    axes.set_xlim(0, width)  # type: ignore[attr-defined]
-    axes.set_ylim(height, 0)  # type: ignore[attr-defined]
-    axes.set_aspect("equal")  # type: ignore[attr-defined]
-    axes.set_xlabel("column [px]")  # type: ignore[attr-defined]
-    axes.set_ylabel("row [px]")  # type: ignore[attr-defined]
-    axes.tick_params(colors=GREY)  # type: ignore[attr-defined]
+    axes.set(xlim=(0, width), ylim=(height, 0), aspect="equal", **PICTURE_LABELS)
+    axes.tick_params(colors=GREY)
 
 
 def side_view(result: CalibrationResult) -> bytes:
@@ -208,10 +197,8 @@ def side_view(result: CalibrationResult) -> bytes:
     axes.plot(*mirror.point[[0, 2]], "^", color=RED, markersize=9)
     axes.annotate("mirror", mirror.point[[0, 2]], xytext=(8, 8), textcoords="offset points")
     axes.axvspan(*AREA_X, ymax=0.02, color=GREY)
-    axes.set_xlabel("x, ahead of the robot [m]")
-    axes.set_ylabel("height [m]")
+    axes.set(xlabel="x, ahead of the robot [m]", ylabel="height [m]", aspect="equal")
     axes.set_title("from the side: each red line is one laser plane; the grey bar is the scanned area")
-    axes.set_aspect("equal")
     axes.legend(loc="upper right", fontsize=8)
     return to_png(figure)
 
@@ -228,8 +215,8 @@ def stripes_over_plate(result: CalibrationResult) -> bytes:
         for k, line in enumerate(own):
             axis.plot(*line.pixels.T, color=SERIES[k % len(SERIES)], linewidth=0.7)
         axis.set_title(f"{plates[number].name}, {1e3 * plates[number].height:.0f} mm: {len(own)} stripes found")
-        axis.set_xlim(0, result.fit.camera.size[0])
-        axis.set_ylim(result.fit.camera.size[1], 0)
+        width, height = result.fit.camera.size
+        axis.set(xlim=(0, width), ylim=(height, 0))
     return to_png(figure)
 
 
@@ -252,39 +239,31 @@ def plate_errors(result: CalibrationResult) -> bytes:
             label=f"{1e3 * plate.height:.0f} mm",
         )
     axes[0].axhline(0, color=GREY, linewidth=0.8)
-    axes[0].set_xlabel("stripe index (near to far)")
-    axes[0].set_ylabel("height error [mm]")
+    axes[0].set(xlabel="stripe index (near to far)", ylabel="height error [mm]")
     axes[0].set_title("plates measured with their own planes")
     axes[0].legend(fontsize=8, title="plate")
     if columns == 2:
         entries = result.laser.leave_one_out
         names = [f"{1e3 * result.session.plates[one.plate].height:.0f} mm" for one in entries]
         position = np.arange(len(entries))
-        for offset, (label, values) in enumerate(
-            (
-                ("near third", [one.near for one in entries]),
-                ("all", [one.mean for one in entries]),
-                ("far third", [one.far for one in entries]),
-            )
-        ):
-            axes[1].bar(position + 0.25 * (offset - 1), 1e3 * np.array(values), 0.24, label=label, color=SERIES[offset])
+        errors = 1e3 * np.array([(one.near, one.mean, one.far) for one in entries])
+        for offset, label in enumerate(("near third", "all", "far third")):
+            axes[1].bar(position + 0.25 * (offset - 1), errors[:, offset], 0.24, label=label, color=SERIES[offset])
         axes[1].axhline(0, color=GREY, linewidth=0.8)
         axes[1].set_xticks(position, names)
-        axes[1].set_xlabel("plate left out")
-        axes[1].set_ylabel("mean height error [mm]")
+        axes[1].set(xlabel="plate left out", ylabel="mean height error [mm]")
         axes[1].set_title("plates measured with the planes of the others")
         axes[1].legend(fontsize=8)
     return to_png(figure)
 
 
 def mirror_steps(result: CalibrationResult) -> bytes:
-    """How the laser plane of each stripe strays from the ideal mirror."""
+    """Deviation of each stripe's laser plane from that of an ideal mirror."""
     figure, (axes,) = new_figure(9.5, 3.4)
     sweep = result.laser.sweep
     axes.plot(sweep.indices, np.rad2deg(2 * sweep.step_errors), ".-", color=BLUE, linewidth=0.8)
     axes.axhline(0, color=GREY, linewidth=0.8)
-    axes.set_xlabel("stripe index (near to far)")
-    axes.set_ylabel("laser plane off by [degrees]")
+    axes.set(xlabel="stripe index (near to far)", ylabel="laser plane off by [degrees]")
     jitter = np.rad2deg(result.laser.stripes.jitter)
     axes.set_title(
         f"laser planes against an ideal turning mirror; from scan to scan they repeat within {jitter:.4f} degrees"
@@ -320,11 +299,7 @@ def height_sigma(result: CalibrationResult) -> bytes:
         (axes[0], both, "one return: noise and calibration together"),
         (axes[1], alone, "calibration alone"),
     ):
-        shown = axis.imshow(
-            image[::-1, ::-1], extent=(AREA_Y[1], AREA_Y[0], AREA_X[0], AREA_X[1]), cmap="viridis", vmin=0
-        )
+        shown = axis.imshow(image[::-1, ::-1], extent=FLOOR_EXTENT, cmap="viridis", vmin=0)
         figure.colorbar(shown, ax=axis, label="sigma of height [mm]", shrink=0.85)
-        axis.set_title(title)
-        axis.set_xlabel("y, left of the robot [m]")
-        axis.set_ylabel("x, ahead of the robot [m]")
+        axis.set(title=title, **FLOOR_LABELS)
     return to_png(figure)

@@ -135,28 +135,19 @@ def _checks(result: CalibrationResult) -> str:
 
 def _found(result: CalibrationResult) -> str:
     camera, fit = result.fit.camera, result.fit
-    matrix = camera.matrix
+    matrix, misfit = camera.matrix, 1e3 * result.surface.rms
     sigma = dict(zip(fit.free, fit.covariance.diagonal() ** 0.5, strict=False))
     x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lens = ", ".join(f"{name} {value:+.5f}" for name, value in zip(fit.free[4:], fit.lens[4:], strict=True))
     rows = (
         ("picture", f"{camera.size[0]} x {camera.size[1]} px"),
-        (
-            "focal lengths",
-            f"{matrix[0, 0]:.2f} +- {sigma['fx']:.2f} px, {matrix[1, 1]:.2f} +- {sigma['fy']:.2f} px",
-        ),
+        ("focal lengths", f"{matrix[0, 0]:.2f} +- {sigma['fx']:.2f} px, {matrix[1, 1]:.2f} +- {sigma['fy']:.2f} px"),
         ("principal point", f"{matrix[0, 2]:.2f} +- {sigma['cx']:.2f} px, {matrix[1, 2]:.2f} +- {sigma['cy']:.2f} px"),
         ("distortion", lens),
         ("mount", MOUNTS[result.floor.mount]),
-        (
-            "optical centre in base_link",
-            f"{x:.4f}, {y:.4f}, {z:.4f} m",
-        ),
+        ("optical centre in base_link", f"{x:.4f}, {y:.4f}, {z:.4f} m"),
         ("height above the floor (H)", f"{1e3 * fit.transform_camera_to_footprint[2, 3]:.2f} mm"),
-        (
-            "floor homography",
-            f"condition number {result.surface.condition:.1f}, misfit {1e3 * result.surface.rms:.3f} mm",
-        ),
+        ("floor homography", f"condition number {result.surface.condition:.1f}, misfit {misfit:.3f} mm"),
         ("stripes", str(len(result.calibration.stripes))),
     )
     cells = "".join(f"<tr><td>{name}</td><td>{escape(text)}</td></tr>" for name, text in rows)
@@ -164,12 +155,12 @@ def _found(result: CalibrationResult) -> str:
 
 
 def _paper(result: CalibrationResult) -> str:
-    """The paper's way to state an error: per cent of the surface's size, near and far."""
+    """Height errors as the paper states them, in per cent of the surface's depth, near and far."""
     by_name = {check.name: check.value for check in result.checks}
     depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
     near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
     return (
-        f'<p class="note">In the words of the paper, as per cent of the {depth:.0f} mm deep surface (two '
+        f'<p class="note">In the terms of the paper, as per cent of the {depth:.0f} mm deep surface (two '
         f"standard deviations): +-{near:.2f} % for near objects, +-{far:.2f} % for far ones (paper: 0.5 %, 2.5 %).</p>"
     )
 

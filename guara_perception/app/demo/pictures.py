@@ -22,6 +22,9 @@ from guara_perception.terrain.grid import TerrainGrid
 from kinematics.transforms import inverse, transform_points
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from guara_perception.app.demo.walk import DemoPause
 
 
@@ -49,38 +52,26 @@ def draw_demo(folder: Path, pauses: Sequence[DemoPause]) -> list[Path]:
 
 
 def draw_scan(path: Path, terrain: TerrainGrid) -> None:
-    """One scan: heights and hazards side by side."""
-    figure, axes = new_figure(1, 2, size=(8.2, 3.6))
-    heights = draw_layer(axes[0, 0], terrain.geometry, 1e3 * np.asarray(terrain.elevation))
-    figure.colorbar(heights, ax=axes[0, 0], label="height [mm]", shrink=0.8)
-    axes[0, 0].set_title(f"Heights, pause {terrain.step}")
-    draw_hazards(axes[0, 1], terrain.geometry, np.asarray(terrain.hazard))
-    axes[0, 1].set_title("Where a foot may not go, and why")
+    """Draw heights and hazards of one scan side by side."""
+    titles = f"Heights, pause {terrain.step}", "Where a foot may not go, and why"
+    figure, heights, _ = _draw_grid(terrain, titles, (8.2, 3.6))
+    figure.colorbar(heights.images[0], ax=heights, label="height [mm]", shrink=0.8)
     save_figure(figure, path)
 
 
 def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """The map at the last pause, with every foothold that was chosen on the way."""
+    """Draw the map of the last pause with every foothold chosen on the way."""
     fused = pauses[-1].fused
-    figure, axes = new_figure(1, 2, size=(8.2, 5.6))
-    heights = draw_layer(axes[0, 0], fused.geometry, 1e3 * np.asarray(fused.elevation))
-    figure.colorbar(heights, ax=axes[0, 0], label="height [mm]", shrink=0.6)
-    axes[0, 0].set_title("Fused map: heights")
-    draw_hazards(axes[0, 1], fused.geometry, np.asarray(fused.hazard))
-    axes[0, 1].set_title("Fused map: hazards and footholds")
-    (x0, y0), (ny, nx) = fused.origin, fused.shape
+    figure, *panels = _draw_grid(fused, ("Fused map: heights", "Fused map: hazards and footholds"), (8.2, 5.6))
+    figure.colorbar(panels[0].images[0], ax=panels[0], label="height [mm]", shrink=0.6)
     for leg, colour in LEG_COLOURS.items():
         footholds = footholds_in_last_footprint(pauses, leg)
-        inside = (
-            (footholds[:, 0] > x0)
-            & (footholds[:, 0] < x0 + nx * fused.resolution)
-            & (footholds[:, 1] > y0)
-            & (footholds[:, 1] < y0 + ny * fused.resolution)
-        )
-        for panel in axes[0]:
+        x, y = footholds[:, :2].T
+        inside = fused.geometry.contains(*fused.geometry.indices(x, y))
+        for panel in panels:
             panel.plot(
-                footholds[inside, 1],
-                footholds[inside, 0],
+                y[inside],
+                x[inside],
                 "o",
                 color=colour,
                 markersize=4,
@@ -88,12 +79,12 @@ def draw_map(path: Path, pauses: Sequence[DemoPause]) -> None:
                 markeredgewidth=0.5,
                 label=f"{leg} foothold",
             )
-    axes[0, 0].legend(loc="lower left", fontsize=6.0, frameon=True, framealpha=0.8)
+    panels[0].legend(loc="lower left", fontsize=6.0, frameon=True, framealpha=0.8)
     save_figure(figure, path)
 
 
 def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
-    """The fused map from pause to pause, hazards and heights, as a GIF."""
+    """Write heights and hazards of the fused map, pause by pause, as an animated GIF."""
     from PIL import Image
 
     images = [Image.fromarray(_map_image(item)).quantize(64) for item in pauses]
@@ -102,7 +93,7 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
-    """Where the feet of a leg were put, (n, 3) in base_footprint of the last pause [m]."""
+    """Positions (n, 3) at which a leg's feet were set down, in base_footprint of the last pause [m]."""
     to_last = inverse(pauses[-1].pause.transform_footprint_to_world)
     positions = [
         item.pause.last_footstep.sole_in_world
@@ -113,19 +104,28 @@ def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
     return transform_points(to_last, soles)
 
 
+def _draw_grid(
+    grid: TerrainGrid, titles: tuple[str, str], size: tuple[float, float], *, legend: bool = True, **limits: float
+) -> tuple[Figure, Axes, Axes]:
+    """Draw heights and hazards of a grid side by side; `limits` are those of the colours of heights [mm]."""
+    figure, ((heights, hazards),) = new_figure(1, 2, size=size)
+    draw_layer(heights, grid.geometry, 1e3 * np.asarray(grid.elevation), **limits)
+    draw_hazards(hazards, grid.geometry, np.asarray(grid.hazard), legend=legend)
+    heights.set_title(titles[0])
+    hazards.set_title(titles[1])
+    return figure, heights, hazards
+
+
 def _map_image(item: DemoPause) -> Image:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     fused = item.fused
-    figure, axes = new_figure(1, 2, size=(6.4, 5.0))
+    titles = f"Heights, pause {fused.step}", "Hazards (pale green: a foot may go)"
+    figure, *panels = _draw_grid(fused, titles, (6.4, 5.0), legend=False, vmin=-60, vmax=90)
     figure.set_dpi(ANIMATION_DOTS_PER_INCH)
-    draw_layer(axes[0, 0], fused.geometry, 1e3 * np.asarray(fused.elevation), vmin=-60, vmax=90)
-    axes[0, 0].set_title(f"Heights, pause {fused.step}")
-    draw_hazards(axes[0, 1], fused.geometry, np.asarray(fused.hazard), legend=False)
-    axes[0, 1].set_title("Hazards (pale green: a foot may go)")
     if item.foothold is not None:
         x, y, _ = item.answer["foothold"]
-        for panel in axes[0]:
+        for panel in panels:
             panel.plot(y, x, "o", color=LEG_COLOURS.get(item.pause.next_leg, "black"), markersize=6)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from guara_perception.arrays import Float32, Grey, Interval, Mask
+from guara_perception.arrays import Array, Float32, Grey, Interval, Mask
 from guara_perception.files import whole_file
 from guara_perception.scanning.pictures import cause_image
 from guara_perception.terrain.grid import TerrainGrid
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Colour and text of a legend's entry, and whether its patch is hatched.
+Entry = tuple[str, str, bool]
+Extent = tuple[float, float, float, float]
 DPI = 110
 # One colour per cause of unknown, and one per reason against known ground; distinct also for colour-blind eyes.
 CAUSES = {
@@ -45,8 +48,7 @@ def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, 
     figure, axes = _figure()
     if area is None:
         axes.imshow(image, cmap="gray", vmin=0, vmax=255)
-        axes.set_xlabel("u [px]")
-        axes.set_ylabel("v [px]")
+        axes.set(xlabel="u [px]", ylabel="v [px]")
     else:
         axes.imshow(image[::-1, ::-1], cmap="gray", vmin=0, vmax=255, extent=_extent(area))
         _label(axes)
@@ -71,15 +73,7 @@ def draw_range_image(
         _hatch(axes, unknown, extent, "#888888")
         _legend(axes, [("#888888", "unknown", True)])
     else:
-        flags = cause_image(terrain)
-        entries = []
-        rest = unknown.copy()
-        for cause, (colour, label) in CAUSES.items():
-            mask = (flags & int(cause)) != 0
-            if mask.any():
-                _hatch(axes, mask & rest, extent, colour)
-                entries.append((colour, label, True))
-                rest &= ~mask
+        entries, rest = _hatch_causes(axes, cause_image(terrain), unknown, extent)
         if rest.any():
             # Pixels between samples in a cell that is known: they are finer than the grid.
             _hatch(axes, rest, extent, "#888888")
@@ -109,13 +103,10 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
     colours[..., :3] *= (0.55 + 0.45 * shade)[..., None]
     across, along = np.meshgrid(y, x, indexing="ij")
     axes.plot_surface(across, along, height, facecolors=colours, rstride=1, cstride=1, linewidth=0, antialiased=False)
-    axes.set_xlim(y[-1], y[0])
-    axes.set_ylim(x[0], x[-1])
-    axes.set_zlim(min(low, 0.0), max(high, 60.0))
-    axes.set_box_aspect((np.ptp(y), np.ptp(x), 2.0 * (max(high, 60.0) - min(low, 0.0))))
-    axes.set_xlabel("y, left [mm]")
-    axes.set_ylabel("x, forward [mm]")
-    axes.set_zlabel("height, drawn twice [mm]")
+    bottom, top = min(low, 0.0), max(high, 60.0)
+    axes.set(xlim=(y[-1], y[0]), ylim=(x[0], x[-1]), zlim=(bottom, top))
+    axes.set_box_aspect((np.ptp(y), np.ptp(x), 2.0 * (top - bottom)))
+    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", zlabel="height, drawn twice [mm]")
     axes.view_init(elev=42, azim=-112)
     mappable = matplotlib.cm.ScalarMappable(norm=scale, cmap="viridis")
     figure.colorbar(mappable, ax=axes, label="height above the soles [mm]", shrink=0.7)
@@ -133,7 +124,7 @@ def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
     score = terrain.traversability.astype(np.float64)
     free = hazard == 0
     picture[free] = np.column_stack((0.75 - 0.65 * score[free], 0.92 - 0.42 * score[free], 0.72 - 0.55 * score[free]))
-    entries: list[tuple[str, str, bool]] = [("#1a802b", "free, the darker the better", False)] if free.any() else []
+    entries: list[Entry] = [("#1a802b", "free, the darker the better", False)] if free.any() else []
     rest = ~free
     for reason, (colour, label) in REASONS.items():
         mask = rest & ((hazard & int(reason)) != 0) & ((hazard & UNKNOWN_MASK) == 0)
@@ -146,12 +137,7 @@ def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
     half = 5e2 * geometry.resolution
     extent = (y[-1] + half, y[0] - half, x[0] - half, x[-1] + half)
     axes.imshow(picture.swapaxes(0, 1)[::-1, ::-1], extent=extent, interpolation="nearest")
-    for cause, (colour, label) in CAUSES.items():
-        mask = rest & ((hazard & int(cause)) != 0)
-        if mask.any():
-            _hatch(axes, mask.T, extent, colour)
-            entries.append((colour, label, True))
-            rest &= ~mask
+    entries += _hatch_causes(axes, hazard.T, rest.T, extent)[0]
     _legend(axes, entries)
     _label(axes)
     axes.set_title(title)
@@ -165,18 +151,29 @@ def _figure() -> tuple[Figure, Axes]:
     return figure, figure.add_subplot()
 
 
-def _extent(area: tuple[Interval, Interval]) -> tuple[float, float, float, float]:
+def _extent(area: tuple[Interval, Interval]) -> Extent:
     (x0, x1), (y0, y1) = area
     return (1e3 * y1, 1e3 * y0, 1e3 * x0, 1e3 * x1)
 
 
 def _label(axes: Axes) -> None:
-    axes.set_xlabel("y, left [mm]")
-    axes.set_ylabel("x, forward [mm]")
-    axes.set_aspect("equal")
+    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", aspect="equal")
 
 
-def _hatch(axes: Axes, mask: Mask, extent: tuple[float, float, float, float], colour: str) -> None:
+def _hatch_causes(axes: Axes, flags: Array, unknown: Mask, extent: Extent) -> tuple[list[Entry], Mask]:
+    """Hatch unknown pixels by cause; return the legend's entries and the mask of pixels without a cause."""
+    entries: list[Entry] = []
+    rest = unknown.copy()
+    for cause, (colour, label) in CAUSES.items():
+        mask = rest & ((flags & int(cause)) != 0)
+        if mask.any():
+            _hatch(axes, mask, extent, colour)
+            entries.append((colour, label, True))
+            rest &= ~mask
+    return entries, rest
+
+
+def _hatch(axes: Axes, mask: Mask, extent: Extent, colour: str) -> None:
     """Hatch the pixels of a mask, rows along x and columns along y, over a light tint of the colour."""
     from matplotlib.colors import to_rgb
 
@@ -195,7 +192,7 @@ def _line_width(shape: tuple[int, ...]) -> int:
     return max(shape[1] // 110, 1)
 
 
-def _legend(axes: Axes, entries: list[tuple[str, str, bool]]) -> None:
+def _legend(axes: Axes, entries: list[Entry]) -> None:
     from matplotlib.patches import Patch
 
     handles = [
