@@ -49,40 +49,31 @@ class Bounce:
             return None
         total = np.zeros(self._is_sloped.shape, np.float32)
         # Sloped sources light every receiver; horizontal ones only those that are sloped.
-        for chosen, receivers in ((pixels[sloped], None), (pixels[~sloped], self._is_sloped)):
-            if not chosen.size or (receivers is not None and not receivers.any()):
+        for is_source, receivers in ((sloped, np.ones_like(self._is_sloped)), (~sloped, self._is_sloped)):
+            if not is_source.any() or not receivers.any():
                 continue
-            values = brightness[sloped] if receivers is None else brightness[~sloped]
+            chosen, values = pixels[is_source], brightness[is_source]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
-            sources = chosen[pick]
             # The few sources send as much light as all lit pixels together.
             factor = float(values.sum() / max(values[pick].sum(), 1e-6))
-            sent = values[pick] * np.float32(factor)
-            self._add(total, receivers, sources, sent)
+            self._add(total, receivers, chosen[pick], values[pick] * np.float32(factor))
         total *= np.float32(strength)
         if total.max() < FAINTEST:
             return None
         height, width = self._shape
         return np.asarray(cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR))
 
-    def _add(
-        self,
-        total: Float32,
-        receivers: Mask | None,
-        sources: Index,
-        sent: Float32,
-    ) -> None:
+    def _add(self, total: Float32, receivers: Mask, sources: Index, sent: Float32) -> None:
         """Add the light of sources to receivers: Lambert's cosine at both, over the square of the distance.
 
         Args:
             total: sum over all sources so far, one value per receiver; added to in place.
-            receivers: mask of the receivers that are lit; None = all.
+            receivers: mask of the receivers that are lit.
             sources: indices of the sources into the flat picture.
             sent: brightness of the sources [grey levels of 255].
         """
         view = self._view
-        where = np.ones(total.shape, bool) if receivers is None else receivers
-        to_points, to_normals = self._points[where], self._normals[where]
+        to_points, to_normals = self._points[receivers], self._normals[receivers]
         from_points, from_normals = view.points.reshape(-1, 3)[sources], view.normals.reshape(-1, 3)[sources]
         areas = self._pixel_areas(sources)
         # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: products of matrices need no array of all differences,
@@ -93,7 +84,7 @@ class Bounce:
         out = to_points @ from_normals.T - (from_points * from_normals).sum(axis=1)
         into = to_normals @ from_points.T - (to_points * to_normals).sum(axis=1)[:, None]
         exchange = np.maximum(out, 0) * np.maximum(into, 0) / distance_squared**2
-        total[where] += self._reflectance[where] * (exchange @ (sent * areas)) / np.float32(np.pi)
+        total[receivers] += self._reflectance[receivers] * (exchange @ (sent * areas)) / np.float32(np.pi)
 
     def _pixel_areas(self, sources: Index) -> Float32:
         """Area of the surface (n,) that each source pixel shows [m^2].

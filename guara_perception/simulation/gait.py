@@ -101,8 +101,8 @@ class WaveGait:
     def support_polygon(self, margin: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         """Corners (4, 2) of the rectangle around all feet of the first stance, with a margin [m]."""
         feet = np.array(list(self.first_stance().values()))
-        low, high = feet.min(axis=0) - margin, feet.max(axis=0) + margin
-        return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+        (x0, y0), (x1, y1) = feet.min(axis=0) - margin, feet.max(axis=0) + margin
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 class OutOfReach(InvalidInput):

@@ -88,15 +88,11 @@ def view_scene(
         # What swallows light is not painted: dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
         albedo += np.float32(light.chessboard) * (board[..., None] - albedo)
-    is_body = (
-        _add_body(body, camera, directions, points, normals, albedo, shine)
-        if body is not None
-        else np.zeros(points.shape[:2], dtype=bool)
-    )
-    lit = PolarView.around(relief, laser, (-np.pi, np.pi), LASER_BEARINGS, LASER_RADIUS_M, RADIUS_SPACING_M).sees(
-        points
-    )
-    lit |= is_body
+    is_body = np.zeros(points.shape[:2], dtype=bool)
+    if body is not None:
+        is_body = _add_body(body, camera, directions, points, normals, albedo, shine)
+    view = PolarView.around(relief, laser, (-np.pi, np.pi), LASER_BEARINGS, LASER_RADIUS_M, RADIUS_SPACING_M)
+    lit = view.sees(points) | is_body
     if body is not None:
         _shade(body, laser, points, lit)
     cosine_camera = (rays[..., 2] / np.sqrt((rays**2).sum(axis=2))).astype(np.float32)
@@ -145,9 +141,8 @@ def _surface(relief: Relief, points: Float32, directions: Float32, normals: Floa
     x = points[..., 0] - behind * normals[..., 0]
     y = points[..., 1] - behind * normals[..., 1]
     index = relief.sample(relief.material, x, y, cv2.INTER_NEAREST)
-    albedo = np.array([material.albedo for material in MATERIALS], dtype=np.float32)[index]
-    shine = np.array([material.shine for material in MATERIALS], dtype=np.float32)[index]
-    depth = np.array([material.texture for material in MATERIALS], dtype=np.float32)[index]
+    rows = ((material.albedo, material.shine, material.texture) for material in MATERIALS)
+    albedo, shine, depth = (np.array(values, dtype=np.float32)[index] for values in zip(*rows, strict=True))
     texture = relief.sample_texture(x + points[..., 2], y - points[..., 2])
     mottled = np.clip(1 + depth * texture, *TEXTURE_RANGE)
     return np.clip(albedo * mottled[..., None], 0, 1).astype(np.float32), shine
@@ -179,19 +174,13 @@ def _laser_gain(
 
 
 def _add_body(
-    body: Body,
-    camera: Float,
-    directions: Float32,
-    points: Float32,
-    normals: Float32,
-    albedo: Float32,
-    shine: Float32,
+    body: Body, camera: Float, directions: Float32, points: Float32, normals: Float32, albedo: Float32, shine: Float32
 ) -> Mask:
-    """Put the robot's own shapes in front of the ground; returns where."""
-    height, width = directions.shape[:2]
-    is_body = np.zeros((height, width), dtype=bool)
+    """Put the robot's own shapes in front of the ground, in place; return the mask of their pixels."""
+    is_body = np.zeros(directions.shape[:2], dtype=bool)
     share = ((points - camera.astype(np.float32)) * directions).sum(axis=2) / (directions**2).sum(axis=2)
-    lowest, highest = directions.reshape(-1, 3).min(axis=0), directions.reshape(-1, 3).max(axis=0)
+    directions, points, normals, albedo = (array.reshape(-1, 3) for array in (directions, points, normals, albedo))
+    lowest, highest = directions.min(axis=0), directions.max(axis=0)
     for number, corners in enumerate(body.corners()):
         # A cheap test first: the box lies beside the cone of all lines of sight, or above the camera.
         towards = corners - camera
@@ -202,14 +191,14 @@ def _add_body(
         bounds = np.array([lowest[:2], highest[:2]]) / np.maximum(-highest[2], 0.05)
         if (scaled.max(axis=0) < bounds[0]).any() or (scaled.min(axis=0) > bounds[1]).any():
             continue
-        enter, axis = body.meets(number, camera, directions.reshape(-1, 3))
+        enter, axis = body.meets(number, camera, directions)
         nearer = np.flatnonzero(enter < share.ravel())
         if not nearer.size:
             continue
-        chosen = directions.reshape(-1, 3)[nearer]
-        points.reshape(-1, 3)[nearer] = chosen * enter[nearer, None] + camera.astype(np.float32)
-        normals.reshape(-1, 3)[nearer] = body.normal(number, axis[nearer], chosen)
-        albedo.reshape(-1, 3)[nearer] = LEG_ALBEDO
+        chosen = directions[nearer]
+        points[nearer] = chosen * enter[nearer, None] + camera.astype(np.float32)
+        normals[nearer] = body.normal(number, axis[nearer], chosen)
+        albedo[nearer] = LEG_ALBEDO
         shine.ravel()[nearer] = 0
         share.ravel()[nearer] = enter[nearer]
         is_body.ravel()[nearer] = True
@@ -217,7 +206,7 @@ def _add_body(
 
 
 def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
-    """Take the laser's light from points behind the robot's own shapes, in place."""
+    """Clear `lit` where the robot's own shapes cast a shadow, in place."""
     flat, is_lit = points.reshape(-1, 3), lit.reshape(-1)
     floor = float(points[..., 2].min())
     x, y = np.ascontiguousarray(flat[:, 0]), np.ascontiguousarray(flat[:, 1])
@@ -250,12 +239,11 @@ class Body:
             state: joint positions with forward kinematics done.
             transform_base_to_world: (4, 4).
         """
-        boxes = []
+        self._boxes = []
         for name, link in state.tree.links.items():
             for shape in link.shapes:
                 transform = transform_base_to_world @ state.transform_to_base(name) @ shape.transform_shape_to_link
-                boxes.append((transform, _half_size(shape.kind, shape.size)))
-        self._boxes = boxes
+                self._boxes.append((transform, _half_size(shape.kind, shape.size)))
 
     def corners(self) -> Float:
         """Corners (n, 8, 3) of all boxes in the world."""

@@ -22,6 +22,7 @@ from kinematics.untrusted import LARGEST_FILE, parse_toml
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
 LONGEST_WAVE_M = 1.0
+# Worlds of the package, by the name of their file.
 WORLDS = Path(__file__).resolve().parent / "worlds"
 
 
@@ -54,7 +55,7 @@ class World:
     _waves: Float = field(default_factory=lambda: np.zeros((0, 3)), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check, and find out what each feature stands on.
+        """Check the fields and compute the height on which each feature stands.
 
         Raises:
             InvalidInput: an empty area, a feature outside it, a negative undulation.
@@ -75,7 +76,7 @@ class World:
             object.__setattr__(self, "_bases", (*self._bases, base))
 
     def check_inside(self, feature: AnyFeature) -> None:
-        """Refuse a feature that leaves the area.
+        """Reject a feature that leaves the area.
 
         Raises:
             InvalidInput: saying where it is and where it may be.
@@ -134,7 +135,7 @@ class World:
         return np.asarray(waves * self._amplitude(cx))
 
     def _amplitude(self, x: Float) -> Float:
-        """What each wave is multiplied by: nothing where the ground is flat."""
+        """Amplitude of each wave [m]; 0 where the ground is flat."""
         rise = np.clip((x - self.flat_until) / 0.2, 0, 1)
         return np.asarray(self.undulation * np.sqrt(2 / len(self._waves)) * rise**2 * (3 - 2 * rise))
 
@@ -160,14 +161,11 @@ def _waves(seed: int) -> Float:
     return np.column_stack((2 * np.pi / lengths * np.cos(angles), 2 * np.pi / lengths * np.sin(angles), phases))
 
 
-"""Worlds that come with the package, found by name."""
-
 _TABLE = re.compile(r"^\s*\[\[?\s*([A-Za-z_]+)\s*\]\]?")
-
 _KEY = re.compile(r"^\s*([A-Za-z_]+)\s*=")
-
 LIGHT = "light"
-
+# Types of a number; `isinstance` would take true and false for numbers.
+NUMBERS = (int, float)
 _TYPES = {"float": "a number", "int": "a whole number", "str": "a text", "tuple[float, float]": "two numbers"}
 
 
@@ -295,15 +293,14 @@ def _options(
 
 
 def _value(value: Any, kind: str, where: str) -> Any:
-    def is_number(item: Any) -> bool:
-        return isinstance(item, int | float) and not isinstance(item, bool)
-
-    if kind == "float" and is_number(value):
+    if kind == "float" and type(value) in NUMBERS:
         return float(value)
-    if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
+    if (kind, type(value)) in (("int", int), ("str", str)):
         return value
-    if kind == "str" and isinstance(value, str):
-        return value
-    if kind.startswith("tuple") and isinstance(value, list) and len(value) == 2 and all(map(is_number, value)):
+    if (
+        kind.startswith("tuple")
+        and isinstance(value, list)
+        and [type(item) in NUMBERS for item in value] == [True, True]
+    ):
         return float(value[0]), float(value[1])
     raise FileFormatError(f"{where} is {value!r}, it must be {_TYPES[kind]}")
