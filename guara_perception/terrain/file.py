@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 import zlib
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from guara_perception.arrays import Array
 from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
-from guara_perception.fields import refuse_not_finite
+from guara_perception.fields import parse_json
 from guara_perception.files import read_arrays
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -40,7 +39,8 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")
     x, y = (float(v) for v in _checked(data, path, "origin", "fiu", (2,)))
-    metadata = _metadata(path, str(_checked(data, path, "metadata", "U", ())))
+    text = str(_checked(data, path, "metadata", "U", ()))
+    metadata = dict(parse_json(text.encode(errors="surrogatepass"), f"{path}: metadata").data)
     try:
         return TerrainGrid(
             layers={layer.name: data[layer.name] for layer in LAYERS},
@@ -69,14 +69,3 @@ def _checked(data: dict[str, Any], path: Path, name: str, kinds: str, shape: tup
         wanted = f"{sides or 'one'} {'text' if kinds == 'U' else 'number'}{'s' if shape else ''}"
         raise FileFormatError(f"{path}: {name} is {array.dtype} of shape {array.shape}, it must be {wanted}")
     return array
-
-
-def _metadata(path: Path, text: str) -> dict[str, Any]:
-    try:
-        metadata = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: metadata is not JSON ({error})") from None
-    if not isinstance(metadata, dict):
-        raise FileFormatError(f"{path}: metadata is {type(metadata).__name__}, it must be a JSON object")
-    refuse_not_finite(metadata, str(path), "metadata")
-    return metadata

@@ -53,20 +53,20 @@ UNKNOWN_MASK = np.uint16(0x00FF)
 ALL_BUT_EDGE = np.uint16(0xFFFF & ~Hazard.EDGE)
 
 MEANING = {
-    Hazard.DROPOUT: "the laser should have returned here and did not: dark, absorbing or a hole",
+    Hazard.DROPOUT: "no return where one was expected: dark, absorbing or a hole",
     Hazard.OCCLUDED: "hidden from camera or laser by something nearer",
-    Hazard.UNSCANNED: "not looked at: out of view, stripe not fired or frame missing",
+    Hazard.UNSCANNED: "not observed: out of view, stripe not fired or frame missing",
     Hazard.OUT_OF_RANGE: "below or above the heights that count as terrain",
-    Hazard.AMBIGUOUS: "a return that may not be trusted: two stripes, saturation or a mixed edge",
+    Hazard.AMBIGUOUS: "unreliable return: two stripes, saturation or a mixed edge",
     Hazard.SELF: "hidden by the robot's own leg or body",
     Hazard.STEEP: "too steep",
     Hazard.STEP: "rises too much nearby",
     Hazard.DROP: "falls too much nearby",
     Hazard.ROUGH: "too rough",
     Hazard.EDGE: "a sole here would reach something unknown, hazardous or off the grid",
-    Hazard.UNCERTAIN: "height known too poorly",
-    Hazard.CONFLICT: "looks disagree",
-    Hazard.STALE: "seen too long ago",
+    Hazard.UNCERTAIN: "standard deviation of the height too large",
+    Hazard.CONFLICT: "observations disagree",
+    Hazard.STALE: "last seen too long ago",
 }
 
 

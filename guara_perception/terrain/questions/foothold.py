@@ -201,7 +201,7 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
             yield Reason(name, cells, 0.0, "cells", detail)
     disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
     if disputed:
-        yield Reason("conflict", disputed, 0.0, "cells", "looks disagree")
+        yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")
     if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
         clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
         detail = "too near to something unknown, hazardous or off the grid; this much clearance is always enough"

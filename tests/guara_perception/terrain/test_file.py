@@ -53,9 +53,9 @@ BAD = {
     "two stamps": (changed(stamp=[1, 2]), "stamp is int64 of shape (2,), it must be one number"),
     "stamp a fraction": (changed(stamp=1.5), "stamp is float64 of shape (), it must be one number"),
     "frame a number": (changed(frame=1), "frame is int64 of shape (), it must be one text"),
-    "metadata no JSON": (changed(metadata="{"), "metadata is not JSON"),
-    "metadata a list": (changed(metadata="[]"), "metadata is list, it must be a JSON object"),
-    "metadata with NaN": (changed(metadata='{"a": [NaN]}'), "metadata.a[0] is nan, it must be finite"),
+    "metadata no JSON": (changed(metadata="{"), "metadata: not a JSON file"),
+    "metadata a list": (changed(metadata="[]"), "metadata: the top level is a list, it must be a JSON object"),
+    "metadata with NaN": (changed(metadata='{"a": [NaN]}'), "metadata: a[0] is nan, it must be finite"),
     "unknown extent": (changed(metadata='{"extent": "world"}'), "extent is 'world', allowed: footprint, map"),
     "picture of one row": (
         changed(ortho_image_mm=np.zeros(3)),

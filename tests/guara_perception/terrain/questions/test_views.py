@@ -91,7 +91,7 @@ def test_explanations_say_height_cause_and_verdict() -> None:
     safe = terrain.explain(0.15, 0.2)
     assert "0.0 mm high (sigma 1.0 mm)" in safe
     assert "seen by 1 scan, now: traversable, score" in safe
-    assert "not looked at" in terrain.explain(0.0525, 0.0525)
+    assert "not observed" in terrain.explain(0.0525, 0.0525)
     assert "is unknown" in terrain.explain(0.0525, 0.0525)
     assert "rises too much nearby" in terrain.explain(0.297, 0.2)
     assert "step 50" in terrain.explain(0.297, 0.2)
