@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Self, Unpack
+from typing import Self, TypedDict, Unpack
 
 from guara_perception.app.map_summary import MapRegions, TerrainSummary, message_to_regions, message_to_summary
 from guara_perception.app.messages import message_to_terrain
@@ -18,6 +18,13 @@ from transport.grids.node_clock import ClockOffset
 from transport.keys import check_encoding, check_name
 
 logger = logging.getLogger(__name__)
+
+
+class AcceptedState(TypedDict, total=False):
+    """Keyword arguments that select grids by their state, as in `TerrainClient.latest`."""
+
+    allow_stale: bool
+    confirmed_only: bool
 
 
 class TerrainClient:
@@ -118,12 +125,7 @@ class TerrainClient:
         )
 
     def summary(
-        self,
-        timeout: float = 30.0,
-        max_age: float | None = None,
-        *,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> TerrainSummary:
         """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
 
@@ -132,7 +134,8 @@ class TerrainClient:
 
         Args:
             timeout: seconds to wait for one that may be used.
-            max_age, allow_stale, confirmed_only: as in `latest`.
+            max_age: as in `latest`.
+            accepted: allow_stale, confirmed_only as in `latest`.
 
         Raises:
             StaleTerrain: the newest summary may not be used, and no newer one came in time.
@@ -140,29 +143,16 @@ class TerrainClient:
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
             UnsafeGrid: it breaks the safety invariant and must not be used.
         """
-        return message_to_summary(
-            self._client.summary(
-                timeout=timeout, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
-            )
-        )
+        return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age, **accepted))
 
     def regions(
-        self,
-        timeout: float = 30.0,
-        max_age: float | None = None,
-        *,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> MapRegions:
         """The convex steppable regions of the newest fused map, largest first, without the map itself.
 
         Arguments and errors are those of `summary`; a client that connects later gets the last message at once.
         """
-        return message_to_regions(
-            self._client.regions(
-                timeout=timeout, max_age=max_age, allow_stale=allow_stale, confirmed_only=confirmed_only
-            )
-        )
+        return message_to_regions(self._client.regions(timeout=timeout, max_age=max_age, **accepted))
 
     def stream(
         self, timeout: float | None = None, extent: str = "footprint", **accepted: Unpack[Accepted]
@@ -257,8 +247,7 @@ class TerrainClient:
         timeout: float = 30.0,
         *,
         on_progress: Callable[[ScanReply], None] | None = None,
-        allow_stale: bool = False,
-        confirmed_only: bool = False,
+        **accepted: Unpack[AcceptedState],
     ) -> TerrainGrid:
         """Request a scan and return its grid.
 
@@ -266,8 +255,8 @@ class TerrainClient:
             mode: "coarse" or "standard".
             timeout: seconds until the grid must be there.
             on_progress: called with every progress report.
-            allow_stale: as in `latest`.
-            confirmed_only: wait until the gait has confirmed it; until then it is provisional.
+            accepted: allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed it, before which
+                it is provisional.
 
         Raises:
             ScanBusy: a scan is under way.
@@ -277,13 +266,7 @@ class TerrainClient:
             ScannerUnavailable: no node, or this client has no right to request scans.
         """
         return message_to_terrain(
-            self._client.request_scan(
-                mode=mode,
-                timeout=timeout,
-                on_progress=on_progress,
-                allow_stale=allow_stale,
-                confirmed_only=confirmed_only,
-            )
+            self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress, **accepted)
         )
 
     def query(

@@ -80,36 +80,28 @@ class Devices:
             InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
                 that has none.
         """
-        from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
+        from drivers import AravisCamera, OpenCvCamera, V4l2Camera
 
         module, between, name = self.source.partition(":")
-        if module == ARAVIS:
-            try:
-                return AravisCamera(
-                    name,
-                    trigger=None if free else self.trigger,
-                    exposure_output=self.exposure_output,
-                    pixel_format=self.pixel_format,
-                    size=self.size,
-                    fps=self.fps,
-                    lag=self.lag,
-                )
-            except ValueError as error:
-                raise InvalidInput(str(error)) from None
-        if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
-            made = _own_camera(module, name)
-            if not isinstance(made, Camera):
-                raise InvalidInput(f"camera source {self.source!r} is no drivers.Camera: derive the class from it")
-            if self.lag is not None:
-                made.lag = self.lag
-        elif module == V4L2 and name:
-            try:
-                made = V4l2Camera(name, pixel_format=self.pixel_format, size=self.size, fps=self.fps, lag=self.lag)
-            except ValueError as error:
-                raise InvalidInput(str(error)) from None
-        else:
-            source: int | str = int(self.source) if self.source.isdigit() else self.source
-            made = OpenCvCamera(source, size=self.size, fps=self.fps, lag=self.lag)
+        asked: dict[str, Any] = {"size": self.size, "fps": self.fps, "lag": self.lag}
+        made: Camera
+        try:
+            if module == ARAVIS:
+                lines: dict[str, Any] = {
+                    "trigger": None if free else self.trigger,
+                    "exposure_output": self.exposure_output,
+                }
+                return AravisCamera(name, pixel_format=self.pixel_format, **lines, **asked)
+            if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
+                made = _own_camera(module, name)
+                if self.lag is not None:
+                    made.lag = self.lag
+            elif module == V4L2 and name:
+                made = V4l2Camera(name, pixel_format=self.pixel_format, **asked)
+            else:
+                made = OpenCvCamera(int(self.source) if self.source.isdigit() else self.source, **asked)
+        except ValueError as error:
+            raise InvalidInput(str(error)) from None
         if self.trigger is not None and not free and not made.triggered:
             raise InvalidInput(
                 f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or take a "
@@ -238,11 +230,16 @@ def save_devices(devices: Devices, path: str | Path) -> None:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def _own_camera(module: str, name: str) -> Any:
+def _own_camera(module: str, name: str) -> Camera:
+    from drivers import Camera
+
     try:
-        return getattr(importlib.import_module(module), name)()
+        made = getattr(importlib.import_module(module), name)()
     except (ImportError, AttributeError, TypeError) as error:
         raise InvalidInput(f"camera source {module}:{name} cannot be made: {error}") from None
+    if not isinstance(made, Camera):
+        raise InvalidInput(f"camera source '{module}:{name}' is no drivers.Camera: derive the class from it")
+    return made
 
 
 def _quoted(text: str) -> str:

@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Any
 
 import click
 
@@ -166,14 +166,7 @@ def _warnings_as_lines() -> Iterator[None]:
     """Print Python's warnings as lines of this program; those that differ only in numbers are printed once."""
     shown: set[str] = set()
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    def show(message: Warning | str, *details: Any, **named: Any) -> None:
         key = NUMBER.sub("#", str(message))
         if key not in shown:
             shown.add(key)

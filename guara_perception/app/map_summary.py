@@ -28,6 +28,8 @@ TALLEST = 32767
 # [byte] Largest summary on the wire, whatever the ground: 0.04 Mbit/s with a pause every 3 s. On a simulated walk a
 # summary has 8 to 13 kB with all cells.
 MAXIMUM_BYTES = 16_000
+# Fields that a steppable region and its message have in common.
+OF_REGION = ("halfspaces", "vertices", "plane", "sigma", "area")
 # Traversability 1 on the wire; it is sent as an integer.
 FULL_SCORE = 255
 
@@ -210,16 +212,7 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
     regions = () if message.withdrawn else terrain.steppable_regions()
     return RegionsMessage(
         **origin_of(message),
-        regions=tuple(
-            RegionMessage(
-                halfspaces=region.halfspaces,
-                vertices=region.vertices,
-                plane=region.plane,
-                sigma=region.sigma,
-                area=region.area,
-            )
-            for region in regions
-        ),
+        regions=tuple(RegionMessage(**{name: getattr(region, name) for name in OF_REGION}) for region in regions),
     )
 
 
@@ -229,8 +222,8 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
         robot=message.robot,
         # Nodes of earlier versions send them in the order in which they were found.
         regions=tuple(
-            SteppableRegion(r.halfspaces, r.vertices, r.plane, r.sigma, r.area, None)
-            for r in sorted(message.regions, key=lambda region: -region.area)
+            SteppableRegion(**{name: getattr(region, name) for name in OF_REGION}, leg=None)
+            for region in sorted(message.regions, key=lambda region: -region.area)
         ),
         **_source(message),
     )
