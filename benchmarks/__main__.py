@@ -20,7 +20,7 @@ PROGRAMS = {
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",
     "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",
-    "stillness": "still pauses withdrawn and motions missed by noisy joints, before and now (extra robots-test)",
+    "stillness": "still pauses withdrawn and motions missed by noisy joints (extra robots-test)",
     "stripes": "errors of stripe extraction where the centre is known",
     "sweeps": "triggered and free-running sweeps against the bound of the motion, and faults of the trigger",
     "transport": "messages, viewers, announcements, fleet, compact: delays, faults, floods, many robots, encodings",

@@ -1,4 +1,4 @@
-"""The matrix of restarts: nothing that the truth contradicts is handed out; by the rule of before, much was."""
+"""The matrix of restarts: no grid that the truth contradicts is handed out, and many are withheld."""
 
 import pytest
 
@@ -12,7 +12,7 @@ def test_no_walk_is_given_ground_that_the_truth_contradicts(seed: int) -> None:
     """Random walks of nodes, links and pauses."""
     count = run_walks(30, seed)
     assert count.cases == 30 and count.handed_out > 0
-    assert count.contradictions == 0 and count.before > 0
+    assert count.contradictions == 0 and count.withheld > 0
 
 
 @pytest.mark.heavy
