@@ -11,6 +11,7 @@ from functools import partial
 
 from transport import zenoh_api
 from transport.exceptions import MessageError, ScannerUnavailable
+from transport.grids.evidence import read_word
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
 from transport.links.session import Session
 from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
@@ -110,19 +111,19 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
 
 def _state_of(status: Status) -> RobotState | None:
     """The state in a status; None when it does not name its robot."""
-    own = status.item(STATUS_NAME)
-    if own is None or not own.hardware_id:
+    own, word = status.item(STATUS_NAME), read_word(status, 0.0)
+    if own is None or word is None or not own.hardware_id:
         return None
     wrong = [f"{item.name}: {item.message}" for item in status.items if item.level is not Health.OK]
     return RobotState(
         robot=own.hardware_id,
-        step=whole_number(own.values.get("step", "")),
-        standing={"true": True, "false": False}.get(own.values.get("standing", "")),
+        step=word.step,
+        standing=word.standing,
         age=_number(own.values.get("last_scan_age_s", "")),
         health=status.level,
         message="; ".join(wrong),
         links=whole_number(own.values.get("links", "")) or 0,
-        run=own.values.get("run", ""),
+        run=word.run,
     )
 
 

@@ -11,7 +11,7 @@ from transport.arrays import Array, Percent
 from transport.exceptions import MessageError
 from transport.messages.codec import make_header, make_time
 from transport.messages.submessage_codec import make_point
-from transport.messages.submessages import finite
+from transport.messages.submessages import checked_origin, finite
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, make_message, message_class
 
 # A GridMap cell is valid where all of these are known.
@@ -22,9 +22,7 @@ def _geometry(resolution: float, origin: Sequence[float]) -> tuple[float, float,
     edge = finite(resolution, "resolution")
     if edge <= 0.0:
         raise MessageError(f"resolution is {edge} m; allowed: more than 0")
-    if len(origin) != 2:
-        raise MessageError(f"origin has {len(origin)} numbers; allowed: 2, x and y")
-    return edge, finite(origin[0], "origin x"), finite(origin[1], "origin y")
+    return edge, *checked_origin(origin)
 
 
 def _make_pose(x: float, y: float) -> Any:

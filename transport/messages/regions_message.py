@@ -14,7 +14,7 @@ from transport.messages.codec import decode, encode
 from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessage_codec import from_ros, make_point, to_ros
-from transport.messages.submessages import checked_array, finite
+from transport.messages.submessages import checked_array, finite, set_fields
 from transport.messages.typestore import QUATERNION, REGIONS, message_class
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
@@ -61,9 +61,8 @@ class RegionMessage:
             value = finite(getattr(self, name), f"{name} of a region")
             if value < 0:
                 raise MessageError(f"{name} of a region is {value}; allowed: 0 or more")
-            object.__setattr__(self, name, value)
-        for name, array in (("halfspaces", halfspaces), ("vertices", vertices), ("plane", plane)):
-            object.__setattr__(self, name, array)
+            set_fields(self, **{name: value})
+        set_fields(self, halfspaces=halfspaces, vertices=vertices, plane=plane)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -11,7 +11,7 @@ from transport.keys import check_name
 from transport.messages.codec import decode, encode
 from transport.messages.ranges import LARGEST_COUNT, check_value
 from transport.messages.submessage_codec import from_ros, to_ros
-from transport.messages.submessages import GroundPatch, StanceMessage, finite
+from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import STANCE_PAUSE
 
 # [byte] A pause with sixteen patches of known ground has 20 kB.
@@ -68,7 +68,7 @@ class StancePause:
         if not isinstance(self.epoch, str) or len(self.epoch) > MAXIMUM_EPOCH:
             raise MessageError(f"epoch is {self.epoch!r}; allowed: text of up to {MAXIMUM_EPOCH} characters")
         try:
-            object.__setattr__(self, "phase", PausePhase(self.phase))
+            set_fields(self, phase=PausePhase(self.phase))
         except ValueError as error:
             raise UnknownPhase(
                 f"phase is {self.phase!r}; known: 1 (BEGIN), 2 (END) and 3 (HOLD). An announcement of a later version "
@@ -76,8 +76,7 @@ class StancePause:
             ) from error
         available = finite(self.time_available, "time_available")
         check_value(STANCE_PAUSE, "time_available", available)
-        object.__setattr__(self, "time_available", available)
-        object.__setattr__(self, "known_ground", tuple(self.known_ground))
+        set_fields(self, time_available=available, known_ground=tuple(self.known_ground))
         check_value(STANCE_PAUSE, "known_ground", self.known_ground)
 
 

@@ -1,4 +1,4 @@
-"""Messages within messages, shared by several: stance, transform, obstacle, declared ground; checked when made."""
+"""Parts shared by several messages, checked on construction: stance, transform, obstacle, declared ground."""
 
 from __future__ import annotations
 
@@ -6,17 +6,43 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from transport.arrays import Float
+from transport.arrays import Array, Float
 from transport.exceptions import MessageError
 from transport.messages.ranges import GROUND_PATCH, check_gravity, check_value
 
 Point = tuple[float, float, float]
 
 IDENTITY = np.eye(3)
+
+
+def set_fields(message: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass during its construction."""
+    for name, value in values.items():
+        object.__setattr__(message, name, value)
+
+
+def frozen(array: Array) -> Array:
+    """A read-only C-contiguous array: `array` itself if it is one already, else a copy."""
+    is_frozen = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
+    result = array if is_frozen else np.array(array, order="C")
+    result.setflags(write=False)
+    return result
+
+
+def checked_origin(origin: Sequence[float]) -> tuple[float, float]:
+    """`origin` as two finite numbers, x and y.
+
+    Raises:
+        MessageError: it is not.
+    """
+    if len(origin) != 2:
+        raise MessageError(f"origin has {len(origin)} numbers; allowed: 2, x and y")
+    return finite(origin[0], "origin x"), finite(origin[1], "origin y")
 
 
 def finite(value: float, what: str) -> float:
@@ -77,8 +103,8 @@ class StanceMessage:
     def __post_init__(self) -> None:
         """Copy and check."""
         joints = {str(k): finite(v, f"position of joint {k!r}") for k, v in self.joint_positions.items()}
-        object.__setattr__(self, "joint_positions", MappingProxyType(joints))
-        object.__setattr__(self, "support_feet", tuple(str(foot) for foot in self.support_feet))
+        feet = tuple(str(foot) for foot in self.support_feet)
+        set_fields(self, joint_positions=MappingProxyType(joints), support_feet=feet)
         if self.gravity_in_base is not None:
             gravity = checked_array(self.gravity_in_base, (3,), "gravity_in_base")
             object.__setattr__(self, "gravity_in_base", tuple(gravity.tolist()))
@@ -121,7 +147,7 @@ class TransformMessage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObstacleMessage:
-    """Something that stands out of the terrain, in the frame of the message that carries it.
+    """Obstacle or hole in the terrain, in the frame of its message.
 
     Attributes:
         outline: (n, 2) float64 [m], corners seen from above, not closed, read-only.
@@ -139,19 +165,17 @@ class ObstacleMessage:
 
     def __post_init__(self) -> None:
         """Copy and check."""
-        object.__setattr__(self, "outline", checked_array(self.outline, (None, 2), "outline of an obstacle"))
-        object.__setattr__(self, "height", finite(self.height, "height of an obstacle"))
-        position = checked_array(self.position, (3,), "position of an obstacle")
-        object.__setattr__(self, "position", tuple(position.tolist()))
-        object.__setattr__(self, "sigma", finite(self.sigma, "sigma of an obstacle"))
+        outline = checked_array(self.outline, (None, 2), "outline of an obstacle")
+        height, sigma = finite(self.height, "height of an obstacle"), finite(self.sigma, "sigma of an obstacle")
+        position = tuple(checked_array(self.position, (3,), "position of an obstacle").tolist())
         if not 0 <= int(self.hazard) < 2**16:
             raise MessageError(f"hazard of an obstacle is {self.hazard}; allowed: 0 to 65535")
-        object.__setattr__(self, "hazard", int(self.hazard))
+        set_fields(self, outline=outline, height=height, position=position, sigma=sigma, hazard=int(self.hazard))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class GroundPatch:
-    """Ground that the gait controller declares safe.
+    """Ground declared safe by the gait controller.
 
     Attributes:
         outline: (n, 2) float64 [m], at least 3 corners, not closed, read-only.
@@ -169,10 +193,9 @@ class GroundPatch:
         if len(outline) < 3:
             raise MessageError(f"outline of known ground has {len(outline)} corners; at least 3 are needed")
         check_value(GROUND_PATCH, "outline", outline)
-        object.__setattr__(self, "outline", outline)
-        object.__setattr__(self, "height", finite(self.height, "height of known ground"))
-        object.__setattr__(self, "sigma", finite(self.sigma, "sigma of known ground"))
-        check_value(GROUND_PATCH, "sigma", self.sigma)
+        height, sigma = finite(self.height, "height of known ground"), finite(self.sigma, "sigma of known ground")
+        check_value(GROUND_PATCH, "sigma", sigma)
+        set_fields(self, outline=outline, height=height, sigma=sigma)
 
 
 def texts(values: Sequence[str], what: str) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.ranges import check_value
 from transport.messages.shuffle import compress, decompress
 from transport.messages.submessage_codec import from_ros, to_ros
-from transport.messages.submessages import finite
+from transport.messages.submessages import checked_origin, finite, frozen, set_fields
 from transport.messages.terrain_message import MAXIMUM_CELLS
 from transport.messages.typestore import SUMMARY
 
@@ -64,13 +64,10 @@ class SummaryMessage(MapOrigin):
                 raise MessageError(
                     f"layer {name!r} of a summary is {array.dtype} {array.shape}; allowed: {dtype} {shape}"
                 )
-            checked = array if not array.flags.writeable and array.flags.c_contiguous else np.array(array, order="C")
-            checked.setflags(write=False)
-            object.__setattr__(self, name, checked)
+            set_fields(self, **{name: frozen(array)})
         if self.withdrawn and ((self.heights != UNKNOWN_HEIGHT).any() or self.traversability.any()):
             raise MessageError("withdrawn, and yet cells of the summary are known; allowed: none")
-        finite(self.origin[0], "origin x")
-        finite(self.origin[1], "origin y")
+        checked_origin(self.origin)
         check_value(SUMMARY, "resolution", finite(self.resolution, "resolution"))
 
     @property

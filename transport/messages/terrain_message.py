@@ -15,7 +15,16 @@ from transport.arrays import Array
 from transport.exceptions import MessageError
 from transport.keys import check_name
 from transport.messages.ranges import check_value
-from transport.messages.submessages import ObstacleMessage, StanceMessage, TransformMessage, finite, texts
+from transport.messages.submessages import (
+    ObstacleMessage,
+    StanceMessage,
+    TransformMessage,
+    checked_origin,
+    finite,
+    frozen,
+    set_fields,
+    texts,
+)
 from transport.messages.typestore import TERRAIN
 
 VERSION_MAJOR = 1
@@ -76,10 +85,7 @@ def _check_layer(name: str, array: Array, shape: tuple[int, int]) -> Array:
         raise MessageError(f"layer {name!r} is {given}; allowed: {kind.dtype}")
     if array.shape != shape:
         raise MessageError(f"layer {name!r} has shape {array.shape}; allowed: (ny, nx) = {shape}")
-    contiguous = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
-    checked = array if contiguous else np.array(array, order="C")
-    checked.setflags(write=False)
-    return checked
+    return frozen(array)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -182,9 +188,7 @@ class TerrainMessage:
     def _check_grid(self) -> None:
         resolution = finite(self.resolution, "resolution")
         check_value(TERRAIN, "resolution", resolution)
-        if len(self.origin) != 2:
-            raise MessageError(f"origin has {len(self.origin)} numbers; allowed: 2, x and y")
-        origin = (finite(self.origin[0], "origin x"), finite(self.origin[1], "origin y"))
+        origin = checked_origin(self.origin)
         missing = [name for name in LAYERS if name not in self.layers]
         if missing:
             raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
@@ -194,22 +198,18 @@ class TerrainMessage:
                 f"layer 'elevation' has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells"
             )
         layers = {name: _check_layer(name, self.layers[name], (shape[0], shape[1])) for name in LAYERS}
-        object.__setattr__(self, "resolution", resolution)
-        object.__setattr__(self, "origin", origin)
-        object.__setattr__(self, "layers", MappingProxyType(layers))
+        set_fields(self, resolution=resolution, origin=origin, layers=MappingProxyType(layers))
 
     def _freeze_details(self) -> None:
-        for name in ("transforms", "obstacles"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        object.__setattr__(self, "health_reasons", texts(self.health_reasons, "health_reasons"))
+        reasons = texts(self.health_reasons, "health_reasons")
+        set_fields(self, transforms=tuple(self.transforms), obstacles=tuple(self.obstacles), health_reasons=reasons)
         counts = {str(name): int(count) for name, count in self.point_counts.items()}
         if any(not 0 <= count < 2**64 for count in counts.values()):
             raise MessageError(f"point_counts holds a negative count: {counts}")
         stages = {str(name): finite(ms, f"time of stage {name!r}") for name, ms in self.stage_ms.items()}
-        object.__setattr__(self, "point_counts", MappingProxyType(counts))
-        object.__setattr__(self, "stage_ms", MappingProxyType(stages))
+        set_fields(self, point_counts=MappingProxyType(counts), stage_ms=MappingProxyType(stages))
         try:
-            object.__setattr__(self, "health", Health(self.health))
+            set_fields(self, health=Health(self.health))
         except ValueError as error:
             raise MessageError(f"health is {self.health}; allowed: 0 to 3") from error
         try:
@@ -228,16 +228,16 @@ class TerrainMessage:
                 raise MessageError(
                     f"{name} in the metadata is {text!r}; allowed: text up to {MAXIMUM_IDENTITY} characters"
                 )
-            object.__setattr__(self, name, text)
+            set_fields(self, **{name: text})
         for name in ("provisional", "refinement_follows", "withdrawn"):
             flag = data.get(name, False)
             if not isinstance(flag, bool):
                 raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
-            object.__setattr__(self, name, flag)
+            set_fields(self, **{name: flag})
         if self.withdrawn and (np.isfinite(self.layers["elevation"]).any() or self.layers["traversability"].any()):
             raise MessageError("withdrawn, and yet cells are known; allowed: none")
         if data.get("scan_end_clock") is not None:
-            object.__setattr__(self, "scan_end_clock", finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
+            set_fields(self, scan_end_clock=finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
 
     @property
     def shape(self) -> tuple[int, int]:
