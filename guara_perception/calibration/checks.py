@@ -1,4 +1,4 @@
-"""The figures that decide the verdict of a calibration, with their limits; the stances of its pictures."""
+"""Figures that decide the verdict of a calibration, with their limits."""
 
 from __future__ import annotations
 
@@ -17,6 +17,75 @@ if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
 LEFT_OUT = "plate left out"
+MEASURE_MOUNT = (
+    "measure the mount and correct the URDF, or the crosses: crosses misplaced as a whole look like this too: check "
+    "their positions, and that the robot stood still"
+)
+# Meaning of each check, for the report, and advice for one that is not good.
+TEXTS = {
+    "board views used": (
+        "Pictures of the checkerboard in which every corner was found sharply.",
+        "take more pictures of the board, at different positions and tilts",
+    ),
+    "board corner error": (
+        "Rms distance of the corners from the projection by the lens model. Small is necessary, not sufficient.",
+        "use a flat, stiff board and sharp pictures",
+    ),
+    "picture covered": (
+        "Share of the picture in which the board was seen; elsewhere the lens model extrapolates.",
+        "move the board into the corners of the picture",
+    ),
+    "focal length sigma": (
+        "Standard deviation of the focal length as estimated from the boards.",
+        "tilt the board more, bring it nearer, take more pictures",
+    ),
+    "halves disagree by": (
+        "Two lenses, each from every other picture, compared at floor distance: reveals a wrong model, hardly noise.",
+        "take 10 or more pictures of the board; check that it is flat",
+    ),
+    "fiducial misfit": (
+        "Rms distance of the crosses in the picture from their measured positions, projected.",
+        "measure the crosses again; keep them flat on the floor",
+    ),
+    "square size error": (
+        "Size of the board's squares as measured by the fiducials: two rulers that must agree.",
+        "measure the board and the fiducials again",
+    ),
+    "floor point sigma": (
+        "Standard deviation of a floor point by camera and mount, at the worst point of the picture.",
+        "more pictures of the board, fiducials further apart",
+    ),
+    "mount off its place": ("Distance of the fitted optical centre from that of the robot's URDF.", MEASURE_MOUNT),
+    "mount turned": ("Angle between the fitted mount and the one of the robot's URDF.", MEASURE_MOUNT),
+    "plane residual": (
+        "Height error of the plates themselves, measured with the planes fitted to them.",
+        "check that plates are flat and level and nothing moved between the scans",
+    ),
+    LEFT_OUT: (
+        "Each plate measured with planes fitted to the other plates only: the cross-validated error of height.",
+        "scan three or more plates; measure their heights again; nothing may move between the scans",
+    ),
+    "mirror steps": (
+        "Standard deviation of the laser planes' angles from those of an ideal mirror.",
+        "check coupling, speed and dwell time of the mirror's motor",
+    ),
+    "stripes filled in": (
+        "Share of stripes without a plane of their own, which take that of the mirror model.",
+        "check exposure and that the plates fill the view",
+    ),
+    "height sigma near": (
+        "Predicted error of one height at the near edge of the area, noise and calibration together.",
+        "less exposure, a sharper laser line",
+    ),
+    "height sigma far": (
+        "The same at the far edge, where laser plane and line of sight meet at a small angle.",
+        "less exposure, a sharper laser line",
+    ),
+    "mount by joints and gravity": (
+        "Angle between the mount that follows from the joint angles and the one that follows from gravity.",
+        "level the floor; check that all soles lie flat on it, the zeros of the joints, and how the IMU is mounted",
+    ),
+}
 # Fewer soles make no plane.
 LEAST_FEET = 3
 
@@ -47,85 +116,19 @@ def camera_checks(
     halves = float(np.sqrt((halves_px**2).sum(axis=1).mean())) if halves_px is not None else np.nan
     given_by_hand = np.isnan(floor.marks[0].score)
     return [
-        Check(
-            "board views used",
-            len(intrinsics.views),
-            "views",
-            8,
-            5,
-            "Pictures of the checkerboard in which every corner was found sharply.",
-            "take more pictures of the board, at different positions and tilts",
-            higher_is_better=True,
-        ),
-        Check(
-            "board corner error",
-            float(np.sqrt(2 * np.mean(residual**2))),
-            "px",
-            0.3,
-            1.0,
-            "How far the corners lie from where the lens model puts them. Small is necessary, not sufficient.",
-            "use a flat, stiff board and sharp pictures",
-        ),
-        Check(
-            "picture covered",
-            100 * float((corners_by_cell > 0).mean()),
-            "%",
-            70,
-            40,
-            "Share of the picture in which the board was ever seen: elsewhere the lens is a guess.",
-            "move the board into the corners of the picture",
-            higher_is_better=True,
-        ),
-        Check(
-            "focal length sigma",
-            focal,
-            "%",
-            0.1,
-            0.5,
-            "How firmly the boards fix the focal length.",
-            "tilt the board more, bring it nearer, take more pictures",
-        ),
-        Check(
-            "halves disagree by",
-            halves,
-            "px",
-            0.5,
-            2.0,
-            "Two lenses, each from every other picture, compared at floor distance: shows a wrong model, hardly noise.",
-            "take 10 or more pictures of the board; check that it is flat",
-        ),
-        Check(
-            "fiducial misfit",
-            marks,
-            "px",
-            2.0 if given_by_hand else 0.3,
-            3.0 if given_by_hand else 1.0,
-            "How far the crosses on the floor lie from where camera and tape measure put them.",
-            "measure the crosses again; keep them flat on the floor",
-        ),
-        Check(
-            "square size error",
-            100 * abs(square_ratio - 1),
-            "%",
-            0.3,
-            1.0,
-            "Size of the board's squares as the fiducials see it: two rulers that must agree.",
-            "measure the board and the fiducials again",
-        ),
-        Check(
-            "floor point sigma",
-            1e3 * float(np.nanmax(floor_sigma)),
-            "mm",
-            0.5,
-            2.0,
-            "How far camera and mount may misplace a point of the floor, at the worst point of the picture.",
-            "more pictures of the board, fiducials further apart",
-        ),
+        _check("board views used", len(intrinsics.views), "views", 8, 5, higher_is_better=True),
+        _check("board corner error", float(np.sqrt(2 * np.mean(residual**2))), "px", 0.3, 1.0),
+        _check("picture covered", 100 * float((corners_by_cell > 0).mean()), "%", 70, 40, higher_is_better=True),
+        _check("focal length sigma", focal, "%", 0.1, 0.5),
+        _check("halves disagree by", halves, "px", 0.5, 2.0),
+        _check("fiducial misfit", marks, "px", 2.0 if given_by_hand else 0.3, 3.0 if given_by_hand else 1.0),
+        _check("square size error", 100 * abs(square_ratio - 1), "%", 0.3, 1.0),
+        _check("floor point sigma", 1e3 * float(np.nanmax(floor_sigma)), "mm", 0.5, 2.0),
     ]
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
-    """How far the fitted mount is from that of the robot's URDF.
+    """Distance and angle between the fitted mount and that of the robot's URDF.
 
     Crosses that are all displaced alike fit perfectly: only the robot's own geometry contradicts them.
 
@@ -140,26 +143,9 @@ def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float,
     offset = float(np.linalg.norm(transform_camera_to_base[:3, 3] - nominal[:3, 3]))
     turn = nominal[:3, :3].T @ transform_camera_to_base[:3, :3]
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
-    what = "crosses misplaced as a whole look like this too: check their positions, and that the robot stood still"
     return [
-        Check(
-            "mount off its place",
-            1e3 * offset,
-            "mm",
-            10.0,
-            60.0,
-            "Distance of the fitted optical centre from where the robot's URDF has it.",
-            f"measure the mount and correct the URDF, or the crosses: {what}",
-        ),
-        Check(
-            "mount turned",
-            float(np.rad2deg(angle)),
-            "degrees",
-            2.0,
-            10.0,
-            "Angle between the fitted mount and the one of the robot's URDF.",
-            f"measure the mount and correct the URDF, or the crosses: {what}",
-        ),
+        _check("mount off its place", 1e3 * offset, "mm", 10.0, 60.0),
+        _check("mount turned", float(np.rad2deg(angle)), "degrees", 2.0, 10.0),
     ]
 
 
@@ -176,60 +162,12 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
     left_out = max((one.rms for one in laser.leave_one_out), default=np.nan)
     step_error = np.rad2deg(float(np.std(2 * laser.sweep.step_errors)))
     return [
-        Check(
-            "plane residual",
-            1e3 * float(np.sqrt(np.mean(errors**2))),
-            "mm",
-            0.15,
-            0.5,
-            "Height error of the plates themselves, measured with the planes fitted to them.",
-            "check that plates are flat and level and nothing moved between the scans",
-        ),
-        Check(
-            LEFT_OUT,
-            1e3 * left_out,
-            "mm",
-            0.25,
-            0.5,
-            "Each plate measured with planes fitted to the other plates only: the honest error of height.",
-            "scan three or more plates; measure their heights again; nothing may move between the scans",
-        ),
-        Check(
-            "mirror steps",
-            step_error,
-            "degrees",
-            0.05,
-            0.2,
-            "How irregularly the laser plane turns from stripe to stripe against an ideal mirror.",
-            "check coupling, speed and dwell time of the mirror's motor",
-        ),
-        Check(
-            "stripes filled in",
-            100 * filled / max(stripes, 1),
-            "%",
-            0.0,
-            20.0,
-            "Stripes that gave no plane of their own; theirs follows from the mirror model.",
-            "check exposure and that the plates fill the view",
-        ),
-        Check(
-            "height sigma near",
-            1e3 * near,
-            "mm",
-            0.5,
-            2.0,
-            "Predicted error of one height at the near edge of the area, noise and calibration together.",
-            "less exposure, a sharper laser line",
-        ),
-        Check(
-            "height sigma far",
-            1e3 * far,
-            "mm",
-            1.0,
-            4.0,
-            "The same at the far edge, where the laser meets the line of sight at a flat angle.",
-            "less exposure, a sharper laser line",
-        ),
+        _check("plane residual", 1e3 * float(np.sqrt(np.mean(errors**2))), "mm", 0.15, 0.5),
+        _check(LEFT_OUT, 1e3 * left_out, "mm", 0.25, 0.5),
+        _check("mirror steps", step_error, "degrees", 0.05, 0.2),
+        _check("stripes filled in", 100 * filled / max(stripes, 1), "%", 0.0, 20.0),
+        _check("height sigma near", 1e3 * near, "mm", 0.5, 2.0),
+        _check("height sigma far", 1e3 * far, "mm", 1.0, 4.0),
     ]
 
 
@@ -256,14 +194,10 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
     # The floor's normal in base_link by each. The arc cosine alone would lose small angles to rounding.
     normal, other = from_gravity[2], from_joints[2]
     angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
-    return [
-        Check(
-            "mount by joints and gravity",
-            float(np.rad2deg(angle)),
-            "degrees",
-            0.5,
-            2.0,
-            "Angle between the mount that follows from the joint angles and the one that follows from gravity.",
-            "level the floor; check that all soles lie flat on it, the zeros of the joints, and how the IMU is mounted",
-        )
-    ]
+    return [_check("mount by joints and gravity", float(np.rad2deg(angle)), "degrees", 0.5, 2.0)]
+
+
+def _check(
+    name: str, value: float, unit: str, usable_from: float, refused_from: float, *, higher_is_better: bool = False
+) -> Check:
+    return Check(name, value, unit, usable_from, refused_from, *TEXTS[name], higher_is_better)

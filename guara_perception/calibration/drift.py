@@ -56,7 +56,7 @@ class Drift:
 
     Attributes:
         verdict: "holds", "drifting", or "unknown" when the scan shows no flat floor to compare with.
-        reasons: why not "holds", with numbers.
+        reasons: reasons, with numbers, for a verdict other than "holds".
         floor_share: share of the stripes that run straight over one floor.
         floor_height: height of the floor below the centre of what was seen of it [m].
         floor_tilt: angle of the floor against the horizontal [rad].
@@ -90,7 +90,7 @@ def check_drift(
     pose_covariance: npt.ArrayLike | None = None,
     soles_in_footprint: npt.ArrayLike | None = None,
 ) -> Drift:
-    """Compare the floor that a scan shows with where it must be.
+    """Compare the floor that a scan shows with its expected position.
 
     Each stripe is measured through its own laser plane. Over a flat floor each is a straight line, whatever moved;
     ground on which too few are straight shows nothing. The lines must lie in one plane (a tilted body or floor does
@@ -128,16 +128,8 @@ def check_drift(
     height, tilt = float(plane[0] * centre_x + plane[2]), float(np.arctan(np.hypot(plane[0], plane[1])))
     reasons = _floor_reasons(plane, centre_x, (height, tilt), pose_covariance, soles_in_footprint)
     reasons += _stripe_reasons(lines, stray, on_floor, rms, max(MAX_STRIPE_RMS_M, rough))
-    return Drift(
-        DRIFTING if reasons else HOLDS,
-        tuple(reasons),
-        share,
-        height,
-        tilt,
-        rms,
-        int(lines.index[worst]),
-        float(stray[worst]),
-    )
+    verdict, stripe = DRIFTING if reasons else HOLDS, int(lines.index[worst])
+    return Drift(verdict, tuple(reasons), share, height, tilt, rms, stripe, float(stray[worst]))
 
 
 def _plane(lines: FloorLines) -> tuple[Float, Mask]:
@@ -164,7 +156,7 @@ def _floor_reasons(
     pose_covariance: npt.ArrayLike | None,
     soles: npt.ArrayLike | None,
 ) -> list[str]:
-    """Whether the floor is off z = 0, and off the soles' own plane where that is known."""
+    """Reasons to call the floor off z = 0, and off the soles' own plane where that is known."""
     height, tilt = height_and_tilt
     high, tilted = _allowed(pose_covariance, centre_x)
     is_high, is_tilted = abs(height) > high, tilt > tilted
@@ -209,7 +201,7 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
 
 
 def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
-    """Whether stripes disagree about one floor, and how."""
+    """Reasons to say that the stripes do not lie on one floor."""
     jump = _jump(lines, stray, on_floor) if rms > allowed or not on_floor[-1] else None
     if jump is not None:
         return [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -100,7 +101,7 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate]) -> None:
 
 
 def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
-    """Refuse plates whose stripes move the wrong way with height: their heights are swapped.
+    """Reject plates whose stripes move the wrong way with height: their heights are swapped.
 
     The mirror sits ahead of the camera, so on a higher plate each stripe moves ahead in the picture, always.
 
@@ -110,17 +111,14 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
     rows = {(line.plate, line.index): float(np.median(line.pixels[:, 1])) for line in lines}
     ahead = _direction(lines)
     swapped = []
-    for a in range(len(plates)):
-        for b in range(a + 1, len(plates)):
-            common = [i for p, i in rows if p == a and (b, i) in rows]
-            if not common or plates[a].height == plates[b].height:
-                continue
-            moved = np.median([rows[b, i] - rows[a, i] for i in common]) * ahead
-            if moved * (plates[b].height - plates[a].height) <= 0:
-                swapped.append(
-                    f"{plates[a].name} ({1e3 * plates[a].height:.0f} mm) and {plates[b].name} "
-                    f"({1e3 * plates[b].height:.0f} mm)"
-                )
+    for a, b in combinations(range(len(plates)), 2):
+        common = [i for p, i in rows if p == a and (b, i) in rows]
+        if not common or plates[a].height == plates[b].height:
+            continue
+        moved = np.median([rows[b, i] - rows[a, i] for i in common]) * ahead
+        if moved * (plates[b].height - plates[a].height) <= 0:
+            named = [f"{plate.name} ({1e3 * plate.height:.0f} mm)" for plate in (plates[a], plates[b])]
+            swapped.append(" and ".join(named))
     if swapped:
         raise CalibrationRefused(
             f"plate heights look swapped: {'; '.join(swapped)}: the stripes lie the wrong way round for these heights"
@@ -161,7 +159,7 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Names the plate that the others contradict, or two plates where it cannot be decided which of them is wrong.
+    """Name the plate that the others contradict, or two plates where it cannot be decided which of them is wrong.
 
     Leaving any plate out changes all heights, so the largest error is often that of a right plate. But the others
     agree only when the wrong plate is left out: four or more plates then fit their planes; with three, since the two

@@ -89,7 +89,7 @@ def fit_laser(
     nominal: MirrorModel,
     transform_footprint_to_base: Float,
 ) -> LaserFit:
-    """Everything about the laser that follows from lines on plates.
+    """Fit mirror model, laser planes and height uncertainty to lines on plates.
 
     Args:
         lines: lines of all stripes on all plates, already checked for missed steps and swapped heights.
@@ -188,30 +188,16 @@ def _leave_one_out(
         errors = _line_heights([lines[i] for i in own], [points[i] for i in own], stripes, transform)
         others = [i for i in range(len(rest)) if rest[i].index in known]
         rest_errors = _line_heights([rest[i] for i in others], [rest_points[i] for i in others], stripes, transform)
-        disagreement = float(np.sqrt(np.mean(rest_errors**2)))
         third = max(len(errors) // 3, 1)
-        near, far = float(errors[:third].mean()), float(errors[-third:].mean())
-        results.append(
-            LeaveOneOut(
-                plate,
-                float(errors.mean()),
-                float(errors.std()),
-                near,
-                far,
-                float(np.std(sweep.step_errors)),
-                disagreement,
-            )
-        )
+        near, far = errors[:third].mean(), errors[-third:].mean()
+        disagreement = np.sqrt(np.mean(rest_errors**2))
+        values = (errors.mean(), errors.std(), near, far, np.std(sweep.step_errors), disagreement)
+        results.append(LeaveOneOut(plate, *map(float, values)))
     return tuple(results)
 
 
 def _uncertainty(
-    lines: Sequence[PlateLine],
-    fit: CameraFit,
-    sweep: Sweep,
-    stripes: StripeFit,
-    nominal: MirrorModel,
-    to_base: Float,
+    lines: Sequence[PlateLine], fit: CameraFit, sweep: Sweep, stripes: StripeFit, nominal: MirrorModel, to_base: Float
 ) -> HeightUncertainty:
     """Plane covariances, and the height field by refitting the laser with each camera parameter moved."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)

@@ -12,8 +12,8 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import to_floor
+from guara_perception.calibration.intrinsics import calibrate_views
 from guara_perception.exceptions import CalibrationRefused
 
 GOOD, USABLE, REFUSED = "good", "usable", "refused"
@@ -58,7 +58,7 @@ class Check:
 
     @property
     def reason(self) -> str:
-        """Why the verdict is not good."""
+        """Sentence that explains a verdict other than good."""
         if np.isnan(self.value):
             return f"{self.name} could not be computed: {self.advice}"
         limit = self.refused_from if self.verdict == REFUSED else self.usable_from
@@ -67,11 +67,12 @@ class Check:
 
 
 def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """Verdict and reasons of all figures together: the worst decides.
+    """Verdict and reasons of all checks; the worst check decides.
 
     Args:
         checks: all figures.
-        warnings: faults that were mended (an outlier view left out, a stripe filled in); they leave it usable.
+        warnings: faults that were corrected (an outlier view left out, a stripe filled in); with one the verdict is
+            usable at best.
     """
     verdicts = [check.verdict for check in checks]
     reasons = [check.reason for check in checks if check.verdict == REFUSED]
@@ -118,7 +119,7 @@ def picture_grid(size: tuple[int, int]) -> Float:
 
 
 def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
-    """How far the floor point that a pixel sees may be off, at pixels all over the picture.
+    """Standard deviation of the floor point that a pixel sees, at pixels all over the picture.
 
     The joint covariance of lens and mount is propagated to the floor: there it is the error that a robot meets.
 
@@ -159,35 +160,15 @@ def cross_validation(
     halves = views[0::2], views[1::2]
     if min(len(half) for half in halves) < 3:
         return None
-    cameras = []
-    for half in halves:
-        camera = _quick_calibration(half, board, size, distortion)
-        if camera is None:
-            return None
-        cameras.append(camera)
-    first, second = cameras
+    try:
+        first, second = (calibrate_views(half, board, size, distortion).camera for half in halves)
+    except (CalibrationRefused, cv2.error):
+        return None
     pixels = picture_grid(size)
     points = first.rays(pixels) * distance
+    start = np.zeros((3, 1)), np.zeros((3, 1))
     _, rotation, translation = cv2.solvePnP(
-        points,
-        pixels,
-        second.matrix,
-        second.distortion,
-        np.zeros((3, 1)),
-        np.zeros((3, 1)),
-        useExtrinsicGuess=True,
-        flags=cv2.SOLVEPNP_ITERATIVE,
+        points, pixels, second.matrix, second.distortion, *start, useExtrinsicGuess=True
     )
     seen, _ = cv2.projectPoints(points, rotation, translation, second.matrix, second.distortion)
     return pixels, np.asarray(seen, dtype=np.float64).reshape(-1, 2) - pixels
-
-
-def _quick_calibration(
-    views: Sequence[BoardView], board: BoardSpec, size: tuple[int, int], distortion: str
-) -> CameraModel | None:
-    from guara_perception.calibration.intrinsics import calibrate_views
-
-    try:
-        return calibrate_views(views, board, size, distortion).camera
-    except (CalibrationRefused, cv2.error):
-        return None

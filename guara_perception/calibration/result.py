@@ -153,7 +153,7 @@ def warnings(
     lost: Sequence[LostLine],
     missing: Sequence[int],
 ) -> list[str]:
-    """Faults that were mended."""
+    """Faults that were corrected: views left out, lines not found, planes filled in."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     said += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in lost]

@@ -35,7 +35,7 @@ class StripeFit:
         planes: (s, 4).
         covariance: (s, 3, 3) of (turn about the mirror axis [rad], tilt along the stripe [rad], shift [m]) for
             a new scan: the fit and the repeatability of the mirror together, without the camera's errors.
-        bases: (s, 3, 4) what one unit of each of the three changes in the plane.
+        bases: (s, 3, 4) derivative of the plane with respect to each of the three.
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         scatter: scatter of one averaged point of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
@@ -82,18 +82,15 @@ def fit_stripes(
     from_model = _model_covariance(sweep, nominal, bases)
     of_stripes = [[points[i] for i, line in enumerate(lines) if line.index == index] for index in sweep.indices]
     solver = _Solver(_Lines.of(of_stripes, model, bases), from_model[:, 1:, 1:])
-    jitter, scatter, wobble = (
-        solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.scatter, noise_of.wobble)
-    )
+    noise = solver.estimate() if noise_of is None else (noise_of.jitter, noise_of.scatter, noise_of.wobble)
+    jitter, scatter, wobble = noise
     solved = solver.solve(wobble, jitter, scatter)
     planes = np.array([moved_plane(model[k], bases[k], change) for k, change in enumerate(solved.change)])
     for_new_scan = np.array(solved.covariance)
     for_new_scan[:, 0, 0] += jitter**2
     row = {index: k for k, index in enumerate(sweep.indices)}
-    residual = np.empty(len(lines))
-    for i, line in enumerate(lines):
-        plane = planes[row[line.index]]
-        residual[i] = np.mean(points[i] @ plane[:3] + plane[3])
+    of_line = [planes[row[line.index]] for line in lines]
+    residual = [np.mean(on_line @ plane[:3] + plane[3]) for on_line, plane in zip(points, of_line, strict=True)]
     return StripeFit(
         indices=sweep.indices,
         mirror_angles=sweep.mirror_angles.copy(),
@@ -103,7 +100,7 @@ def fit_stripes(
         jitter=jitter,
         scatter=scatter,
         wobble=np.array(wobble),
-        line_residual=residual,
+        line_residual=np.array(residual),
     )
 
 
@@ -229,7 +226,7 @@ class _Solver:
         return jitter, scatter
 
     def wobble(self, jitter: float, scatter: float) -> Float:
-        """How far free planes stray from the model beyond what their own noise explains."""
+        """Standard deviation of free planes about the model, beyond their own noise."""
         solved = self.solve(FREE_WOBBLE, jitter, scatter)
         square = np.median(solved.change[:, 1:] ** 2, axis=0) * MEDIAN_TO_MEAN_SQUARE
         explained = np.median(np.diagonal(solved.covariance, axis1=1, axis2=2)[:, 1:], axis=0)
@@ -237,7 +234,7 @@ class _Solver:
 
 
 def _model_covariance(sweep: Sweep, nominal: MirrorModel, bases: Float) -> Float:
-    """(s, 3, 3): how far the model itself may be off, as turn, tilt and shift of each stripe."""
+    """Covariance (s, 3, 3) of the model itself, as turn, tilt and shift of each stripe."""
     angles = sweep.mirror_angles + sweep.step_errors
     prior = np.array(list(PARAMETERS.values()))
     derivative = np.empty((len(angles), 4, len(prior)))
