@@ -149,6 +149,14 @@ def picture_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{perception_prefix(robot)}/picture"
 
 
+def range_image_key(robot: str = DEFAULT_ROBOT, what: str = "range_image") -> str:
+    """Key of the sensor_msgs/Image of the last confirmed scan: one of RANGE_IMAGES."""
+    return f"{perception_prefix(robot)}/{what}"
+
+
+# The orthorectified range image, why its pixels are unknown, and their standard deviation.
+RANGE_IMAGES = ("range_image", "range_image_causes", "range_image_sigma")
+
 # Status and sign of life of every robot.
 FLEET_STATUS = f"*/perception/{PERCEPTION_VERSION}/status"
 FLEET_ALIVE = f"*/perception/{PERCEPTION_VERSION}/@alive/{NODE_ROLE}"

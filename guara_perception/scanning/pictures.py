@@ -13,11 +13,14 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 
-def with_pictures(terrain: TerrainGrid, processor: ScanProcessor) -> TerrainGrid:
-    """The same grid with the range images of the scan it was made from.
+def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
+    """The same grid with the range images of the scan it was made from; None = of a scan that saw nothing.
 
     The orthorectified image is unknown wherever the grid is, which leaves out returns that contradict each other.
     """
+    if processor is None:
+        nothing = np.full((ROWS, COLUMNS), np.nan, np.float32)
+        return dataclasses.replace(terrain, pictures={"ortho_image_mm": nothing, "range_image_mm": nothing})
     settings = processor.settings
     images = range_images(
         processor.points,

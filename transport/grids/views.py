@@ -1,21 +1,22 @@
-"""Publisher of views for people: the points of the last scan and a picture of the camera."""
+"""Messages beside the grids: the points of the last scan, what the camera saw, and the range images."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
-from transport.keys import DEFAULT_ROBOT, picture_key, points_key
+from transport.keys import DEFAULT_ROBOT, RANGE_IMAGES, picture_key, points_key, range_image_key
 from transport.links.outbox import Outbox
 from transport.links.publisher import LARGEST, Publisher
 from transport.links.session import Resource, Session
 from transport.messages.codec import encode
 from transport.messages.encodings import cdr
-from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
+from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
 
 
 class ViewSender(Resource):
-    """Publishes points and picture of each scan at the lowest priority; late subscribers get the last."""
+    """Publishes points, picture and range images of each scan at the lowest priority; late subscribers get the last."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the keys.
@@ -24,9 +25,13 @@ class ViewSender(Resource):
             SessionClosed: the session is closed.
         """
         self._outbox = Outbox()
+        keys = {
+            POINT_CLOUD: (points_key(robot), POINT_CLOUD),
+            COMPRESSED_IMAGE: (picture_key(robot), COMPRESSED_IMAGE),
+            **{name: (range_image_key(robot, name), IMAGE) for name in RANGE_IMAGES},
+        }
         self._publishers = {
-            kind: Publisher(session, key, priority=LARGEST, encoding=cdr(kind))
-            for kind, key in ((POINT_CLOUD, points_key(robot)), (COMPRESSED_IMAGE, picture_key(robot)))
+            name: Publisher(session, key, priority=LARGEST, encoding=cdr(kind)) for name, (key, kind) in keys.items()
         }
         super().__init__(session)
 
@@ -42,6 +47,22 @@ class ViewSender(Resource):
                 self._publishers[message.__msgtype__].put(encode(message))
 
         self._outbox.post("views", put)
+
+    def send_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
+        """Send the sensor_msgs/Image messages of RANGE_IMAGES; returns at once.
+
+        Args:
+            make: function that gives the messages by name; called when somebody has subscribed to one, or asks later.
+        """
+
+        def payload(name: str) -> bytearray:
+            return encode(make()[name])
+
+        def put() -> None:
+            for name in RANGE_IMAGES:
+                self._publishers[name].put(partial(payload, name))
+
+        self._outbox.post("range images", put)
 
     def flush(self, timeout: float) -> None:
         """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""

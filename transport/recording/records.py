@@ -139,24 +139,29 @@ def _kind(pixels: Array) -> tuple[str, int]:
     return str(pixels.dtype), channels if (pixels.ndim, channels) != (3, 1) else 0
 
 
+def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> Any:
+    """Make a sensor_msgs/Image message object of pixels (h, w) or (h, w, channels) in one of ROS's encodings."""
+    # The message says little endian, also when it is written on a big-endian machine.
+    pixels = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("<"))
+    height, width = pixels.shape[:2]
+    return message_class(IMAGE)(
+        header=make_header(stamp, frame_id),
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=pixels.nbytes // height,
+        data=pixels.reshape(-1).view(np.uint8),
+    )
+
+
 def make_frame(frame: FrameRecord, stamp: int) -> Any:
     """A sensor_msgs/Image or sensor_msgs/CompressedImage message object."""
     header = make_header(stamp, CAMERA_FRAME)
     if frame.pixels is None:
         data = np.frombuffer(frame.data or b"", dtype=np.uint8)
         return message_class(COMPRESSED_IMAGE)(header, frame.format, data)
-    # The message says little endian, also when it is written on a big-endian machine.
-    pixels = np.ascontiguousarray(frame.pixels, dtype=frame.pixels.dtype.newbyteorder("<"))
-    height, width = pixels.shape[:2]
-    return message_class(IMAGE)(
-        header=header,
-        height=height,
-        width=width,
-        encoding=ENCODINGS[_kind(frame.pixels)],
-        is_bigendian=0,
-        step=pixels.nbytes // height,
-        data=pixels.reshape(-1).view(np.uint8),
-    )
+    return image_message(frame.pixels, ENCODINGS[_kind(frame.pixels)], CAMERA_FRAME, stamp)
 
 
 def read_frame(message: Any, stamp: int) -> FrameRecord:

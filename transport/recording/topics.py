@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from transport.keys import RANGE_IMAGES
 from transport.messages.typestore import (
     CAMERA_INFO,
     COMPRESSED_IMAGE,
@@ -46,6 +47,7 @@ TYPES = STREAMED | {
     "map/occupancy": OCCUPANCY,
     "map/grid_map": GRID_MAP,
     "markers": MARKERS,
+    **dict.fromkeys(RANGE_IMAGES, IMAGE),
     "/tf_static": FRAMES,
     "/robot_description": TEXT,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 import math
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import Swept
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.scene.range_images import range_image_messages
+from guara_perception.scanning.pictures import with_pictures
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import Health
 from kinematics import CameraMoved
@@ -77,6 +80,7 @@ class PublishedScans:
             "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
             "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
         )
+        self._are_images_out = False
         self.newest: Published | None = None
         self.fused: Published | None = None
 
@@ -90,6 +94,7 @@ class PublishedScans:
             self._withdraw(before.pause)
         if self.fused is not None:
             self._map.keep()
+        self._are_images_out = False
         self.newest = self.fused = None
 
     def usable(self, pause: Pause, swept: Swept) -> Swept:
@@ -217,6 +222,9 @@ class PublishedScans:
         is_provisional = published.will_be_refined or pause.still_until < scan.last_frame
         published.was_sent_provisional |= is_provisional
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
+        if terrain is published.terrain and not is_provisional:
+            processor = published.swept.processor
+            self._send_images(lambda: with_pictures(terrain, processor))
         return publish_terrain(
             self._server,
             terrain,
@@ -227,13 +235,30 @@ class PublishedScans:
             stated=walk_of(pause, is_provisional=is_provisional) | {"refinement_follows": published.will_be_refined},
         )
 
+    def _send_images(self, make: Callable[[], TerrainGrid]) -> None:
+        """Publish and record the range images of a grid: of a confirmed one, since an image cannot say that it is not.
+
+        Args:
+            make: function that gives the grid with its pictures; called if somebody wants them.
+        """
+        messages = functools.cache(lambda: range_image_messages(make()))
+        self._are_images_out = True
+        self._server.views.send_range_images(messages)
+        self._server.mirror(lambda: messages().items(), lane="range images")
+        if self._recorder is not None:
+            self._recorder.add_range_images(messages)
+
     def _why_not(self, pause: Pause) -> str:
         """Reason for which a scan of an ended pause is not used."""
         return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
-        """A grid that withdraws another one: nothing known, with the reason."""
-        return self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
+        """The grid that withdraws another one: nothing known, and the reason; its range images too, if they are out."""
+        nothing = self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
+        if self._are_images_out:
+            self._send_images(lambda: with_pictures(nothing))
+            self._are_images_out = False
+        return nothing
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:

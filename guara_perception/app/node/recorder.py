@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import cv2
 
@@ -155,6 +155,11 @@ class ScanRecorder:
         if scene is not None:
             kept = dict(points)
             self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
+
+    def add_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
+        """Add the range images of a scan by topic, which `make` gives on the recorder's thread; returns at once."""
+        if self._scene is not None:
+            self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
         """Write grids, then their messages for viewers; on the recorder's thread."""

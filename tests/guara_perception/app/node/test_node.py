@@ -23,10 +23,10 @@ from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
-from transport.keys import picture_key, points_key
+from transport.keys import RANGE_IMAGES, picture_key, points_key, range_image_key
 from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
-from transport.messages.typestore import COMPRESSED_IMAGE, POINT_CLOUD
+from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
 from transport.recording import open_recording
 
 pytestmark = pytest.mark.slow
@@ -76,6 +76,31 @@ def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.
     frame_name = {stripe.index: stripe.on for stripe in paper_scan.stripes}[34]
     wanted = cv2.resize(paper_scan.read_frame(frame_name), (480, 384), interpolation=cv2.INTER_AREA)
     assert np.abs(seen.astype(int) - wanted).mean() < 4.0
+
+
+def test_a_confirmed_scan_gives_its_range_images(bench: Bench) -> None:
+    """Three images with the stamp of the grid, from which its hazards come again; all unknown once it is withdrawn."""
+    receivers = [
+        NewestReceiver(bench.gait.session, range_image_key(what=name), lambda payload: decode(payload, IMAGE))
+        for name in RANGE_IMAGES
+    ]
+    bench.gait.say(0, PausePhase.BEGIN)
+    bench.client.wait_for_step(0, timeout=TIMEOUT)
+    bench.gait.say(0, PausePhase.HOLD)
+    terrain = bench.client.wait_for_step(0, timeout=TIMEOUT, confirmed_only=True)
+    heights, causes, sigma = (receiver.wait_for(lambda _: True, TIMEOUT).message for receiver in receivers)
+    assert {read_time(each.header.stamp) for each in (heights, causes, sigma)} == {terrain.stamp}
+    assert [each.encoding for each in (heights, causes, sigma)] == ["32FC1", "8UC1", "32FC1"]
+    shape = heights.height, heights.width
+    again = gp.terrain_from_range_image(
+        1e3 * heights.data.view(np.float32).reshape(shape),
+        causes.data.reshape(shape),
+        sigma_mm=1e3 * sigma.data.view(np.float32).reshape(shape),
+    )
+    assert shape == (512, 640) and (again.hazard != terrain.hazard).mean() < 0.02
+    assert not ((again.hazard == 0) & (terrain.hazard != 0)).any()
+    bench.gait.say(0, PausePhase.END, bench.gait.moved())
+    receivers[0].wait_for(lambda image: bool(np.isnan(image.data.view(np.float32)).all()), TIMEOUT)
 
 
 def test_a_scan_is_refused_while_the_robot_walks_and_done_while_it_stands(bench: Bench) -> None:
