@@ -283,37 +283,22 @@ def find_lines(
         check_lines(found, plate, number, [f"stripe index {one.index}: {one.reason}" for one in gone])
         lines += found
         lost += gone
-    check_lines_and_plates(session, lines, fit, mirror)
-    return lines, lost
-
-
-def check_lines_and_plates(
-    session: CalibrationSession, lines: Sequence[PlateLine], fit: CameraFit, mirror: MirrorModel
-) -> None:
-    """Refuse lines that contradict the heights of their plates or the commanded mirror angles.
-
-    Raises:
-        CalibrationRefused: a missed step, swapped heights.
-    """
     points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
     check_order(lines, session.plates)
     refuse_jumps(find_jumps(lines, points, mirror.point), session.plates)
+    return lines, lost
 
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
-    """Whether the first picture without a board shows one of another size."""
-    if session.board.pattern != CHECKERBOARD:
+    """Hint at the board's size if the first picture without a board shows one of another size."""
+    view = next((view for view in views if "inner corners" in view.reason), None)
+    if view is None or session.board.pattern != CHECKERBOARD:
         return ""
-    for view in views:
-        if "inner corners" in view.reason:
-            size = other_size(session.read_picture(view.name), session.board)
-            if size is None:
-                return ""
-            given = f"{session.board.columns}x{session.board.rows}"
-            return (
-                f"; wrong corner count: {view.name} shows {size[0]}x{size[1]} inner corners, the session says {given}"
-            )
-    return ""
+    size = other_size(session.read_picture(view.name), session.board)
+    if size is None:
+        return ""
+    given = f"{session.board.columns}x{session.board.rows}"
+    return f"; wrong corner count: {view.name} shows {size[0]}x{size[1]} inner corners, the session says {given}"
 
 
 def _faults(views: Sequence[BoardView]) -> str:

@@ -13,6 +13,8 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from kinematics.arrays import read_only
 
+# Offset [m] of a spot from the expected position of a cross, and its score.
+Candidate = tuple[Float, float]
 # The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
 BAR_M = 0.0015
@@ -66,25 +68,20 @@ def find_crosses(
     Returns:
         One mark per point, None where there is none.
     """
-    offsets, scores = [], []
-    for point in points_in_footprint:
-        found = _candidates(grey, camera, transform_camera_to_footprint, point)
-        offsets.append([offset for offset, _ in found])
-        scores.append([score for _, score in found])
-    seen = [i for i, found in enumerate(offsets) if found]
+    found = [_candidates(grey, camera, transform_camera_to_footprint, point) for point in points_in_footprint]
+    seen = [i for i, candidates in enumerate(found) if candidates]
     marks: list[Mark | None] = [None] * len(points_in_footprint)
     if not seen:
         return marks
-    chosen = _consistent([offsets[i] for i in seen], [scores[i] for i in seen], points_in_footprint[seen])
-    for i, choice in zip(seen, chosen, strict=True):
-        start = points_in_footprint[i] + offsets[i][choice]
-        refined = _refine(grey, camera, transform_camera_to_footprint, start)
+    chosen = _consistent([found[i] for i in seen], points_in_footprint[seen])
+    for i, (offset, score) in zip(seen, chosen, strict=True):
+        refined = _refine(grey, camera, transform_camera_to_footprint, points_in_footprint[i] + offset)
         if refined is not None:
-            marks[i] = Mark(refined[0], refined[1], scores[i][choice])
+            marks[i] = Mark(*refined, score)
     return marks
 
 
-def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float) -> list[tuple[Float, float]]:
+def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float) -> list[Candidate]:
     """Offsets [m] from `point` and scores of the most cross-like spots around it."""
     half = SEARCH_M + 1.5 * ARM_M
     line = np.arange(-half, half + RASTER_M / 2, RASTER_M)
@@ -95,7 +92,7 @@ def _candidates(grey: Grey, camera: CameraModel, transform: Float, point: Float)
     patch = cv2.GaussianBlur(patch.astype(np.float32), (0, 0), 1.0)
     score = np.max([cv2.matchTemplate(patch, _template(a), cv2.TM_CCOEFF_NORMED) for a in ANGLES], axis=0)
     margin = (len(line) - score.shape[0]) // 2
-    found: list[tuple[Float, float]] = []
+    found: list[Candidate] = []
     while len(found) < CANDIDATES:
         i, j = np.unravel_index(int(np.argmax(score)), score.shape)
         best = float(score[i, j])
@@ -120,21 +117,21 @@ def _template(angle: float) -> Float32:
     return cv2.GaussianBlur(1.0 - (one | other).astype(np.float32), (0, 0), 1.5).astype(np.float32)
 
 
-def _consistent(offsets: list[list[Float]], scores: list[list[float]], points: Float) -> tuple[int, ...]:
-    """Index of each mark's candidate: those that fit one rigid motion of all marks on the floor best."""
+def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate, ...]:
+    """Candidate of each mark: those that fit one rigid motion of all marks on the floor best."""
 
-    def cost(choice: tuple[int, ...]) -> float:
-        moved = points + np.array([offsets[i][c] for i, c in enumerate(choice)])
+    def cost(choice: tuple[Candidate, ...]) -> float:
+        moved = points + np.array([offset for offset, _ in choice])
         a, b = points - points.mean(axis=0), moved - moved.mean(axis=0)
         angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
         rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         misfit = np.linalg.norm(b - a @ rotation.T, axis=1).mean()
-        return float(misfit) + SCORE_WEIGHT_M * sum(1 - scores[i][c] for i, c in enumerate(choice)) / len(choice)
+        return float(misfit) + SCORE_WEIGHT_M * sum(1 - score for _, score in choice) / len(choice)
 
     # More than six marks with three candidates each would be many combinations: the best score then decides alone.
-    if np.prod([len(found) for found in offsets]) > 3**6:
-        return tuple(0 for _ in offsets)
-    return min(product(*[range(len(found)) for found in offsets]), key=cost)
+    if np.prod([len(candidates) for candidates in found]) > 3**6:
+        return tuple(candidates[0] for candidates in found)
+    return min(product(*found), key=cost)
 
 
 def _refine(grey: Grey, camera: CameraModel, transform: Float, start: Float) -> tuple[Float, float] | None:

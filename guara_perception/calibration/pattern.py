@@ -47,11 +47,8 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
     missing = [i for i in wanted if i not in set(calibration.indices)]
     kept = [stripe for stripe in calibration.stripes if stripe.index in set(wanted)]
     uncertainty = HeightUncertainty.of(calibration)
-    planes = (
-        {}
-        if uncertainty is None
-        else {s.index: uncertainty.planes[s.index] for s in kept if s.index in uncertainty.planes}
-    )
+    known_planes = {} if uncertainty is None else uncertainty.planes
+    planes = {s.index: known_planes[s.index] for s in kept if s.index in known_planes}
     if missing:
         mirror, indices_of_errors, errors = stored_mirror(calibration)
         commanded = np.array([stripe.mirror_angle for stripe in calibration.stripes])
@@ -127,9 +124,6 @@ def _wave_terms(indices: Float, period: float) -> Float:
 def _extended(wanted: Float, indices: Index, angles: Float) -> Float:
     """Commanded angles between the known ones, and just beyond them with the same spacing."""
     inside = np.interp(wanted, indices, angles)
-    slopes = (
-        (angles[1] - angles[0]) / (indices[1] - indices[0]),
-        (angles[-1] - angles[-2]) / (indices[-1] - indices[-2]),
-    )
+    slopes = np.diff(angles) / np.diff(indices)
     below = np.minimum(wanted - indices[0], 0) * slopes[0]
-    return np.asarray(inside + below + np.maximum(wanted - indices[-1], 0) * slopes[1])
+    return np.asarray(inside + below + np.maximum(wanted - indices[-1], 0) * slopes[-1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -128,9 +128,7 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
             continue
         heights, x = zip(*pairs, strict=True)
         constants = stripe_constants(index, float(camera_position[2]), x, heights)
-        stripes.append(
-            {"index": index, "n": constants.n, "d": constants.d, "k": constants.k, "residual": constants.residual}
-        )
+        stripes.append(asdict(constants))
     return {
         "homography": surface.homography.tolist(),
         "condition": surface.condition,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -125,14 +125,10 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
             raise InvalidInput(
                 f"{source}: plate {plate.name} names other joints than the session: {', '.join(missing)}"
             )
-        joint, angle = _largest_difference(given.joint_positions, expected)
+        differences = {name: abs(given.joint_positions[name] - angle) for name, angle in expected.items()}
+        joint, angle = max(differences.items(), key=lambda item: item[1])
         if angle > MAX_JOINT_DIFFERENCE:
             raise InvalidInput(
                 f"{source}: plate {plate.name} was scanned with {joint} {np.rad2deg(angle):.2f} degrees away from the "
                 f"session's stance, {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} are allowed: scan it again without moving"
             )
-
-
-def _largest_difference(one: Mapping[str, float], other: Mapping[str, float]) -> tuple[str, float]:
-    joint = max(other, key=lambda name: abs(one[name] - other[name]))
-    return joint, abs(one[joint] - other[joint])

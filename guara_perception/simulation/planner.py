@@ -35,7 +35,7 @@ class PlannedSwing:
 
     Attributes:
         foothold: where the foot is set down.
-        swing: how it gets there, over ground that the terrain knows.
+        swing: path of the sole to it, over known ground.
         clearance: clearance with which the swing was checked [m].
     """
 
@@ -108,7 +108,7 @@ def plan_swing(
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Why `plan_swing` found nothing: what is wrong with the wish or, where a foothold is near, with the way there."""
+    """Reasons for which `plan_swing` found nothing: those of the wish or, where a foothold is near, of the swing."""
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
         return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons
@@ -126,13 +126,11 @@ def _best_first(
 ) -> Iterator[Foothold]:
     """Places near the wish, then farther, then beside it."""
     x, y = wish
-    for radius in SEARCH_RADII_M:
-        found = terrain.best_foothold(x, y, radius, leg=leg, previous=previous, robot=robot)
-        if found is not None:
-            yield found
     # Towards the body's centre line first: there the ground was seen, outside it may not have been.
-    for aside in sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside)):
-        found = terrain.best_foothold(x, y + aside, SEARCH_RADII_M[-1], leg=leg, previous=previous, robot=robot)
+    sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))
+    circles = [(0.0, radius) for radius in SEARCH_RADII_M] + [(aside, SEARCH_RADII_M[-1]) for aside in sideways]
+    for aside, radius in circles:
+        found = terrain.best_foothold(x, y + aside, radius, leg=leg, previous=previous, robot=robot)
         if found is not None:
             yield found
 

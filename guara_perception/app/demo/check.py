@@ -1,4 +1,4 @@
-"""The demo's own check: what the planner and the grids said, against the world as it truly is."""
+"""Check of the demo: footholds and grids compared with the true world."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class CheckedFoothold:
 
 @dataclass
 class DemoCheck:
-    """Collects what happened over a walk.
+    """Footholds, errors and counts of a walk, collected pause by pause.
 
     Attributes:
         footholds: every foothold that was chosen.
@@ -59,7 +59,7 @@ class DemoCheck:
     grids_received: int = 0
 
     def scanned(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
-        """Take note of the grids of a pause; return the median error of the first [m]."""
+        """Add the grids of a pause; return the median error of the first [m]."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
             self.unknown_called_safe += int(np.count_nonzero(unknown & (np.asarray(grid.traversability) > 0)))
@@ -73,7 +73,7 @@ class DemoCheck:
     def chosen(
         self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float, swing: PathVerdict
     ) -> CheckedFoothold:
-        """Take note of the foothold that the planner chose on the fused map of a pause, and of the verdict there."""
+        """Add the foothold that the planner chose on the fused map of a pause, and the check of its swing."""
         iy, ix = fused.geometry.indices(x, y)
         inside = bool(fused.geometry.contains(iy, ix))
         world_x, world_y = pause.to_world(x, y)
@@ -91,7 +91,7 @@ class DemoCheck:
         return checked
 
     def failures(self, pauses_wanted: int) -> list[str]:
-        """What went wrong; empty when the demo did what it should."""
+        """Failed conditions as text; empty when the check passed."""
         problems = []
         hind = [foot for foot in self.footholds if foot.is_hind and foot.is_scanned]
         on_hazard = [foot for foot in self.footholds if foot.is_hazard]
@@ -111,8 +111,8 @@ class DemoCheck:
         return problems
 
     def lines(self) -> list[str]:
-        """The numbers, for people."""
-        errors = 1e3 * np.concatenate(self.errors) if self.errors else np.empty(0)
+        """Figures of the walk as lines of text."""
+        errors = 1e3 * np.concatenate([np.empty(0), *self.errors])
         under_feet = 1e3 * np.array([foot.height_error for foot in self.footholds if foot.is_scanned])
         declared = sum(not foot.is_scanned for foot in self.footholds)
         front = sum(foot.is_scanned and not foot.is_hind for foot in self.footholds)

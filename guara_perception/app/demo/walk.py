@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -149,14 +149,8 @@ def demo_walk(
             choices[pause.step] = None if choice is None else (choice[0], choice[1])
             foothold = None
             if choice is not None and pause.step < last:
-                foothold = check.chosen(
-                    robot.world,
-                    pause,
-                    fused,
-                    choice[0],
-                    choice[1],
-                    fused.check_path(answer["swing"], answer["clearance"]),
-                )
+                swing = fused.check_path(answer["swing"], answer["clearance"])
+                foothold = check.chosen(robot.world, pause, fused, choice[0], choice[1], swing)
             gait.end(pause)
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
             if pause.step == last:
@@ -164,22 +158,22 @@ def demo_walk(
 
 
 def first_recorded(cycles: float) -> int:
-    """The step from which on a walk is recorded."""
+    """First recorded step of a walk."""
     return max(0, round(cycles * PAUSES_PER_CYCLE) + 1 - RECORDED_PAUSES)
 
 
 def free_endpoint() -> str:
-    """An endpoint on this machine that nobody uses."""
+    """Endpoint at an unused port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class PlannerProcess:
-    """The other process; use it in a `with` block. It gets grids over Zenoh only, and only questions over its pipe."""
+    """Planner in its own process, as a context manager. Grids reach it over Zenoh, requests over its pipe."""
 
     def __init__(self, endpoint: str, robot: str) -> None:
-        """Start it and wait until it is connected.
+        """Start the process and wait until it is connected.
 
         Raises:
             PlannerFailed: it did not come up.
@@ -221,12 +215,10 @@ class PlannerProcess:
         return self._read(ANSWER_TIMEOUT_S)
 
     def close(self) -> None:
-        """End it; safe to call twice."""
+        """End the process. May be called twice."""
         if self._process.stdin is not None:
-            try:
+            with suppress(BrokenPipeError):
                 self._process.stdin.close()
-            except BrokenPipeError:
-                pass
         try:
             self._process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -25,6 +25,8 @@ QUIET_OF_SQUARE = 0.33
 # Crosses stand this far inside the corners of the scanned area, where plates do not hide what is measured.
 CROSS_INSET_M = 0.020
 MAT_BORDER_M = 0.030
+# Distance of the rulers from the borders of their drawing.
+RULER_MM = 6.0
 INK = "black"
 GUIDE = "#888888"
 
@@ -162,10 +164,13 @@ def ruler() -> Sheet:
 
     def draw(axes: Axes) -> None:
         for across in (False, True):
-            _tick(axes, across, 0, length, None)
+            _ruler_line(axes, across, (0, 0), (length, 0))
+            ha, va = ("center", "bottom") if across else ("left", "center")
             for mark in range(int(length) + 1):
                 size = 8.0 if mark % 10 == 0 else 5.0 if mark % 5 == 0 else 3.0
-                _tick(axes, across, mark, size, f"{mark}" if mark % 10 == 0 else None)
+                _ruler_line(axes, across, (mark, 0), (mark, size))
+                if mark % 10 == 0:
+                    axes.text(*_on_ruler(across, mark, size + 1), f"{mark}", fontsize=5, ha=ha, va=va)
         axes.text(60, 90, "Measure 0 to 150 mm on both rulers.", fontsize=9)
         axes.text(60, 80, "If either is not 150.0 mm, give its reading to", fontsize=9)
         axes.text(60, 73, "`guara record --printed-150 READING`.", fontsize=9)
@@ -173,18 +178,13 @@ def ruler() -> Sheet:
     return Sheet("Ruler", length + 12, length + 12, draw)
 
 
-def _tick(axes: Axes, across: bool, mark: float, size: float, text: str | None) -> None:
-    """A tick of a ruler; the first call of each draws its edge instead (`size` long)."""
-    offset = 6.0
-    if size > 10:
-        ends = ((offset, offset), (offset + size, offset)) if across else ((offset, offset), (offset, offset + size))
-    else:
-        ends = ((offset + mark, offset), (offset + mark, offset + size))
-        ends = ends if across else ((offset, offset + mark), (offset + size, offset + mark))
-    axes.plot([ends[0][0], ends[1][0]], [ends[0][1], ends[1][1]], color=INK, linewidth=0.3)
-    if text is not None:
-        position = (offset + mark, offset + size + 1) if across else (offset + size + 1, offset + mark)
-        axes.text(*position, text, fontsize=5, ha="center" if across else "left", va="bottom" if across else "center")
+def _on_ruler(across: bool, along: float, beside: float) -> tuple[float, float]:
+    """Position on the paper of a point along a ruler's edge and beside it [mm]."""
+    return (RULER_MM + along, RULER_MM + beside) if across else (RULER_MM + beside, RULER_MM + along)
+
+
+def _ruler_line(axes: Axes, across: bool, *ends: tuple[float, float]) -> None:
+    axes.plot(*zip(*(_on_ruler(across, *end) for end in ends), strict=True), color=INK, linewidth=0.3)
 
 
 def _cross(axes: Axes, x: float, y: float) -> None:

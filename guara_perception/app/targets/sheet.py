@@ -76,7 +76,7 @@ def pages_of(sheet: Sheet, paper: str) -> list[Page]:
 
 
 def figure_of(page: Page) -> Figure:
-    """A matplotlib figure of the paper's size that shows the page's part of its sheet at true scale."""
+    """Matplotlib figure of the paper's size with the page's part of its sheet at true scale."""
     from matplotlib.figure import Figure
 
     paper_width, paper_height = page.paper_mm
@@ -89,11 +89,12 @@ def figure_of(page: Page) -> Figure:
     axes.set_axis_off()
     page.sheet.draw(axes)
     _joining_marks(axes, page)
-    where = "" if page.rows * page.columns == 1 else f", row {page.row + 1} of {page.rows} from the bottom"
-    where += "" if page.rows * page.columns == 1 else f", column {page.column + 1} of {page.columns} from the left"
-    figure.text(
-        0.5, 3.5 / paper_height, f"{page.sheet.title}{where}; print at 100 %", ha="center", va="center", fontsize=6
-    )
+    where = ""
+    if page.rows * page.columns > 1:
+        where = f", row {page.row + 1} of {page.rows} from the bottom, column {page.column + 1} of {page.columns} "
+        where += "from the left"
+    text = f"{page.sheet.title}{where}; print at 100 %"
+    figure.text(0.5, 3.5 / paper_height, text, ha="center", va="center", fontsize=6)
     return figure
 
 
