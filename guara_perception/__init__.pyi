@@ -9,6 +9,7 @@ from guara_perception.app.files.recording import open_recording as open_recordin
 from guara_perception.app.map_summary import MapRegions as MapRegions
 from guara_perception.app.map_summary import TerrainSummary as TerrainSummary
 from guara_perception.app.process import process_scan as process_scan
+from guara_perception.app.publisher import publish_terrain as publish_terrain
 from guara_perception.calibration.calibration import (
     Calibration as Calibration,
 )

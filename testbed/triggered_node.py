@@ -130,7 +130,7 @@ class TriggeredRig:
         return noted
 
     def note_publishing(self, publish: Callable[..., Any]) -> Callable[..., Any]:
-        """`publish_terrain` that then prints the figures of the scan."""
+        """`send_terrain` that then prints the figures of the scan."""
 
         def noted(*args: Any, **keywords: Any) -> Any:
             message = publish(*args, **keywords)
@@ -235,7 +235,7 @@ def serve(folder: Path, listen: str, *, flash: float, size: tuple[int, int], wir
             (usb_link, "default_backend", lambda: EmulatedBackend(rig.bus)),
             (StripeStream, "groups", rig.note_groups(StripeStream.groups)),
             (AravisCamera, "open", rig.note_camera(AravisCamera.open)),
-            (published_scans, "publish_terrain", rig.note_publishing(published_scans.publish_terrain)),
+            (published_scans, "send_terrain", rig.note_publishing(published_scans.send_terrain)),
         ):
             setattr(owner, name, changed)
         files = ["-c", str(folder / "calibration.json"), "--devices", str(folder / "devices.toml")]

@@ -47,13 +47,13 @@ NODE = """
 import sys, time
 import guara_perception as gp
 from guara_perception.app.messages import restamped
-from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.publisher import send_terrain
 from transport import open_node
 from transport.server import PerceptionServer
 
 with open_node() as session:
     server = PerceptionServer(session)
-    publish_terrain(server, restamped(gp.load_terrain(sys.argv[1]), time.time_ns(), 12))
+    send_terrain(server, restamped(gp.load_terrain(sys.argv[1]), time.time_ns(), 12))
     server.flush(30)
     print("ready", flush=True)
     sys.stdin.read()

@@ -6,15 +6,21 @@ import math
 import time
 from collections.abc import Mapping
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock
+from transport.keys import DEFAULT_ROBOT
+from transport.links.session import Session
 from transport.server import PerceptionServer
 
+# Servers of `publish_terrain` by session and name.
+_SERVERS: WeakKeyDictionary[Session, dict[str, PerceptionServer]] = WeakKeyDictionary()
 
-def publish_terrain(
+
+def send_terrain(
     server: PerceptionServer,
     terrain: TerrainGrid,
     *,
@@ -59,3 +65,27 @@ def publish_terrain(
             regions=lambda: regions_message(terrain, message),
         )
     return message
+
+
+def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> None:
+    """Publish a grid of one's own, of another sensor for instance, for `TerrainClient(name)`; returns at once.
+
+    Its age counts from its stamp. What it is published by, with status and sign of life, ends with the session.
+
+    Args:
+        session: open session, of `transport.open_node` or `transport.open_client`.
+        terrain: grid of either extent.
+        name: instance name under which clients find it; "" = that of the grid's robot with `_own` behind it, since the
+            robot's own name is that of its perception node.
+
+    Raises:
+        UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
+        transport.NameTaken: a node of this name lives.
+        transport.KeyNameError: the name cannot be part of a key.
+        transport.SessionClosed: the session is closed.
+    """
+    name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
+    servers = _SERVERS.setdefault(session, {})
+    if name not in servers:
+        servers[name] = PerceptionServer(session, robot=name)
+    send_terrain(servers[name], terrain)

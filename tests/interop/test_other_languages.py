@@ -15,7 +15,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.map_summary import message_to_summary, summary_payload
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
-from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.publisher import send_terrain
 from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
@@ -36,7 +36,7 @@ def endpoint(paper_terrain: gp.TerrainGrid) -> Iterator[str]:
     endpoint = free_endpoint()
     with open_node(listen=endpoint) as session:
         server = PerceptionServer(session)
-        publish_terrain(server, paper_terrain)
+        send_terrain(server, paper_terrain)
         server.flush()
         yield endpoint
 

@@ -112,7 +112,7 @@ def _publisher(
 ) -> Callable[[TerrainGrid], None]:
     """Open the node's side of the transport; return a function that sends one grid, stamped now."""
     from guara_perception.app.messages import restamped
-    from guara_perception.app.publisher import publish_terrain
+    from guara_perception.app.publisher import send_terrain
     from transport import open_node
     from transport.server import PerceptionServer
 
@@ -121,6 +121,6 @@ def _publisher(
     click.echo(f"{name}: publishing on {', '.join(session.endpoints)}")
 
     def send(terrain: TerrainGrid) -> None:
-        publish_terrain(server, restamped(terrain, time.time_ns()))
+        send_terrain(server, restamped(terrain, time.time_ns()))
 
     return send

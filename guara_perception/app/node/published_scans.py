@@ -15,7 +15,7 @@ from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.sweep import Swept
 from guara_perception.app.node.walk_map import WalkMap
-from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.publisher import send_terrain
 from guara_perception.app.scene.range_images import range_image_messages
 from guara_perception.scanning.pictures import with_pictures
 from guara_perception.terrain.grid import TerrainGrid
@@ -126,7 +126,7 @@ class PublishedScans:
     def take_back(self, pause: Pause, reason: str) -> TerrainMessage:
         """Withdraw the newest grid; an earlier scan of its pause stays in the map."""
         self.newest = None
-        return publish_terrain(self._server, self._nothing_seen(pause, reason))
+        return send_terrain(self._server, self._nothing_seen(pause, reason))
 
     def settle(self) -> None:
         """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
@@ -207,10 +207,10 @@ class PublishedScans:
         logger.error("step %d: %s", pause.step, reason)
         nothing, messages = self._nothing_seen(pause, reason), []
         if self.newest is not None:
-            messages.append(publish_terrain(self._server, nothing))
+            messages.append(send_terrain(self._server, nothing))
         if self.fused is not None and not self.fused.is_confirmed:
             fused = self._map.withdraw(nothing, time=self.fused.swept.scan.last_frame)
-            messages.append(publish_terrain(self._server, fused, stated=walk_of(pause)))
+            messages.append(send_terrain(self._server, fused, stated=walk_of(pause)))
             self.fused = None
         self.newest = None
         if self._recorder is not None:
@@ -225,7 +225,7 @@ class PublishedScans:
         if terrain is published.terrain and not is_provisional:
             processor = published.swept.processor
             self._send_images(lambda: with_pictures(terrain, processor))
-        return publish_terrain(
+        return send_terrain(
             self._server,
             terrain,
             scan_start=scan.start,

@@ -15,7 +15,7 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.messages import restamped, terrain_to_message
-from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.publisher import send_terrain
 from transport import ScanFailed, encode_terrain, open_node, point_cloud_message
 from transport.keys import terrain_key
 from transport.links.publisher import Publisher
@@ -39,7 +39,7 @@ class Node:
             self.broken = None
         stamp = time.time_ns() - round(float(age) * 1e9)
         self.step, self.stamp = step, stamp
-        publish_terrain(self.server, restamped(self.terrain, stamp, int(step)), stated=walk(epoch, state))
+        send_terrain(self.server, restamped(self.terrain, stamp, int(step)), stated=walk(epoch, state))
         self.server.flush(30)
 
     def views(self) -> None:
@@ -53,7 +53,7 @@ class Node:
         # The map of a scan has its stamp.
         stamp = self.stamp if step == self.step else time.time_ns()
         terrain = dataclasses.replace(restamped(self.terrain, stamp, int(step)), extent="map", pictures={})
-        publish_terrain(self.server, terrain, stated=walk(epoch, state))
+        send_terrain(self.server, terrain, stated=walk(epoch, state))
         self.server.flush(30)
 
     def break_(self, step: str) -> None:
@@ -82,7 +82,7 @@ class Node:
                 raise ScanFailed("the mirror did not move", code="mirror")
             for done in range(3):
                 job.progress(done + 1, 3)
-            return publish_terrain(self.server, restamped(self.terrain, time.time_ns(), 1000))
+            return send_terrain(self.server, restamped(self.terrain, time.time_ns(), 1000))
 
         self.server.serve_scans(handle)
 

@@ -1,5 +1,6 @@
 """Publishing a grid: what ROS 2 tools read holds the same cells in their own order."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from transport import NewestReceiver, Session, decode, open_client
+from transport import KeyNameError, NameTaken, NewestReceiver, Session, decode, open_client
 from transport.keys import grid_map_key, occupancy_key
 
 NODE = Path(__file__).with_name("publishing_node.py")
@@ -45,3 +46,20 @@ def test_derived_grids_are_those_of_the_footprint(session: Session, paper_terrai
     # The centre of the GridMap is the centre of the area.
     centre = grid_map.info.pose.position
     assert (centre.x, centre.y) == pytest.approx((0.725, 0.0))
+
+
+@pytest.mark.slow
+def test_a_grid_of_ones_own_goes_out_under_a_name_of_its_own(session: Session) -> None:
+    """Beside a node, in its session and under another name; each grid replaces the one before."""
+    points = [[x, y, 0.0] for x in np.arange(0.5025, 0.95, 0.005) for y in np.arange(-0.2675, 0.27, 0.005)]
+    with gp.TerrainClient(session.endpoints[0], robot="guara_own", timeout=180) as client:
+        for step in (1, 2):
+            terrain = gp.terrain_from_points(points, 0.001, (0.4, 0.0, 0.5), stamp=time.time_ns(), step=step)
+            gp.publish_terrain(session, terrain)
+            received = client.wait_for_step(step, timeout=60)
+            np.testing.assert_array_equal(received.hazard, terrain.hazard)
+        assert client.latest().step == 2 and client.latest().is_traversable(0.7, 0.0)
+    with pytest.raises(NameTaken):
+        gp.publish_terrain(session, terrain, "guara")
+    with pytest.raises(KeyNameError):
+        gp.publish_terrain(session, terrain, "no/name")

@@ -9,7 +9,7 @@ import zenoh.ext
 
 import guara_perception as gp
 from guara_perception.app.main import run
-from guara_perception.app.publisher import publish_terrain
+from guara_perception.app.publisher import send_terrain
 from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.app.scene.scene import Scene
 from guara_perception.scanning.process import run_scan
@@ -67,7 +67,7 @@ def test_every_topic_arrives(
         mirror.begin(paper_scan.stance, paper_terrain.stamp)
         mirror.points(run_scan(paper_scan, calibration, robot).points, paper_terrain.stamp)
         for terrain in (paper_terrain, fused):
-            publish_terrain(server, terrain)
+            send_terrain(server, terrain)
         server.flush(PATIENCE)
         with open_client(free_endpoint) as client, gp.TerrainClient(free_endpoint) as planner:
             # Declared before the late ones' tokens are asked for: whoever comes is seen.
