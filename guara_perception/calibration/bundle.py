@@ -65,7 +65,7 @@ class CameraFit:
 
 
 def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> CameraFit:
-    """Fit everything that the still pictures say, at once.
+    """Fit lens, board poses and mount to all still pictures jointly.
 
     The ground board lies in z = 0 and so ties lens and mount together; its position and heading on the floor are free.
 
@@ -196,7 +196,7 @@ class _Problem:
     def jacobian(self, x: Float) -> Float:
         rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
         if self.ground is None:
-            # Nothing says where the ground board lies: its three columns are pinned.
+            # Without observations of the ground board its three columns are pinned.
             pins = np.zeros((3, self.size))
             pins[:, self.ground_columns] = np.eye(3)
             rows = np.vstack((rows, pins))

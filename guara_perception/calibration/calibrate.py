@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from guara_perception.arrays import Image
 from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView, to_grey
 from guara_perception.calibration.bundle import CameraFit, fit_camera
 from guara_perception.calibration.calibration import Calibration
@@ -56,7 +55,7 @@ from guara_perception.calibration.result import (
     undistorted,
     warnings,
 )
-from guara_perception.calibration.session import CalibrationSession
+from guara_perception.calibration.session import CalibrationSession, check_size
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.calibration.sweep import line_points
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused, InvalidInput
@@ -225,19 +224,6 @@ def find_boards(session: CalibrationSession, advance: Callable[[], None]) -> tup
     if size is None:
         raise CalibrationRefused(f"{session.source}: board_images is empty, {MIN_VIEWS} or more pictures are needed")
     return views, size
-
-
-def check_size(picture: Image, size: tuple[int, int], name: str, source: str) -> None:
-    """Refuse a picture of another size than the first board picture.
-
-    Raises:
-        CalibrationMismatch: the sizes differ.
-    """
-    if (picture.shape[1], picture.shape[0]) != size:
-        raise CalibrationMismatch(
-            f"{source}: {name} is {picture.shape[1]}x{picture.shape[0]} px, the boards are {size[0]}x{size[1]}: all "
-            "pictures of a session come from one camera at one setting"
-        )
 
 
 def calibrate_boards(

@@ -18,7 +18,7 @@ from kinematics.arrays import read_only
 VERDICTS = ("good", "usable", "refused", "unknown")
 # 8 fixed-point iterations leave < 0.001 px at the corner for k1 = -0.3; 30 cost little and reach rounding.
 UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-10)
-# What is nearer lies in the lens or behind it.
+# Points nearer than this lie in the lens or behind it.
 NEAREST_DEPTH_M = 1e-6
 # Points that are projected at once: few enough that intermediate results stay in the processor's cache.
 BLOCK = 2048
@@ -54,7 +54,7 @@ class StripePlane:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """All that a rangefinder needs to turn pixels into metres (docs/files.md).
+    """Parameters that convert a rangefinder's pixels into metres (docs/files.md).
 
     Attributes:
         robot: name of the robot it belongs to.
@@ -117,7 +117,7 @@ class Calibration:
 
 
 def check_transform(transform: Float, name: str) -> None:
-    """Refuse what is not a rigid 4x4 transform."""
+    """Reject a matrix that is not a rigid 4x4 transform."""
     if transform.shape != (4, 4) or not np.isfinite(transform).all():
         raise InvalidInput(f"{name} has shape {transform.shape}, it must be 4x4 and finite")
     rotation = transform[:3, :3]

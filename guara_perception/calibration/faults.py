@@ -1,4 +1,4 @@
-"""Faults of plate scans, found and named: missed steps, swapped plates, a mount that slipped."""
+"""Detection of faults in plate scans: missed steps, swapped plates, a mount that slipped."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, poin
 
 
 def to_floor(camera: CameraModel, transform_camera_to_footprint: Float, pixels: Float, height: float = 0.0) -> Float:
-    """Where the rays of pixels (n, 2) meet the plane z = `height`: x and y (n, 2) in base_footprint."""
+    """Points (n, 2), x and y in base_footprint, at which the rays of pixels (n, 2) meet the plane z = `height`."""
     rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
     rays = camera.rays(pixels) @ rotation.T
     depth = (height - translation[2]) / rays[:, 2]

@@ -12,8 +12,7 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.height_sigma import row_bands
 from guara_perception.calibration.mirror_model import MirrorModel
-from guara_perception.calibration.session import Plate
-from guara_perception.exceptions import CalibrationMismatch
+from guara_perception.calibration.session import Plate, check_size
 from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
 from kinematics.arrays import read_only
@@ -97,11 +96,7 @@ def plate_lines(
     bands = row_bands(camera, transform_camera_to_footprint, planes, np.array([plate.height]), int(BAND_SHARE * height))
     lines, lost = [], []
     for (stripe, on, off), band in zip(plate.scan.frames(), bands, strict=True):
-        if on.shape[:2] != (height, width):
-            raise CalibrationMismatch(
-                f"{plate.scan.source}: frame {stripe.on} is {on.shape[1]}x{on.shape[0]} px, the boards are "
-                f"{width}x{height}: all pictures of a session come from one camera at one setting"
-            )
+        check_size(on, camera.size, f"frame {stripe.on}", plate.scan.source)
         profile = extract_stripe(on, off, band=band if band[1] else None)
         if not _is_good(profile, band, height):
             profile = extract_stripe(on, off)
@@ -120,7 +115,7 @@ def plate_lines(
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
-    """Whether the stripe was found over half of the columns and well inside the band."""
+    """True when the stripe was found in half of the columns and well inside the band."""
     found = np.isfinite(profile.position_px)
     if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
         return False
@@ -132,7 +127,7 @@ def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool
 def _line(
     profile: StripeProfile, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float, float, float] | str:
-    """Binned points, weights, span, scatter and sigma of a straight line on a level plane, or why there is none."""
+    """Binned points, weights, span, scatter and sigma of a straight line on a level plane, or the reason for none."""
     columns = np.flatnonzero(np.isfinite(profile.position_px))
     if columns.size < MIN_COLUMNS:
         return f"{columns.size} columns show it, {MIN_COLUMNS} or more are needed"
@@ -180,6 +175,6 @@ def _visible_columns(camera: CameraModel, transform: Float, height: float, coeff
 
 
 def _metres_per_row(camera: CameraModel, transform: Float, height: float, pixels: Float) -> Float:
-    """How far a point on the plane moves along x when its pixel moves down by one row."""
+    """Displacement along x of a point on the plane per row of its pixel [m]."""
     moved = to_floor(camera, transform, pixels + np.array([0.0, 1.0]), height)
     return np.asarray((moved - to_floor(camera, transform, pixels, height))[:, 0])

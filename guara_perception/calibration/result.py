@@ -28,7 +28,7 @@ class CalibrationResult:
 
     Attributes:
         calibration: ready to be saved; its `quality` holds verdict and reasons.
-        session: what it was made from.
+        session: the session that was calibrated.
         transform_base_to_footprint: (4, 4) of the session's stance.
         views: every board picture, usable or not.
         intrinsics: lens by the boards alone.
@@ -69,7 +69,7 @@ class CalibrationResult:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the verdict is not better."""
+        """Reasons for a verdict other than `good`."""
         return tuple(self.calibration.quality["reasons"])
 
 

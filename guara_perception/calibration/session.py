@@ -1,4 +1,4 @@
-"""A calibration session: the pictures and what is known of them, before anything is computed."""
+"""Input of a calibration: the pictures of a session and the known geometry of their targets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.charuco import marker_dictionary
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.scan import Scan
 from kinematics.arrays import read_only
 
@@ -71,7 +71,7 @@ class Plate:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationSession:
-    """Everything that one calibration is made from (docs/files.md).
+    """Input of one calibration (docs/files.md).
 
     Attributes:
         robot: name of the robot.
@@ -132,3 +132,16 @@ def _check_stance(plate: Plate, stance: Stance, source: str) -> None:
                 f"{source}: plate {plate.name} was scanned with {joint} {np.rad2deg(angle):.2f} degrees away from the "
                 f"session's stance, {np.rad2deg(MAX_JOINT_DIFFERENCE):.1f} are allowed: scan it again without moving"
             )
+
+
+def check_size(picture: Image, size: tuple[int, int], name: str, source: str) -> None:
+    """Reject a picture of another size than the first board picture.
+
+    Raises:
+        CalibrationMismatch: the sizes differ.
+    """
+    if (picture.shape[1], picture.shape[0]) != size:
+        raise CalibrationMismatch(
+            f"{source}: {name} is {picture.shape[1]}x{picture.shape[0]} px, the boards are {size[0]}x{size[1]}: all "
+            "pictures of a session come from one camera at one setting"
+        )

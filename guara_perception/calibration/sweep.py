@@ -14,7 +14,7 @@ from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, p
 from guara_perception.calibration.plates import PlateLine
 from kinematics.arrays import read_only
 
-# Usual error of one position of the mirror's stepper [rad]: sigma of a prior, not a limit.
+# Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
 # Weight of one point of a line: scatter of a few dozen columns on the plate [m].
 POINT_SIGMA_M = 5e-5

@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-Each feature turns the heights that are there before it into those after it, exactly, at any points.
+Each feature maps the heights of the ground below it to those with it, exactly and at any points.
 """
 
 from __future__ import annotations

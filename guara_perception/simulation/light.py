@@ -1,4 +1,4 @@
-"""Light and sensor of the simulated rangefinder: how bright, how noisy, how wide the stripe."""
+"""Light and sensor of the simulated rangefinder: brightness, noise, width of the stripe."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ BEST_JPEG = 100
 class Light:
     """Light, laser and sensor; levels are grey levels of the picture, 0 ... 255, at nominal exposure.
 
-    The fields from `skirt` on do nothing unless they are set: these effects appear outside a laboratory. `real_light`
-    holds how strong each was on photographs.
+    The effects from `skirt` on occur outside a laboratory and are off by default. `real_light` scales them to their
+    strength on photographs.
 
     Attributes:
         ambient: level of a white, horizontal surface under the ambient light, blue, green, red.
@@ -31,7 +31,7 @@ class Light:
         shot_noise: variance per level, from the number of electrons.
         read_noise: standard deviation of the darkest level.
         vignetting: exponent of the fall of brightness with the cosine of the field angle.
-        skirt: what is left of the stripe's peak 8 px beside it, as a share; it falls with the distance.
+        skirt: scattered light 8 px beside the stripe's peak, as a share of it; it falls with the distance.
         halo: level beside a clipped core, which fades within 20 px.
         ghost: strength of a second image of the stripe by reflection, as a share.
         blotches: standard deviation of noise in patches of some pixels, of its own in each channel.
@@ -86,12 +86,12 @@ class Light:
 
     @property
     def is_scattered(self) -> bool:
-        """Whether laser light reaches pixels that see nothing of the stripe itself."""
+        """True when laser light reaches pixels beside the stripe."""
         return self.skirt > 0 or self.halo > 0 or self.ghost > 0
 
     @property
     def is_even(self) -> bool:
-        """Whether a picture with the laser is, away from its light, one without."""
+        """True when pictures with and without laser agree away from the laser's light."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )

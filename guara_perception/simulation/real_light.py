@@ -1,4 +1,4 @@
-"""`real_light`: light outside a laboratory, each effect as strong as it was measured on photographs."""
+"""`real_light`: light outside a laboratory, with effects as strong as measured on photographs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.light import Light
 
 PLAIN = Light()
-# What each effect is at strength 1: the strongest on photographs of laser lines from 21 cameras and scenes, in pictures
-# of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
+# Values of the effects at strength 1: the strongest on photographs of laser lines from 21 cameras and scenes, in
+# pictures of the simulated camera (0.88 mm of ground per pixel at 640 x 512).
 WIDEST_SIGMA_M = 0.0045  # 12 px wide at half its height
 STRONGEST_SKIRT = 0.12
 STRONGEST_HALO = 150.0
@@ -31,7 +31,7 @@ STRONGEST_GHOST = 0.6
 
 
 def _between(least: float, most: float, strength: float) -> float:
-    """Between two values, in equal ratios."""
+    """Geometric interpolation between two values."""
     return float(least * (most / least) ** strength)
 
 
@@ -61,13 +61,13 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
         "ghosts": lambda s: {"ghost": s * STRONGEST_GHOST},
     }
 )
-"""By name of the effect: the fields of `Light` at a strength."""
+"""Functions from a strength to fields of `Light`, by name of the effect."""
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
-    """Light with one or several effects, each as strong as photographs of laser lines show it.
+    """Light with one or several effects, scaled to their strength on photographs of laser lines.
 
-    Where a clipped and a weak line are asked for together the stripe is as bright as the product of both.
+    Factors of effects on the same field are multiplied, such as those of a clipped and a weak line.
 
     Example:
         rangefinder = SimulatedRangefinder(world, calibration, robot, light=real_light({"ambient": 0.5, "jpeg": 1}))

@@ -1,8 +1,8 @@
-"""The world on a fine raster (`Relief`), and what a viewpoint above it sees (`PolarView`).
+"""The world on a fine raster (`Relief`), and its visibility from a viewpoint above it (`PolarView`).
 
 In a polar view a point at distance r and height z along one bearing is seen under the tangent
 r / (viewpoint height - z) from straight down. What lies behind a larger tangent is hidden, so the running maximum of
-the tangent says both what a line of sight meets (its inverse) and whether a given point is in sight.
+the tangent gives both where a line of sight meets the ground (its inverse) and whether a point is visible.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class PolarView:
         return np.where(np.abs(smooth - nearest) < np.float32(EDGE_M), smooth, nearest)
 
     def sees(self, points: Float32) -> Mask:
-        """Which of the points (h, w, 3) are in sight."""
+        """Mask of the points (h, w, 3) that are visible."""
         dx, dy = points[..., 0] - np.float32(self.viewpoint[0]), points[..., 1] - np.float32(self.viewpoint[1])
         radius = cv2.magnitude(dx, dy)
         tangent = radius / np.maximum(np.float32(self.viewpoint[2]) - points[..., 2], np.float32(1e-3))

@@ -53,7 +53,7 @@ class Sensor:
         self._turn = 0
 
     def set_scene(self, ambient: Float32) -> None:
-        """Take in the levels (h, w, 3) without laser at nominal exposure."""
+        """Set the levels (h, w, 3) without laser at nominal exposure."""
         self._ambient = ambient
         self._dark.clear()
 
@@ -108,7 +108,7 @@ class Sensor:
             if self._light.is_scattered:
                 first, end = rows_reached(rows, height)
                 light = np.pad(light, ((rows[0] - first, end - rows[1]), (0, 0)))
-                # What overflows depends on what the pixels were given.
+                # Overflow depends on the level at the sensor, exposure and drift included.
                 gain = np.float32(laser * exposure) * gains[2]
                 light = scattered(light * gain, self._light, height) / gain
             level[first : first + len(light)] += light[:, :, None] * (
@@ -158,7 +158,7 @@ def rows_reached(rows: tuple[int, int], height: int) -> tuple[int, int]:
 
 
 def scattered(level: Float32, light: Light, height: int) -> Float32:
-    """Laser light (rows, w) with what reflections, lens and overflow of clipped pixels add to it.
+    """Laser light (rows, w) with reflections, scatter in the lens and overflow of clipped pixels.
 
     Args:
         level: (rows, w) grey levels of the laser's light at the sensor's gain, not clipped.
@@ -176,7 +176,7 @@ def scattered(level: Float32, light: Light, height: int) -> Float32:
 
 
 def _ghost(level: Float32, height: int) -> Float32:
-    """The light seen a second time, further down."""
+    """Reflection of the light, further down in the picture."""
     width = level.shape[1]
     columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(len(level), dtype=np.float32))
     wave = GHOST_AMPLITUDE_OF_HEIGHT * np.sin(2 * np.pi * columns / (GHOST_WAVE_OF_WIDTH * width))
@@ -188,7 +188,7 @@ def _ghost(level: Float32, height: int) -> Float32:
 
 
 def _skirt(level: Float32, share: float) -> Float32:
-    """What the lens scatters: `share` of each column's peak 8 px beside it, less further away."""
+    """Light scattered by the lens: `share` of each column's peak 8 px beside it, less further away."""
     distance = np.abs(np.arange(-SKIRT_TO_PX, SKIRT_TO_PX + 1))
     taps = (SKIRT_FROM_PX / np.maximum(distance, SKIRT_FROM_PX)).astype(np.float32)
     total = level.sum(axis=0)
@@ -199,7 +199,7 @@ def _skirt(level: Float32, share: float) -> Float32:
 
 
 def _halo(level: Float32, strength: float) -> Float32:
-    """What flows over from clipped pixels: `strength` at the edge of the core."""
+    """Overflow of clipped pixels: `strength` at the edge of the core."""
     core = (level > FULL_SCALE).astype(np.uint8)
     if not core.any():
         return np.zeros_like(level)
@@ -208,10 +208,10 @@ def _halo(level: Float32, strength: float) -> Float32:
 
 
 class Blotches:
-    """Noise in patches: one large picture of it, of which each frame takes another part."""
+    """Noise in patches, cut for each frame from a random part of one large picture."""
 
     def __init__(self, noise: Float32, deviation: float) -> None:
-        """Make them.
+        """Filter the noise.
 
         Args:
             noise: (2 h, 2 w, channels) independent noise of each pixel, of standard deviation 1.
@@ -229,7 +229,7 @@ class Blotches:
 
 
 def delivered(picture: Image, light: Light) -> Image:
-    """The picture (h, w, 3) uint8 as it comes out of the camera: its colours interpolated, and compressed."""
+    """Picture (h, w, 3) uint8 as the camera delivers it, demosaiced and compressed."""
     if light.demosaiced:
         picture = np.asarray(cv2.cvtColor(mosaic(picture, "BayerRG8"), cv2.COLOR_BayerRGGB2BGR), np.uint8)
     if light.jpeg_quality:

@@ -1,4 +1,4 @@
-"""The simulated rangefinder as the drivers' camera: laser and mirror of the emulated board decide what it sees."""
+"""Simulated rangefinder as a camera of `drivers`, lit by laser and mirror of the emulated board."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def simulated_camera(
 
 
 def renderer(rangefinder: SimulatedRangefinder) -> Callable[[ExposureView, CameraSettings], Image]:
-    """What an exposure of the camera shows, for `EmulatedCamera`.
+    """Function that renders an exposure, for `EmulatedCamera`.
 
-    Exposure time and gain brighten the picture; white balance and gamma are those of a linear camera whatever is set.
+    Exposure time and gain scale the brightness; white balance and gamma settings have no effect.
     """
 
     def render(seen: ExposureView, settings: CameraSettings) -> Image:

@@ -1,4 +1,4 @@
-"""One built rangefinder: the robot's nominal mounts with the small errors of assembly, as its true calibration."""
+"""True calibration of a simulated rangefinder: the robot's nominal mounts with errors of assembly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 # A lens of 3.2 mm before a sensor 3.5 mm wide: sees the area with a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
-# What careful assembly leaves: a degree, 3 mm, 1 % of focal length, 1 % of the width off centre.
+# Errors that remain after careful assembly (two sigma): a degree, 3 mm, 1 % of focal length, 1 % of the width off
+# centre.
 ANGLE_SIGMA = 0.008
 POSITION_SIGMA_M = 0.0015
 FOCAL_SIGMA = 0.005

@@ -99,7 +99,7 @@ class WalkPause:
 
 
 class WalkEnded(InvalidInput):
-    """The walk cannot go on; the message says why."""
+    """The walk cannot continue; the message gives the reason."""
 
 
 def simulate_walk(
@@ -186,7 +186,7 @@ def reported_stance(
     noise: WalkNoise,
     rng: np.random.Generator,
 ) -> Stance:
-    """What encoders and IMU say of a stance."""
+    """Stance as reported by encoders and IMU, with their noise."""
     reported = {name: value + noise.joint * rng.standard_normal() for name, value in joints.items()}
     gravity = None
     if noise.imu is not None:
@@ -197,7 +197,7 @@ def reported_stance(
 
 
 def fresh_reading(stance: Stance, rng: np.random.Generator, noise: float = ENCODER_NOISE) -> Stance:
-    """The stance as another reading of the joints gives it: white noise [rad] on positions that keep their bias."""
+    """Stance of another reading of the joints: white noise [rad] is added to the biased positions."""
     joints = {name: value + noise * rng.standard_normal() for name, value in stance.joint_positions.items()}
     return dataclasses.replace(stance, joint_positions=joints)
 

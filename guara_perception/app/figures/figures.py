@@ -1,4 +1,4 @@
-"""Pictures of the paper's Figs. 13 to 18, a map of hazards and the range images as files, from any scan."""
+"""Figures 13 to 18 of the paper, a map of hazards and the range images of a scan, as files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a live view shows beside the grids: the points of a scan's stripes, and the camera's picture of one of them."""
+"""Live view of a scan: points of its stripes and the camera's picture of one of them."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from drivers import StripeCapture
     from guara_perception.ranging.stripe_points import StripePoints
 
-# Every third point goes out, and the picture no wider than this: a view is for looking.
+# Every third point is sent, and pictures are scaled down to this width: enough for a display.
 THINNED = 3
 PICTURE_WIDTH_PX = 480
 JPEG_QUALITY = 80
-# Stripes farther than this from the median one are not worth a copy of their picture.
+# Pictures of stripes farther than this from the median one are not copied.
 NEAR = 2
 
 
 class LiveView:
-    """Gathers what is to be seen of a scan and hands it to the sender; nothing here makes the scan wait."""
+    """Collects points and a picture of each scan and passes them to the sender without blocking the scan."""
 
     def __init__(self, views: ViewSender, centre: int) -> None:
-        """Begin without a scan.
+        """State before the first scan.
 
         Args:
             views: sends the messages.
@@ -43,7 +43,7 @@ class LiveView:
         self._seen: tuple[int, Image] | None = None
 
     def begin(self) -> None:
-        """Forget the picture of the scan before."""
+        """Discard the picture of the previous scan."""
         self._seen = None
 
     def add(self, capture: StripeCapture) -> None:

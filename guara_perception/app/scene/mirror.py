@@ -1,4 +1,4 @@
-"""The scene of each pause live for ROS 2: what a recording holds for viewers, as topics of the mirror."""
+"""Live scene of each pause for ROS 2: the topics that a recording holds for viewers, sent by the mirror."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from transport.server import PerceptionServer
 if TYPE_CHECKING:
     from guara_perception.ranging.stripe_points import StripePoints
 
-# What a robot's own publishers say already: only on request.
+# Topics that a robot usually publishes itself: mirrored only on request.
 OF_THE_ROBOT = ("/tf", "/tf_static", "/robot_description")
 
 
 class SceneMirror:
-    """Hands scenes to the server's mirror; everything returns at once, messages are made on the server's threads."""
+    """Passes scenes to the server's mirror. Methods return at once; the server's threads make the messages."""
 
     def __init__(self, server: PerceptionServer, scene: Scene, *, unknown: int = 100, with_tf: bool = False) -> None:
         """Mirror every grid that the server publishes from now on.
@@ -27,8 +27,8 @@ class SceneMirror:
         Args:
             server: server with a mirror; without one nothing is made.
             scene: makes the messages.
-            unknown: what unknown cells of occupancy grids hold for ROS: 100, or -1.
-            with_tf: also the robot itself: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.
+            unknown: value of unknown cells in occupancy grids, 100 or -1.
+            with_tf: mirror the robot itself too: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.
         """
         self._server, self._scene, self._unknown, self._with_tf = server, scene, unknown, with_tf
         server.draw_with(self._of_grid)
@@ -36,11 +36,11 @@ class SceneMirror:
             server.mirror(lambda: self._named(scene.unchanging(time.time_ns())), lane="robot")
 
     def begin(self, stance: Stance, stamp: int) -> None:
-        """The robot as it stands at the begin of a scan, and its camera."""
+        """Mirror the robot's frames at the begin of a scan, and its camera."""
         self._server.mirror(lambda: self._named(self._scene.of_stance(stance, stamp)), lane="stance")
 
     def points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """The points of a scan's stripes, by index."""
+        """Mirror the points of a scan's stripes, by index."""
         kept = dict(points)
         self._server.mirror(lambda: self._named(self._scene.of_points(kept, stamp)), lane="points")
 
@@ -48,7 +48,7 @@ class SceneMirror:
         return self._named(self._scene.of_grid(message, unknown=self._unknown))
 
     def _named(self, messages: Iterable[Named]) -> Iterator[Named]:
-        """Only the messages that are wanted, with names relative to the robot's."""
+        """Messages to be mirrored, with names relative to the robot's."""
         for name, message in messages:
             if self._with_tf or name not in OF_THE_ROBOT:
                 yield name.removeprefix("/"), message

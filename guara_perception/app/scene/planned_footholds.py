@@ -1,4 +1,4 @@
-"""Where a simple planner would set each foot next: what views and markers show of a grid."""
+"""Next foothold of each leg by a simple planner, for views and markers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
 
 def planned_footholds(robot: RobotModel, terrain: TerrainGrid) -> dict[str, tuple[float, float, float]]:
-    """Where a simple planner would set each foot next on this grid, where it finds one.
+    """Next foothold (x, y, z) [m] by leg, where a simple planner finds one on this grid.
 
-    Empty for a grid that does not say how the robot stands.
+    Empty for a grid without the robot's stance.
     """
     from guara_perception.simulation.gait import WaveGait
     from guara_perception.simulation.planner import plan_foothold

@@ -1,4 +1,4 @@
-"""A recording as a scene for Rerun: what its importer draws, the colours that it leaves out, and how it is laid out."""
+"""Scene of a recording for Rerun: its importer's drawing, the missing colours, and a blueprint."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
 
 
 def blueprint(robot: str, model: str, position: Float) -> Any:
-    """How the viewer lays a scene out: robot and terrain in odom, the camera's pictures beside it, the newest shown.
+    """Layout of the viewer: robot and terrain in odom, the camera's pictures beside them, following the newest.
 
     Args:
         robot: instance name.
@@ -135,7 +135,7 @@ def _last_map(recording: Recording) -> TerrainMessage:
 
 
 def _description_of(recording: Recording) -> str:
-    """The URDF that a recording carries, empty where it has none."""
+    """URDF in a recording, empty where there is none."""
     return next((str(message.data) for message in recording.messages("/robot_description")), "")
 
 
@@ -162,13 +162,13 @@ def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
 
 
 def _position_of(message: TerrainMessage) -> Float:
-    """Where the robot stood at the scan of a map, (3,) in odom [m]; the origin where the map does not say."""
+    """Position (3,) of the robot in odom at the scan of a map [m]; the origin where the map holds none."""
     to_odom = [item.matrix[:3, 3] for item in message.transforms if item.destination_frame == ODOM]
     return np.asarray(to_odom[0] if to_odom else np.zeros(3))
 
 
 def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[Any, ...]]]:
-    """Time [ns], entity and components of all that Rerun's importer does not draw as it should look."""
+    """Time [ns], entity and components of what Rerun's importer draws in the wrong colours or not at all."""
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
 
     def frame(message: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The scene of a pause as ROS messages: robot, its tree of frames, ground, coloured clouds and pictures together."""
+"""Scene of a pause as ROS messages: the robot with its frames, the ground, coloured clouds and the camera."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ class Scene:
         self._frames = RobotFrames(robot, calibration.transform_camera_to_base)
 
     def unchanging(self, stamp: int) -> Iterator[Named]:
-        """What holds for the whole walk: the robot's URDF and what no joint moves."""
+        """Messages that hold for the whole walk: the robot's URDF and its fixed frames."""
         yield "/robot_description", text_message(self._robot.tree.urdf.text)
         yield "/tf_static", frames_message(self._frames.fixed(), stamp)
 
     def of_stance(self, stance: Stance, stamp: int) -> Iterator[Named]:
-        """The robot as it stands before a scan, and the camera that will look.
+        """Messages of the robot's stance before a scan, and of its camera.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -74,11 +74,11 @@ class Scene:
         )
 
     def of_points(self, points: Mapping[int, StripePoints], stamp: int) -> Iterator[Named]:
-        """The points of a scan's stripes, by index."""
+        """Message of the points of a scan's stripes, by index."""
         yield "scan/points", point_cloud_message(stripe_cloud(points), BASE_FOOTPRINT, stamp)
 
     def of_grid(self, message: TerrainMessage, *, unknown: int = 100) -> Iterator[Named]:
-        """What is made of a grid: occupancy and grid map; of a map also cells as points, markers, odom.
+        """Messages made from a grid: occupancy and grid map; from a map also cells as points, markers, odom.
 
         Args:
             message: message of the grid as it was sent.
@@ -102,7 +102,7 @@ class Scene:
         yield "markers", markers_message(message.obstacles, footholds, sole, terrain.frame, message.stamp, regions)
 
     def _placed(self, message: TerrainMessage) -> list[TransformMessage]:
-        """The robot as it stood at the scan of a map, in `odom`."""
+        """Frames of the robot at the scan of a map, in `odom`."""
         base = self._robot.config.base_frame
         # Only the transforms of the body; that of the camera is among the fixed ones.
         body = [
@@ -114,7 +114,7 @@ class Scene:
 
 
 class RobotFrames:
-    """The links of one robot, its camera where the calibration says that it is, not where the URDF does."""
+    """Transforms between the links of a robot, with the camera at its calibrated mount instead of the URDF's."""
 
     def __init__(self, robot: RobotModel, transform_camera_to_base: npt.ArrayLike) -> None:
         """For a robot and the camera that it carries, (4, 4)."""
@@ -122,17 +122,17 @@ class RobotFrames:
         self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
 
     def fixed(self) -> list[TransformMessage]:
-        """What no joint moves."""
+        """Transforms of fixed joints."""
         nominal = self._robot.posture(self._robot.config.scan_posture)
         fixed = self._between_links(nominal, of_fixed_joints=True)
         camera = self._robot.config.camera_frame
         if camera != CAMERA_FRAME:
-            # The frame that pictures name, whatever the URDF calls the camera's.
+            # Pictures are in CAMERA_FRAME, whatever the camera's link is called in the URDF.
             fixed.append(TransformMessage(source_frame=CAMERA_FRAME, destination_frame=camera, matrix=np.eye(4)))
         return fixed
 
     def moving(self, joint_positions: Mapping[str, float]) -> list[TransformMessage]:
-        """What the joints move.
+        """Transforms of moving joints.
 
         Raises:
             kinematics.KinematicsError: the joints are not those of the robot.
@@ -140,7 +140,7 @@ class RobotFrames:
         return self._between_links(joint_positions, of_fixed_joints=False)
 
     def standing(self, stance: Stance) -> list[TransformMessage]:
-        """The joints, and the body over the ground that its feet stand on.
+        """Transforms of moving joints, and that of the body to base_footprint.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -174,9 +174,9 @@ class RobotFrames:
 
 
 def cell_cloud(terrain: LayeredGrid) -> Fields:
-    """A point per known cell, at its centre: x, y, z, sigma [m], hazard flags and the colour that pictures give them.
+    """One point per known cell, at its centre: x, y, z, sigma [m], hazard flags and colour as in pictures.
 
-    Unknown cells have no height, and so no point: where nothing was seen nothing is drawn.
+    Unknown cells have no height and so no point.
     """
     known = known_cells(terrain)
     x, y = np.meshgrid(*terrain.geometry.centres())
@@ -192,7 +192,7 @@ def cell_cloud(terrain: LayeredGrid) -> Fields:
 
 
 def stripe_cloud(stripes: Mapping[int, StripePoints]) -> Fields:
-    """Every point that the stripes of a scan, by index, gave in base_footprint: x, y, z, sigma [m], stripe index."""
+    """Points of all stripes of a scan in base_footprint: x, y, z, sigma [m], stripe index."""
     parts = [(index, stripe, np.isfinite(stripe.points).all(axis=1)) for index, stripe in stripes.items()]
     points = np.vstack([np.zeros((0, 3), np.float32), *(stripe.points[kept] for _, stripe, kept in parts)])
     variance = np.concatenate([np.zeros(0, np.float32), *(stripe.variance[kept] for _, stripe, kept in parts)])
