@@ -1,4 +1,4 @@
-"""`BoardSpec` and `BoardView`: the board of a calibration, and what one picture shows of it."""
+"""`BoardSpec` and `BoardView`: the board of a calibration, and its corners in one picture."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ class BoardView:
 
     @classmethod
     def unusable(cls, name: str, reason: str, edge_width_px: float = np.nan) -> Self:
-        """A view without corners, and why."""
+        """View without corners, with the reason."""
         return cls(name, np.empty((0, 2)), np.empty(0, np.intp), edge_width_px, reason)
 
     @property
     def is_usable(self) -> bool:
-        """Whether its corners may be used."""
+        """True when the corners may be used."""
         return not self.reason
 
     def points(self, board: BoardSpec) -> Float:
@@ -93,7 +93,7 @@ class BoardView:
 
 
 def to_grey(picture: Image) -> Grey:
-    """An 8-bit grey picture of whatever a camera delivers."""
+    """Convert a picture of 8 or 16 bits, grey or BGR, to 8-bit grey."""
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture

@@ -1,4 +1,4 @@
-"""The ChArUco pattern: its ink, the markers it needs, and its corners in a picture that may show only a part of it.
+"""ChArUco pattern: printed cells, dictionary of markers, and detection of corners, also of a part of the board.
 
 The layout is that of OpenCV 4.6 and later: black squares at the corner where the markers begin, one marker in each
 white square, numbered row by row (S. Garrido-Jurado et al., "Automatic generation and detection of highly reliable
@@ -29,7 +29,7 @@ DICTIONARIES: Final = {
     250: cv2.aruco.DICT_4X4_250,
     1000: cv2.aruco.DICT_4X4_1000,
 }
-# The least that must be seen of a board for its pose: corners, and the rows and the columns that these lie in.
+# Least number of visible corners for a pose, and of the rows and columns in which they lie.
 MIN_CORNERS: Final = 12
 MIN_LINES: Final = 3
 # Half the window of the sub-pixel refinement as a share of the smallest square. Markers begin an eighth of a square
@@ -38,7 +38,7 @@ WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
 # A window that the picture's rim cuts sees half a corner.
 RIM_PX: Final = 3
-# Other markers may lie about; a view in which most lie elsewhere shows another board.
+# Below this share of markers at their positions on the board the picture shows another board.
 BELONGING_SHARE: Final = 0.5
 # Grey levels are sampled across the edge from one corner to the next: along its centre, out to where markers begin.
 ALONG: Final = np.linspace(0.3, 0.7, 9)
@@ -66,7 +66,7 @@ def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
         name: name of the picture, for messages.
 
     Returns:
-        The view, of a part of the board too; how sharp it is stands in it and is not judged here.
+        The view, which may show a part of the board; its sharpness is measured and not judged here.
     """
     layout = _layout(board)
     marks, ids = _markers(grey, layout)
@@ -136,7 +136,7 @@ def _markers(grey: Grey, layout: cv2.aruco.CharucoBoard) -> tuple[Float32, Index
 
 
 def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> Mask:
-    """Which markers (n,) are arranged as on the board; between any others no corner of it can be."""
+    """Mask (n,) of the markers that are arranged as on the board; corners are searched between these only."""
     if not len(ids):
         return np.zeros(0, np.bool_)
     by_id = dict(zip(np.ravel(layout.getIds()).tolist(), layout.getObjPoints(), strict=True))
@@ -150,7 +150,7 @@ def _on_board(layout: cv2.aruco.CharucoBoard, marks: Float32, ids: Index32) -> M
 
 
 def _refined(grey: Grey, corners: Float, which: Index, board: BoardSpec) -> tuple[Float, Index]:
-    """Corners to sub-pixel accuracy, without those that the picture's rim cuts."""
+    """Refine corners to sub-pixel accuracy and drop those at the picture's rim."""
     first, second = _neighbours(which, board)
     if not len(first):
         return corners, which

@@ -1,4 +1,4 @@
-"""Finds a checkerboard in a grey picture: its corners, and whether they are all of them."""
+"""Detection of a whole checkerboard in a grey picture."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
         name: name of the picture, for messages.
 
     Returns:
-        The view; how sharp it is stands in it and is not judged here.
+        The view; its sharpness is measured and not judged here.
     """
     size = (board.columns, board.rows)
     corners = _detect(grey, size)

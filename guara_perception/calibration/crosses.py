@@ -1,4 +1,4 @@
-"""Finds fiducial crosses on the floor, near where a mount predicts them, to a few hundredths of a pixel."""
+"""Detection of fiducial crosses on the floor near their predicted positions, to a few hundredths of a pixel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Candidate = tuple[Float, float]
 # The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
 ARM_M = 0.012
 BAR_M = 0.0015
-# How far from its predicted position a cross is looked for: a mount 3 degrees and 20 mm off at 0.6 m.
+# Search radius about the predicted position of a cross: covers a mount 3 degrees and 20 mm off at 0.6 m.
 SEARCH_M = 0.060
 RASTER_M = 0.0005
 # Normalised correlation: crosses reach 0.8 and more, floor texture 0.3.

@@ -1,4 +1,4 @@
-"""Loads and saves `calibration.json`, versioned and with a content hash."""
+"""Reading and writing of `calibration.json`, versioned and with a content hash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finds the board in one picture, or says why it cannot be used; the cells that are printed in black."""
+"""Detection of the board in a picture, with the reason where it fails; printed cells of the board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Derives stripes that were not calibrated from those that were: the standard pattern from a coarse calibration."""
+"""Interpolation of stripes that were not calibrated: the standard pattern from a coarse calibration."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def walk(
         stripe = paper_scan.stripes[0]
         frame = np.asarray(paper_scan.read_frame(stripe.on))
         recording.add(SimpleNamespace(index=stripe.index, mirror_angle=stripe.mirror_angle, on=frame, off=frame))
-        recording.add_points(run_scan(paper_scan, calibration, robot).points, paper_terrain.stamp)
+        recorder.add_points(run_scan(paper_scan, calibration, robot).points, paper_terrain.stamp)
         messages = tuple(terrain_to_message(terrain, robot="guara", sequence=1) for terrain in (paper_terrain, fused))
         recording.finish(messages, None)
     return path
