@@ -138,6 +138,8 @@ def simulate_walk(
     noise = noise or WalkNoise()
     rng = np.random.default_rng(seed)
     length, width = robot.sole
+    feet = tuple(robot.legs)
+    declared = (KnownGround(gait.support_polygon(KNOWN_GROUND_MARGIN_M), height=0.0, sigma=0.001),)
 
     def set_down(x: float, y: float) -> Float:
         x, y = x + noise.slip * rng.standard_normal(), y + noise.slip * rng.standard_normal()
@@ -148,10 +150,26 @@ def simulate_walk(
     for step in range(round(cycles * len(gait.lift_order)) + 1):
         position = (step * gait.advance, 0.0)
         transform, joints = stand_on(robot, soles, position, gait.hip_height)
-        pause = _pause(robot, gait, step, footstep, transform, joints, soles, noise, rng)
+        footprint = true_footprint(robot, joints, feet, transform)
+        leg = gait.leg_of_swing(step)
+        landing = gait.landing(leg)
+        # The landing once the body has advanced along x of the world, in base_footprint of this pause.
+        target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + landing[0], landing[1], 0.0, 1.0)
+        pause = WalkPause(
+            step=step,
+            time=step * gait.swing_time,
+            stance=reported_stance(joints, feet, transform, noise, rng),
+            known_ground=declared if step == 0 else (),
+            next_leg=leg,
+            nominal=(float(target[0]), float(target[1])),
+            last_footstep=footstep,
+            joint_positions=joints,
+            transform_base_to_world=transform,
+            transform_footprint_to_world=footprint,
+            soles_in_world=soles,
+        )
         yield pause
         x, y = chosen_foothold(pause, choose)
-        leg = pause.next_leg
         soles = {**soles, leg: set_down(*pause.to_world(x, y))}
         sole = soles[leg]
         footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
@@ -200,38 +218,3 @@ def fresh_reading(stance: Stance, rng: np.random.Generator, noise: float = ENCOD
     """Stance of another reading of the joints: white noise [rad] is added to the biased positions."""
     joints = {name: value + noise * rng.standard_normal() for name, value in stance.joint_positions.items()}
     return dataclasses.replace(stance, joint_positions=joints)
-
-
-def _pause(
-    robot: RobotModel,
-    gait: WaveGait,
-    step: int,
-    footstep: Footstep | None,
-    transform: Float,
-    joints: dict[str, float],
-    soles: Mapping[str, Float],
-    noise: WalkNoise,
-    rng: np.random.Generator,
-) -> WalkPause:
-    feet = tuple(robot.legs)
-    footprint = true_footprint(robot, joints, feet, transform)
-    leg = gait.leg_of_swing(step)
-    landing = gait.landing(leg)
-    # Where the foot lands once the body has advanced along x of the world, seen from this pause.
-    target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + landing[0], landing[1], 0.0, 1.0)
-    ground: tuple[KnownGround, ...] = ()
-    if step == 0:
-        ground = (KnownGround(gait.support_polygon(KNOWN_GROUND_MARGIN_M), height=0.0, sigma=0.001),)
-    return WalkPause(
-        step=step,
-        time=step * gait.swing_time,
-        stance=reported_stance(joints, feet, transform, noise, rng),
-        known_ground=ground,
-        next_leg=leg,
-        nominal=(float(target[0]), float(target[1])),
-        last_footstep=footstep,
-        joint_positions=joints,
-        transform_base_to_world=transform,
-        transform_footprint_to_world=footprint,
-        soles_in_world=soles,
-    )
