@@ -94,7 +94,10 @@ class Fields:
 
     def path_to(self, name: str) -> str:
         """Name of a field for a message: file and dotted path."""
-        return f"{self.source}: {self.path}.{name}" if self.path else f"{self.source}: {name}"
+        return f"{self.source}: {self._below(name)}"
+
+    def _below(self, name: str) -> str:
+        return f"{self.path}.{name}" if self.path else name
 
     def has(self, name: str) -> bool:
         """Test that the field is there and not null."""
@@ -153,7 +156,7 @@ class Fields:
 
     def sub(self, name: str) -> Fields:
         """A nested object."""
-        return Fields(self._of_type(name, dict), self.source, f"{self.path}.{name}" if self.path else name)
+        return Fields(self._of_type(name, dict), self.source, self._below(name))
 
     def items(self, name: str) -> Iterator[Fields]:
         """Iterate over the objects of a list."""
@@ -161,10 +164,9 @@ class Fields:
         if len(values) > MOST_ITEMS:
             raise FileFormatError(f"{self.path_to(name)} has {len(values)} items, allowed: up to {MOST_ITEMS}")
         for i, value in enumerate(values):
-            path = f"{self.path}.{name}[{i}]" if self.path else f"{name}[{i}]"
             if not isinstance(value, dict):
-                raise FileFormatError(f"{self.source}: {path} is {_kind(value)}, it must be an object")
-            yield Fields(value, self.source, path)
+                raise FileFormatError(f"{self.path_to(name)}[{i}] is {_kind(value)}, it must be an object")
+            yield Fields(value, self.source, f"{self._below(name)}[{i}]")
 
     def sequence(self, name: str) -> list[Any]:
         """A list, elements unchecked."""

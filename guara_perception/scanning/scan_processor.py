@@ -126,7 +126,7 @@ class ScanProcessor:
     @property
     def grid(self) -> GridGeometry:
         """Geometry of the grid that `finish` returns."""
-        return self._surface.grid("footprint")
+        return self._surface.grids["footprint"]
 
     @property
     def camera_position(self) -> Float:
@@ -310,7 +310,7 @@ class ScanProcessor:
         is_lost = np.array([index in lost for index in self._geometry.stripes])
         return TerrainGrid(
             layers=layers,
-            geometry=self._surface.grid(area),
+            geometry=self._surface.grids[area],
             stamp=self._stamp,
             step=self._step,
             extent="footprint",

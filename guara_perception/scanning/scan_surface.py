@@ -29,7 +29,11 @@ ROUNDING = 1e-6
 
 
 class ScanSurface:
-    """Ground seen by a scan; only what has changed since the last call is computed again."""
+    """Ground seen by a scan; only what has changed since the last call is computed again.
+
+    Attributes:
+        grids: cells of each of AREAS.
+    """
 
     def __init__(
         self,
@@ -63,21 +67,12 @@ class ScanSurface:
             return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, hidden), settings.limits)
 
         rows = area_rows(settings, cell)
-        self._grids = {name: grid for name, (grid, _) in rows.items()}
+        self.grids = {name: grid for name, (grid, _) in rows.items()}
         # Made on demand: most scans need one of them.
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
-        fine = self.grid("wide").refined(self._pooling)
+        fine = self.grids["wide"].refined(self._pooling)
         self._raster = SurfaceRaster(fine, pattern, settings.join_height)
-
-    def grid(self, area: str) -> GridGeometry:
-        """The cells of an area, "footprint" or "wide".
-
-        Raises:
-            InvalidInput: another area.
-        """
-        check_area(area)
-        return self._grids[area]
 
     @property
     def stripes(self) -> dict[int, StripePoints]:

@@ -77,18 +77,16 @@ def sigma_of_filter(sigma: float) -> float:
 
 def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
     """Profiles of one or more stripes with as many columns each; arrays in here are (stripes, columns)."""
-    top, height, is_peak = (
-        _stacked([s.top for s in stripes]),
-        _stacked([s.height for s in stripes]),
-        _stacked([s.is_peak for s in stripes]),
+    top, height, is_peak = (_stacked(stripes, name) for name in ("top", "height", "is_peak"))
+    sigma, noise, first_row, rows = (
+        np.array([getattr(stripe, name) for stripe in stripes], np.float32)[:, None]
+        for name in ("sigma", "noise", "first_row", "rows")
     )
-    sigma, noise = _numbers([s.sigma for s in stripes]), _numbers([s.noise for s in stripes])
-    first_row, rows = _numbers([s.first_row for s in stripes]), _numbers([s.rows for s in stripes])
-    from_top, slope = centres(_stacked([s.responses for s in stripes]))
+    from_top, slope = centres(_stacked(stripes, "responses"))
     row = np.where(is_peak, top.astype(np.float32) + from_top, NAN)
     is_found = np.isfinite(row)
-    status = np.where(is_found, np.where(_stacked([s.is_clipped for s in stripes]), SATURATED, OK), DROPOUT)
-    status[is_peak & (~is_found | _stacked([s.is_unsure for s in stripes]))] = StripeStatus.AMBIGUOUS
+    status = np.where(is_found, np.where(_stacked(stripes, "is_clipped"), SATURATED, OK), DROPOUT)
+    status[is_peak & (~is_found | _stacked(stripes, "is_unsure"))] = StripeStatus.AMBIGUOUS
     status[is_peak & ((top < EDGE_ROWS) | (top >= rows - EDGE_ROWS))] = StripeStatus.OUT_OF_BAND
     usable = (status == OK) | (status == SATURATED)
     row, shrink = smooth_line(row, height)
@@ -133,14 +131,10 @@ def _albedo_shift(stripes: Sequence[DetectedStripe], sigma: Float32) -> Float32:
     return np.asarray(pull * (below - above) / np.maximum(above + below, np.float32(1)))
 
 
-def _stacked(arrays: Sequence[Array]) -> Array:
+def _stacked(stripes: Sequence[DetectedStripe], name: str) -> Array:
     """One array (..., stripes, columns) of those of all stripes; that of a single one is not copied."""
+    arrays = [getattr(stripe, name) for stripe in stripes]
     return arrays[0][..., None, :] if len(arrays) == 1 else np.stack(arrays, axis=-2)
-
-
-def _numbers(values: Sequence[float]) -> Float32:
-    """One number of each stripe (stripes, 1)."""
-    return np.array(values, dtype=np.float32)[:, None]
 
 
 def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:

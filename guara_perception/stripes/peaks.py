@@ -177,16 +177,11 @@ def smooth_wide(light: Array, sigma: float) -> Array:
 
 def noise_of_columns(light: Array) -> float:
     """Standard deviation of sums of COLUMN_MEAN_PX columns of light (rows, columns)."""
-    sums = sums_of_columns(light, SAMPLE_ROWS, SAMPLE_COLUMNS)
+    some = light[::SAMPLE_ROWS]
+    end = ((light.shape[1] - COLUMN_MEAN_PX) // SAMPLE_COLUMNS + 1) * SAMPLE_COLUMNS
+    first, second, third = (some[:, shift : shift + end : SAMPLE_COLUMNS] for shift in range(COLUMN_MEAN_PX))
+    sums = first + second + third
     return max(robust_sigma(sums) if sums.size else 0.0, LEAST_NOISE * COLUMN_MEAN_PX)
-
-
-def sums_of_columns(light: Array, rows: int, columns: int) -> Array:
-    """Sums of COLUMN_MEAN_PX columns at intervals of rows and columns: what smoothing over rows starts from."""
-    some = light[::rows]
-    count = (light.shape[1] - COLUMN_MEAN_PX) // columns + 1
-    first, second, third = (some[:, shift : shift + count * columns : columns] for shift in range(COLUMN_MEAN_PX))
-    return np.asarray(first + second + third)
 
 
 def stripe_sigma(smooth: Array, top: Index, columns: Index, height: Float32, smoothed_by: float = 0.0) -> float:

@@ -13,6 +13,7 @@ from guara_perception.stripes.band import Band
 from guara_perception.stripes.laser_light import clipped_columns, opening
 from guara_perception.stripes.measure import DetectedStripe, sigma_of_filter
 from guara_perception.stripes.peaks import (
+    INTERVALS,
     ROW_MEAN_PX,
     ROW_SMOOTHING_SIGMA_PX,
     WIDE_SIGMA_PX,
@@ -46,8 +47,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
     n = path.row.size
     columns = np.arange(n)
     top, height, sigma = path.row.copy(), np.zeros(n, np.float32), 1.0
-    every_response: Float32 | None = None
-    noise = 0.0
+    every_response, noise = np.zeros((INTERVALS + 1, n), np.float32), 0.0
     for where, light in _lights(path):
         light = (light - opening(light)) * scale
         smooth = smooth_light(light)
@@ -55,10 +55,9 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         top = np.where(where, rows, top)
         height = np.where(where, smooth[rows, columns], height)
         response = responses(smooth, rows, columns, sigma_of_filter(width))
-        every_response = response if every_response is None else np.where(where, response, every_response)
+        every_response = np.where(where, response, every_response)
         noise = max(noise, noise_of_columns(light) * noise_gain(sigma_of_filter(width), ROW_MEAN_PX))
         sigma = max(sigma, width)
-    assert every_response is not None
     is_clipped, is_lost = clipped_columns(band.on, top, sigma, path.channel, is_fused=band.on.ndim == 3)
     return DetectedStripe(
         top=top,
