@@ -43,5 +43,5 @@ def test_site_builds_without_a_warning(tmp_path: Path):
     )
     assert done.returncode == 0 and done.stdout + done.stderr == ""
     page = (tmp_path / "reference" / "terrain" / "index.html").read_text()
-    assert "check_foothold" in page and "Whether a sole, aligned with x, may be set down" in page
+    assert "check_foothold" in page and "Check positions for a sole that is aligned with x." in page
     assert "check_foothold" in (tmp_path / "search" / "search_index.json").read_text()
