@@ -13,6 +13,7 @@ import numpy as np
 from kinematics.arrays import Float
 from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
+from kinematics.transforms import unit_vector
 
 # A support plane within this many sigmas of the carried vertical is taken as level: 96 % of flat ground in two axes.
 FLAT_SIGMAS = 2.5
@@ -40,7 +41,7 @@ def carry_gravity(
         noise: standard deviations.
     """
     rotation = turn_between(soles_now, soles_before)
-    up = -rotation.T @ np.asarray(before.gravity_in_base) / np.linalg.norm(before.gravity_in_base)
+    up = -rotation.T @ unit_vector(before.gravity_in_base)
     plane = fit_support_plane(support_now)
     tilt_variance = plane_tilt_variance(plane.gain, covariances_now)
     variance = before.sigma**2 + 2.0 * tilt_variance

@@ -23,7 +23,7 @@ from kinematics.footprint import (
 )
 from kinematics.state import RobotState
 from kinematics.toml_table import Table
-from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points
+from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points, unit_vector
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
 # Where the vertical can come from, the best first.
@@ -243,19 +243,14 @@ def _vertical(
     if attitude == "imu":
         if gravity_in_base is None:
             raise StanceError("attitude 'imu' was asked for, but the stance has no gravity_in_base")
-        return attitude, _unit_up(gravity_in_base), noise.imu_sigma
+        return attitude, -unit_vector(gravity_in_base), noise.imu_sigma
     if attitude == "odometry":
         if odometry is None:
             raise StanceError("attitude 'odometry' was asked for, but no odometry was given")
-        return attitude, _unit_up(odometry.gravity_in_base), odometry.sigma
+        return attitude, -unit_vector(odometry.gravity_in_base), odometry.sigma
     if attitude == "level":
         return attitude, np.array([0.0, 0.0, 1.0]), noise.level_sigma
     return attitude, None, 0.0
-
-
-def _unit_up(gravity: Sequence[float]) -> Float:
-    up = -np.asarray(gravity, dtype=np.float64)
-    return np.asarray(up / np.linalg.norm(up))
 
 
 def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Float, Float]:

@@ -62,3 +62,10 @@ def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
     if np.linalg.eigvalsh(covariance)[0] < -1e-9 * scale:
         raise ArgumentError(f"{name} has a negative eigenvalue: no covariance")
     return covariance
+
+
+def unit_vector(vector: npt.ArrayLike) -> Float:
+    """A vector of length 1; its own length may be any but zero, since it is scaled before it is squared."""
+    scaled = np.asarray(vector, dtype=np.float64)
+    scaled = scaled / np.abs(scaled).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))

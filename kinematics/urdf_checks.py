@@ -15,6 +15,8 @@ from kinematics.urdf import Joint, Urdf
 
 # An axis written with three decimals
 AXIS_TOLERANCE = 1e-3
+# A stance names up to 256 joints in an announcement. A chain of 3,000 would cost minutes and 700 MB.
+MOST_JOINTS = 256
 
 
 def check_urdf(urdf: Urdf, root: str | None = None) -> None:
@@ -28,6 +30,10 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
         RobotFileError: naming each finding with file, line, link or joint, what was given and what is allowed.
     """
     findings = Findings(urdf.path)
+    moving = sum(joint.kind != "fixed" for joint in urdf.joints)
+    if moving > MOST_JOINTS:
+        findings.wrong(f"{moving} joints move; allowed: up to {MOST_JOINTS}. Make those that carry no foot fixed")
+        findings.refuse()
     _check_names(urdf, findings)
     if not findings.is_wrong:
         _check_tree(urdf, root, findings)

@@ -96,6 +96,17 @@ def test_footprint_definition(roll: float, pitch: float, length: float, feet: tu
     np.testing.assert_allclose(pose.transform_footprint_to_base @ transform, np.eye(4), atol=1e-12)
 
 
+@pytest.mark.parametrize("length", [1e-308, 1e-300, 1e-160, 1.0, 1e160, 1e307])
+def test_gravity_of_any_length_gives_the_same_pose(guara: RobotModel, length: float) -> None:
+    """Lengths whose squares are 0 or infinite; from the IMU and carried over."""
+    gravity = tuple((length * np.array(TILT_GRAVITY) / np.linalg.norm(TILT_GRAVITY)).tolist())
+    expected = guara.stance_pose(tilted(guara)).transform_base_to_footprint
+    for odometry in (None, GravityEstimate(gravity, 0.005)):
+        stance = Stance(tilted(guara).joint_positions, guara.legs, None if odometry else gravity)
+        pose = guara.stance_pose(stance, odometry=odometry)
+        np.testing.assert_allclose(pose.transform_base_to_footprint, expected, atol=1e-12)
+
+
 def test_best_source_is_taken_and_named(guara: RobotModel) -> None:
     """Gravity beats odometry beats the support plane; each can be asked for by name, and `level` only by name."""
     odometry = GravityEstimate((0.01, 0.0, -1.0), 0.005)

@@ -234,6 +234,16 @@ def test_a_continuous_joint_turns_either_way(broken_folder: Callable[..., Path],
     np.testing.assert_array_equal(robot.state(posture).soles_in_base(), guara.state(posture).soles_in_base())
 
 
+def test_a_chain_of_thousands_of_joints_is_refused_at_once(broken_folder: Callable[..., Path]) -> None:
+    """Its tree is not built: 3,000 joints beside those of the legs, more than any stance can name."""
+    link = '<link name="l{0}"/><joint name="j{0}" type="revolute"><parent link="{1}"/><child link="l{0}"/>'
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    chain = "".join((link + limit).format(i, f"l{i - 1}" if i else "base_link") for i in range(3000))
+    folder = broken_folder("urdf/guara.urdf", "</robot>", f"{chain}</robot>")
+    with pytest.raises(RobotFileError, match="3016 joints move; allowed: up to 256. Make those that carry no foot"):
+        load_robot(folder)
+
+
 def test_a_file_of_a_size_that_no_robot_has_is_refused(broken_folder: Callable[..., Path]) -> None:
     """Sixteen megabytes and more are not read."""
     path = broken_folder("robot.toml", "name", "name") / "urdf" / "guara.urdf"

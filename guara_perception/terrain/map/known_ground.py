@@ -111,13 +111,14 @@ def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step
     outline = ground.outline @ transform[:2, :2].T + transform[:2, 3]
     (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
     cy, cx = cells.cells_between((x0, y0), (x1, y1))
-    slot = cells.slots(cy, cx)
-    x, y = (np.asarray((c + 0.5) * cells.resolution, np.float64) for c in (cx, cy))
-    covered = (slot >= 0) & inside_polygon(outline, x, y)
+    slot, memory = cells.slots(cy, cx), cells.memory
+    # Cells that an earlier patch filled cost nothing.
+    open_cells = (slot >= 0) & np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
+    slot = slot[open_cells]
+    x, y = ((np.asarray(c, np.float64)[open_cells] + 0.5) * cells.resolution for c in (cx, cy))
+    covered = inside_polygon(outline, x, y)
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         covered &= inside_polygon(outline, x + sx * half, y + sy * half)
-    memory = cells.memory
-    covered &= np.isnan(memory["height"][slot]) & ((memory["cause"][slot] & LOOKED_AT) == 0)
     local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
     height = local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3]
     variance = np.full(len(local), ground.sigma**2)

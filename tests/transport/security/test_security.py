@@ -105,6 +105,24 @@ def test_roles_work_end_to_end(start, endpoint: str, folder: Path, peer) -> None
             transport.PerceptionClient(session).latest()
 
 
+@pytest.mark.parametrize("is_open", [False, True])
+def test_the_administration_space_of_the_node_answers_nobody(endpoint: str, tmp_path: Path, is_open: bool) -> None:
+    """Each role reads what Zenoh tells of its own session alone, unless the folder opens that of the node."""
+    secure = _secure(endpoint)
+    folder = transport.init_security(tmp_path / "s")
+    if is_open:
+        path = folder / "node" / "zenoh.json5"
+        configuration = json.loads(path.read_text())
+        configuration["adminspace"] = {"enabled": True}
+        configuration["access_control"]["enabled"] = False
+        path.write_text(json.dumps(configuration))
+    with transport.open_node(listen=secure, security=folder) as node:
+        for role in ("gait", "planner", "viewer"):
+            with transport.open_client(secure, security=folder / role, timeout=180.0) as session:
+                told = [str(reply.ok.key_expr) for reply in session.raw.get("@/**", timeout=10.0)]
+                assert any(key.startswith(f"@/{node.zenoh_id}") for key in told) == is_open, (role, told)
+
+
 def _certificate_of(authority: Credentials, folder: Path, days: int = 825) -> Path:
     """A copy of the planner's folder with another certificate."""
     credentials = make_certificate(authority, "planner", ["planner"], days=days)

@@ -10,6 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.settings import Settings
+from guara_perception.terrain.layers.geometry import inside_polygon
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import PoseInOdom, RobotModel
 from tests.guara_perception.terrain.map.poses import AROUND, POINT, ZERO, MakeScan, at, drift, only, stance_metadata
@@ -106,6 +107,26 @@ def test_invalid_known_ground_is_refused(outline: Any, height: float, sigma: flo
         gp.KnownGround(outline, height, sigma)
     with pytest.raises(gp.InvalidInput, match="sigma 0 or more"):
         gp.KnownGround(np.array([[0, 0], [1, 0], [1, 1]]), 0.0, -1.0)
+
+
+def test_patches_one_over_the_other_test_each_cell_once(
+    robot: RobotModel, make_scan: MakeScan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sixteen patches over the whole map, half of it covered by the first: later ones test the other half alone."""
+    tested: list[int] = []
+
+    def counted(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        tested.append(x.size)
+        return inside_polygon(corners, x, y)
+
+    monkeypatch.setattr("guara_perception.terrain.map.known_ground.inside_polygon", counted)
+    half = gp.KnownGround([(0.0, -9.0), (9.0, -9.0), (9.0, 9.0), (0.0, 9.0)], 0.0, 0.002)
+    edge = np.linspace(-9.0, 9.0, 8)
+    comb = gp.KnownGround([*((x, -9.0) for x in edge), *((x, 9.0) for x in edge[::-1])], 0.0, 0.002)
+    fused = gp.TerrainMap(robot).update(make_scan(flags=4), PoseInOdom(at(), ZERO), known_ground=[half, *[comb] * 15])
+    assert np.isfinite(fused.elevation).all()
+    assert tested[5] == tested[0] > 100_000
+    assert max(tested[10:]) == 0
 
 
 def test_ground_declared_over_a_wide_area_costs_no_more_than_the_map(robot: RobotModel, make_scan: MakeScan) -> None:

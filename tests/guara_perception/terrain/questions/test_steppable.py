@@ -10,10 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
+from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.questions.convex import grow_polygon
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
+from transport import decode_terrain
+from transport.messages.compact import encode_compact
 
 PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 
@@ -28,6 +31,11 @@ def ground(seed: int) -> gp.TerrainGrid:
         heights[iy : iy + rng.integers(4, 30), ix : ix + rng.integers(4, 30)] += rng.choice([0.012, 0.03, -0.03])
     heights[rng.random(heights.shape) < 0.0005] = np.nan
     return gp.assess_terrain(heights, 0.005, origin=(0.2, -0.35), variance=np.full(heights.shape, 1e-7))
+
+
+def sent_compactly(terrain: gp.TerrainGrid) -> gp.TerrainGrid:
+    """The grid that arrives when one is sent in the compact encoding."""
+    return message_to_terrain(decode_terrain(encode_compact(terrain_to_message(terrain, robot="guara", sequence=1))))
 
 
 def inner_points(region: gp.SteppableRegion, count: int, seed: int = 0) -> np.ndarray:
@@ -81,6 +89,25 @@ def test_regions_of_a_whole_grid(seed: int) -> None:
     assert not (covered & ~safe).any()
     if safe.sum() > 500:
         assert (covered & safe).sum() > 0.75 * safe.sum()
+
+
+@pytest.mark.slow
+@settings(PROPERTY, max_examples=examples(500))
+@given(st.integers(0, 100_000))
+def test_any_grid_has_its_regions(seed: int) -> None:
+    """Grids of any shape, cell size, noise and slope, computed and received in the compact encoding: none raises."""
+    rng = np.random.default_rng(seed)
+    shape, resolution = tuple(rng.integers(1, 150, 2).tolist()), float(rng.choice([0.002, 0.005, 0.01, 0.02]))
+    heights = rng.normal(0, 10 ** rng.uniform(-5, -1.5), shape) + rng.normal(0, 0.2) * np.arange(shape[1]) * resolution
+    for _ in range(rng.integers(0, 5)):
+        iy, ix = (int(rng.integers(0, n)) for n in shape)
+        heights[iy : iy + rng.integers(1, 30), ix : ix + rng.integers(1, 30)] += rng.choice([0.012, -0.03, np.nan])
+    heights[rng.random(shape) < rng.choice([0, 0.0005, 0.01])] = np.nan
+    origin, variance = tuple(rng.uniform(-1, 1, 2).tolist()), np.full(shape, 10 ** rng.uniform(-8, -5))
+    terrain = gp.assess_terrain(heights, resolution, origin=origin, variance=variance)
+    for grid in (terrain, sent_compactly(terrain)):
+        for region in grid.steppable_regions():
+            assert grid.check_foothold(*region.centre).ok
 
 
 def test_on_free_ground_it_is_the_square_that_was_asked_for() -> None:
