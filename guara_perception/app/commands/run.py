@@ -25,19 +25,18 @@ JPEG_QUALITY = 90
 @device_options
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices; walks by itself")
 @click.option(
+    "--gait",
+    type=click.Choice(["wave", "external"]),
+    default="wave",
+    help="with --simulated: external = stands where the stance pauses of your own gait put it",
+)
+@click.option("--world", default="demo", help="with --simulated: terrain and light, demo, sunlit or a world file")
+@click.option(
     "--record",
     type=FILE,
     help="record every scan into this .mcap file, the next (w-2.mcap after w.mcap) where it is there already, or into "
-    "files of 1 GB in this folder",
+    'files of 1 GB in this folder; `record_limit` of node.toml, as "50GB", removes the oldest',
 )
-@click.option("--record-limit", help="what all files of the folder may take, as 50GB: the oldest are removed")
-@click.option(
-    "--jpeg",
-    type=click.IntRange(0, 100),
-    default=JPEG_QUALITY,
-    help="quality of recorded frames; 0: every bit of them, nine times the size",
-)
-@earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
 @click.option("--ros2", is_flag=True, help="publish for ROS 2 too: grids, clouds, markers, camera and status")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
@@ -57,6 +56,15 @@ JPEG_QUALITY = 90
     help="node.toml: options that are set once (docs/files.md); the command line overrides it",
 )
 # Set once for a robot, normally in node.toml.
+@click.option("--record-limit", hidden=True, help="what all files of the folder may take: the oldest are removed")
+@click.option(
+    "--jpeg",
+    type=click.IntRange(0, 100),
+    default=JPEG_QUALITY,
+    hidden=True,
+    help="quality of recorded frames; 0: every bit of them, nine times the size",
+)
+@earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
     "--ros2-unknown",
@@ -73,6 +81,8 @@ JPEG_QUALITY = 90
 def command(
     context: click.Context,
     simulated: bool,
+    gait: str,
+    world: str,
     record: Path | None,
     record_limit: str | None,
     jpeg: int,
@@ -91,14 +101,15 @@ def command(
 ) -> None:
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
-    Camera and trigger are set in devices.toml; what is set once for a robot (routers, ROS 2 domain and TF, and every
-    option here) may stand in node.toml.
+    Camera and trigger are set in devices.toml; what is set once for a robot (size and quality of recordings, routers,
+    ROS 2 domain and TF, and every option here) may stand in node.toml.
 
     \b
     Example:
       guara run -c calibration.json --record walk.mcap
       guara run -c calibration.json --record recordings --record-limit 50GB
       guara run --simulated
+      guara run --simulated --gait external --world terrain.toml
       guara run --node node.toml
     """
     from guara_perception.app.files.recording_files import read_limit
@@ -109,6 +120,7 @@ def command(
     from guara_perception.app.scene.mirror import SceneMirror
     from guara_perception.app.scene.scene import Scene
     from guara_perception.app.until_stopped import closed_within, stop_event
+    from transport.keys import stance_key
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
@@ -119,6 +131,8 @@ def command(
     limit = None if record_limit is None else read_limit(record_limit, record)
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
         raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
+    if not simulated and (gait != "wave" or world != "demo"):
+        raise InvalidInput("--gait and --world go with --simulated: give it too; a real robot follows its own gait")
     quality = jpeg or None
     final: list[Failure] = []
     with ExitStack() as stack:
@@ -131,7 +145,7 @@ def command(
 
         follow(end_with)
         stack.callback(forget, end_with)
-        rig = choose_rig(chosen, simulated=simulated, on_the_move=True)
+        rig = choose_rig(chosen, simulated=simulated, on_the_move=True, world=world)
         instance = name or rig.robot.name
         stack.enter_context(closed_within(rig.rangefinder))
         session = stack.enter_context(
@@ -163,7 +177,12 @@ def command(
         parts = (rig.robot, rig.calibration, rig.rangefinder, server)
         node = PerceptionNode(*parts, mode=mode, recorder=recorder, status=status, mirror=mirror)
         stack.enter_context(node)
-        StanceReceiver(session, robot=instance, on_pause=node.on_pause, on_refused=node.on_refused)
+        on_pause = node.on_pause
+        if gait == "external" and rig.simulation is not None:
+            from guara_perception.app.node.external_gait import ExternalGait
+
+            on_pause = ExternalGait(rig.simulation, node, click.echo).on_pause
+        StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
             click.echo(f"{instance}: uplink to {uplink}, dialled again whenever it is gone")
@@ -171,7 +190,9 @@ def command(
             click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
                 click.echo(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
-        if rig.simulation is not None:
+        if gait == "external":
+            click.echo(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
+        elif rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 
             walk_until_stopped(rig.simulation, node, session, instance, stop, click.echo)

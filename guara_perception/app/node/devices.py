@@ -47,7 +47,12 @@ class Rig:
 
 
 def choose_rig(
-    chosen: DeviceOptions, *, simulated: bool, needs_calibration: bool = True, on_the_move: bool = False
+    chosen: DeviceOptions,
+    *,
+    simulated: bool,
+    needs_calibration: bool = True,
+    on_the_move: bool = False,
+    world: str = "demo",
 ) -> Rig:
     """Make the rig that the options of a command name.
 
@@ -57,18 +62,20 @@ def choose_rig(
         needs_calibration: False for a scan to calibrate with.
         on_the_move: True when feet will be set by the grids, for which the values of robot.toml that concern safety
             must have been measured.
+        world: name or file of the simulated world.
 
     Raises:
         InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
-        MissingFile, FileFormatError: the calibration or the file of devices cannot be read.
+        MissingFile, FileFormatError: calibration, file of devices or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     if simulated:
         if chosen.devices is not None:
             raise InvalidInput("--simulated brings its own devices: leave --devices out")
         from guara_perception.app.node.simulated import SimulatedRobot
+        from guara_perception.simulation.world import load_world
 
-        made = SimulatedRobot(chosen.robot or "guara", chosen.calibration)
+        made = SimulatedRobot(chosen.robot or "guara", chosen.calibration, world=load_world(world))
         return Rig(made.robot, made.calibration, made.rangefinder, made)
     devices = devices_of(
         chosen.devices, camera=chosen.camera, trigger=chosen.trigger, fps=chosen.fps, off_frames=chosen.off_frames

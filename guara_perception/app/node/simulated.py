@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from drivers import CameraSettings, LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import load_calibration
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
@@ -80,7 +81,15 @@ class SimulatedRobot:
 
     def stand_at(self, pause: WalkPause) -> None:
         """Put the robot where it stands at a pause; only between scans."""
-        self._rig.set_pose(pause.transform_base_to_world, pause.joint_positions)
+        self.place(pause.transform_base_to_world, pause.joint_positions)
+
+    def place(self, transform_base_to_world: Float, joint_positions: Mapping[str, float]) -> None:
+        """Put the robot in a pose (4, 4) with joint positions [rad]; only between scans.
+
+        Raises:
+            InvalidInput: camera or laser in the ground.
+        """
+        self._rig.set_pose(transform_base_to_world, joint_positions)
 
     def walk(
         self, choose: Callable[[WalkPause], Choice] | None = None, *, cycles: float = 10, number: int = 0

@@ -1,0 +1,157 @@
+"""Surroundings for a gait in development: the simulated robot stands where the gait's stance pauses put it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from guara_perception.app.node.node import PerceptionNode
+from guara_perception.app.node.pause import stance_of
+from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.walk import WalkNoise
+from guara_perception.simulation.world import World
+from kinematics import KinematicsError, LegOdometry, OdometryLost, Stance
+from kinematics.transforms import transform_points
+from transport import MessageError, PausePhase, StancePause
+
+logger = logging.getLogger(__name__)
+
+# Steps of the least-squares fit of the body to the ground below its feet, which is not flat.
+FIT_STEPS = 8
+# A sole further from the ground than joint biases and terrain below the sole explain [m].
+HANGING_M = 0.020
+# Noise of a reading of a joint that stands at its limit [rad].
+LIMIT_ERROR_RAD = 0.01
+# Difference between the gravity that the gait reports and the tilt in which the feet hold the body [rad].
+TILT_ERROR_RAD = 0.06
+
+
+class ExternalGait:
+    """Places a simulated robot by the stance pauses of a gait in another process, and reports what does not fit.
+
+    Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
+    joints in the messages are readings of encoders with a constant bias, as on a robot. A new walk begins at the
+    origin of the world.
+
+    Attributes:
+        placed: number of pauses for which the robot was placed.
+    """
+
+    def __init__(self, robot: SimulatedRobot, node: PerceptionNode, tell: Callable[[str], None] = logger.info) -> None:
+        """Begin with the robot at the origin.
+
+        Args:
+            robot: simulated robot; the devices of `node` are its own.
+            node: running node, which gets every announcement after the robot was placed.
+            tell: called with a line of text for each pause that does not fit.
+        """
+        self._robot, self._node, self._tell = robot, node, tell
+        names = robot.robot.tree.joint_names
+        bias = WalkNoise().joint * np.random.default_rng(0).standard_normal(len(names))
+        self._bias = dict(zip(names, bias.tolist(), strict=True))
+        self._odometry = LegOdometry(robot.robot)
+        # Pose of `odom` in the world: where the walk began, or where a jump was set down.
+        self._odom_to_world: Float = np.eye(4)
+        self._walk: tuple[str, int] | None = None
+        self.placed = 0
+
+    def on_pause(self, announcement: StancePause) -> None:
+        """Place the robot at each BEGIN, then hand the announcement to the node."""
+        walk = self._walk
+        is_late = walk is not None and walk[0] == announcement.epoch != "" and announcement.step < walk[1]
+        if announcement.phase is PausePhase.BEGIN and not is_late:
+            try:
+                stance = stance_of(announcement, self._robot.robot)
+                self._report(announcement.step, self._place(announcement, stance))
+            except InvalidInput as error:
+                self._report(announcement.step, [str(error)])
+                self._node.on_refused(MessageError(f"step {announcement.step}: {error}"))
+                return
+            except KinematicsError as error:
+                # The node refuses it for the same reason.
+                self._report(announcement.step, [str(error)])
+        self._node.on_pause(announcement)
+
+    def _place(self, announcement: StancePause, stance: Stance) -> list[str]:
+        """Place the robot; return what does not fit, in words."""
+        walk, self._walk = self._walk, (announcement.epoch, announcement.step)
+        if walk is None or announcement.epoch != walk[0] or (not walk[0] and announcement.step < walk[1]):
+            self._odometry.reset()
+            self._odom_to_world = np.eye(4)
+        last, misfits = self._odometry.last, list[str]()
+        try:
+            pose = self._odometry.update(stance)
+        except OdometryLost as error:
+            assert last is not None
+            self._odom_to_world = self._odom_to_world @ last.transform_footprint_to_odom
+            self._odometry.reset()
+            pose = self._odometry.update(stance)
+            misfits.append(f"the gait jumped: {error}. The robot is set down where it stood")
+        for name, angle in pose.pose.state.beyond_limits.items():
+            if angle > LIMIT_ERROR_RAD:
+                misfits.append(f"joint {name} is {angle:.3f} rad beyond its limits: no robot stands like this")
+        joints = {name: angle + self._bias[name] for name, angle in stance.joint_positions.items()}
+        soles = self._robot.robot.state(joints).soles_in_base(stance.support_feet)
+        transform, heights = stand_on_ground(
+            self._robot.world, self._odom_to_world @ pose.transform_base_to_odom, soles, self._robot.robot.sole
+        )
+        self._robot.place(transform, joints)
+        self.placed += 1
+        misfits += [
+            f"foot {foot} is {abs(height) * 1e3:.0f} mm {'above' if height > 0 else 'below'} the ground"
+            for foot, height in zip(stance.support_feet, heights.tolist(), strict=True)
+            if abs(height) > HANGING_M
+        ]
+        if stance.gravity_in_base is not None:
+            down = np.asarray(stance.gravity_in_base) / np.linalg.norm(stance.gravity_in_base)
+            tilt = float(np.arccos(np.clip(-transform[2, :3] @ down, -1.0, 1.0)))
+            if tilt > TILT_ERROR_RAD:
+                misfits.append(
+                    f"gravity_in_base is {np.degrees(tilt):.1f} degrees off the tilt that these joints give on this "
+                    "ground"
+                )
+        return misfits
+
+    def _report(self, step: int, misfits: list[str]) -> None:
+        if not misfits:
+            self._node.status.solved("gait")
+            return
+        text = f"step {step}: {'; '.join(misfits)}"
+        self._node.status.problem("gait", text)
+        self._tell(f"gait: {text}")
+
+
+def stand_on_ground(
+    world: World, transform_base_to_world: Float, soles_in_base: Float, sole: tuple[float, float]
+) -> tuple[Float, Float]:
+    """Body pose (4, 4) whose soles rest on the ground, at the same place and heading.
+
+    Args:
+        world: the terrain.
+        transform_base_to_world: (4, 4) where the body is by odometry.
+        soles_in_base: (n, 3) sole centres of the feet that carry it [m].
+        sole: length and width of a sole [m].
+
+    Returns:
+        transform_base_to_world (4, 4), and the height (n,) of each sole above the ground [m], which is not zero where
+        the feet do not fit the ground.
+    """
+    transform = np.array(transform_base_to_world)
+    heights = np.zeros(len(soles_in_base))
+    for _ in range(FIT_STEPS):
+        soles = transform_points(transform, soles_in_base)
+        heights = soles[:, 2] - [world.sole_height(x, y, *sole) for x, y, _ in soles]
+        centre = soles.mean(axis=0)
+        x, y = (soles - centre)[:, :2].T
+        # A small turn (roll, pitch) about the centre of the feet lifts a sole by roll * y - pitch * x.
+        lift, roll, pitch = np.linalg.lstsq(np.column_stack((np.ones_like(x), y, -x)), -heights, rcond=None)[0]
+        turn = np.eye(4)
+        turn[:3, :3] = cv2.Rodrigues(np.array([roll, pitch, 0.0]))[0]
+        turn[:3, 3] = centre - turn[:3, :3] @ centre + (0.0, 0.0, lift)
+        transform = turn @ transform
+    return transform, heights
