@@ -103,7 +103,7 @@ class PerceptionServer(Resource):
         self._scans: ScanServer | None = None
         self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
-        self._status = StatusReporter(session, self._items, robot=robot)
+        self._status = StatusReporter(session, self.status_items, robot=robot)
         if self._bridge is not None:
             bridge = self._bridge
             self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
@@ -262,7 +262,8 @@ class PerceptionServer(Resource):
         """Send the status now; returns at once."""
         self._status.changed()
 
-    def _items(self) -> list[StatusItem]:
+    def status_items(self) -> list[StatusItem]:
+        """Items of the status of now, in the order in which they are sent."""
         with self._lock:
             newest, newest_map = self._newest.get("footprint"), self._newest.get("map")
             step, epoch, times = self._step, self._epoch, list(self._times)

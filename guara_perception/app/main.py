@@ -15,7 +15,7 @@ from typing import Any
 
 import click
 
-from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION, EXIT_FAILED, EXIT_INTERRUPTED
 
 # Commands by group, each with its one line in `guara --help`; a command is a module of guara_perception.app.commands.
 GROUPS = {
@@ -43,6 +43,7 @@ GROUPS = {
     "Robots and sites": {
         "robot": "Make or check the folder of a robot",
         "security": "Make and check certificates and access rules",
+        "service": "Install the node as a service of the system",
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
@@ -156,7 +157,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         if not is_expected(error):
             raise
-        return _say(text_of(error), EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED)
+        return _say(text_of(error), _code_of(error, given))
     # An integer comes from ctx.exit(code); otherwise click returns what the command returned, which is None.
     return code if isinstance(code, int) else 0
 
@@ -193,6 +194,14 @@ def is_bad_input(error: BaseException) -> bool:
         cause = cause.__cause__
     files = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectoryError, PermissionError)
     return isinstance(error, (ValueError, KeyError, *files))
+
+
+def _code_of(error: Exception, given: Sequence[str]) -> int:
+    """Exit code of an expected error; a service manager must tell a calibration from a configuration."""
+    kinds = {kind.__name__ for kind in type(error).__mro__}
+    if "run" in given and kinds & {"CalibrationMismatch", "CalibrationRefused"}:
+        return EXIT_CALIBRATION
+    return EXIT_BAD_INPUT if is_bad_input(error) else EXIT_FAILED
 
 
 def text_of(error: Exception) -> str:

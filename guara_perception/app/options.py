@@ -21,6 +21,8 @@ NOT_MIRRORED = click.option(
     "--not-mirrored", is_flag=True, help="you vouch that the driver does not mirror the pictures"
 )
 NODE_FORMAT = "guara-node/1"
+# Key of `click.Context.meta` with the mistakes in node.toml.
+MISTAKES = "guara.mistakes"
 # A file of options has some twenty lines.
 LARGEST_BYTES = 64 * 1024
 
@@ -136,8 +138,10 @@ def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **att
 def read_node_file(context: click.Context, parameter: click.Parameter, path: Path | None) -> None:
     """Take the defaults of a command's options from node.toml; paths in it are relative to its folder.
 
+    Mistakes are collected for `refuse_mistakes`.
+
     Raises:
-        MissingFile, FileFormatError: the message names the key and what is allowed.
+        MissingFile, FileFormatError: there is no such file, or none of this format.
     """
     from guara_perception.files import read_toml
 
@@ -153,10 +157,12 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
         for option in context.command.params
         if isinstance(option, click.Option) and option.expose_value and option is not parameter
     }
-    unknown = sorted(set(given) - set(options))
-    if unknown:
-        raise FileFormatError(f"{path}: unknown {', '.join(unknown)}; allowed: {', '.join(sorted(map(str, options)))}")
+    mistakes = context.meta.setdefault(MISTAKES, [])
+    defaults = {}
     for name, value in given.items():
+        if name not in options:
+            mistakes.append(f"{path}: unknown {name}; allowed: {', '.join(sorted(map(str, options)))}")
+            continue
         kind = options[name].type
         try:
             if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
@@ -165,7 +171,18 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
                 raise click.BadParameter("a text is needed")
             options[name].type_cast_value(context, value)
         except click.BadParameter as error:
-            raise FileFormatError(f"{path}: {name} is {value!r}: {error.message}") from None
-        if isinstance(kind, click.Path):
-            given[name] = str(path.parent / value)
-    context.default_map = given
+            mistakes.append(f"{path}: {name} is {value!r}: {error.message}")
+            continue
+        defaults[name] = str(path.parent / value) if isinstance(kind, click.Path) else value
+    context.default_map = defaults
+
+
+def refuse_mistakes(context: click.Context, parameter: click.Parameter, is_check: bool) -> bool:
+    """Refuse a node.toml with mistakes; a check goes on, to find those outside the file too.
+
+    Raises:
+        FileFormatError: all mistakes of the file.
+    """
+    if context.meta.get(MISTAKES) and not is_check:
+        raise FileFormatError(*context.meta[MISTAKES])
+    return is_check

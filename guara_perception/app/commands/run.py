@@ -10,12 +10,20 @@ import click
 from click.core import ParameterSource
 
 from guara_perception.app.exit_codes import EXIT_THREAD_FAILED
-from guara_perception.app.options import FILE, DeviceOptions, device_options, earlier_option, read_node_file
+from guara_perception.app.options import (
+    FILE,
+    MISTAKES,
+    DeviceOptions,
+    device_options,
+    earlier_option,
+    read_node_file,
+    refuse_mistakes,
+)
 
 if TYPE_CHECKING:
     from guara_perception.terrain.grid import TerrainGrid
 
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput
 
 # It shifts stripes by 0.035 px rms and needs a ninth of the disk space (640 x 512, simulated).
 JPEG_QUALITY = 90
@@ -55,6 +63,9 @@ JPEG_QUALITY = 90
     callback=read_node_file,
     help="node.toml: options that are set once (docs/files.md); the command line overrides it",
 )
+@click.option(
+    "--check", is_flag=True, callback=refuse_mistakes, help="only check the configuration; no device is opened"
+)
 # Set once for a robot, normally in node.toml.
 @click.option("--record-limit", hidden=True, help="what all files of the folder may take: the oldest are removed")
 @click.option(
@@ -65,6 +76,9 @@ JPEG_QUALITY = 90
     help="quality of recorded frames; 0: every bit of them, nine times the size",
 )
 @earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
+@click.option(
+    "--metrics", type=click.IntRange(1, 65535), hidden=True, help="port of this machine for OpenMetrics, such as 9464"
+)
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
     "--ros2-unknown",
@@ -97,6 +111,8 @@ def command(
     allow_insecure: bool,
     name: str | None,
     mode: str,
+    check: bool,
+    metrics: int | None,
     chosen: DeviceOptions,
 ) -> None:
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
@@ -111,14 +127,18 @@ def command(
       guara run --simulated
       guara run --simulated --gait external --world terrain.toml
       guara run --node node.toml
+      guara run --node node.toml --check
     """
     from guara_perception.app.files.recording_files import read_limit
+    from guara_perception.app.metrics import metrics_served
+    from guara_perception.app.node.configuration import ConfigurationWatch
     from guara_perception.app.node.devices import choose_rig
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
     from guara_perception.app.node.recorder import ScanRecorder
     from guara_perception.app.scene.mirror import SceneMirror
     from guara_perception.app.scene.scene import Scene
+    from guara_perception.app.service import ServiceManager
     from guara_perception.app.until_stopped import closed_within, stop_event
     from transport.keys import stance_key
     from transport.node_name import open_only_node
@@ -129,6 +149,9 @@ def command(
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
     limit = None if record_limit is None else read_limit(record_limit, record)
+    if check:
+        _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
+        return
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
         raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
     if not simulated and (gait != "wave" or world != "demo"):
@@ -160,7 +183,9 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
-        status.on_scan = _print_summary
+        status.on_scan = _report_scan
+        watch = ConfigurationWatch(chosen.calibration, chosen.devices, rig.robot.folder)
+        status.follow(watch.item)
         if security is not None:
             status.follow(lambda: certificates_item(security))
         server = PerceptionServer(
@@ -177,6 +202,8 @@ def command(
         parts = (rig.robot, rig.calibration, rig.rangefinder, server)
         node = PerceptionNode(*parts, mode=mode, recorder=recorder, status=status, mirror=mirror)
         stack.enter_context(node)
+        if metrics is not None:
+            stack.enter_context(metrics_served(metrics, instance, server.status_items))
         on_pause = node.on_pause
         if gait == "external" and rig.simulation is not None:
             from guara_perception.app.node.external_gait import ExternalGait
@@ -190,6 +217,7 @@ def command(
             click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
                 click.echo(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
+        stack.enter_context(ServiceManager(node.is_well))
         if gait == "external":
             click.echo(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:
@@ -203,12 +231,29 @@ def command(
         click.get_current_context().exit(EXIT_THREAD_FAILED)
 
 
-def _print_summary(terrain: TerrainGrid) -> None:
-    """Print one line per scan; a closed output (`guara run | head`) never costs a scan."""
+def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security: Path | None) -> None:
+    """Name all mistakes in the configuration.
+
+    Raises:
+        FileFormatError: there are some.
+    """
+    from guara_perception.app.node.configuration import mistakes_of
+
+    found = [*mistakes, *mistakes_of(chosen, simulated=simulated, security=security)]
+    if found:
+        raise FileFormatError(*found)
+    click.echo("the configuration is sound: `guara run` with the same options starts the node")
+
+
+def _report_scan(terrain: TerrainGrid) -> None:
+    """Print one line per scan, for the service manager too; a closed output (`| head`) never costs a scan."""
+    from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
 
+    line = summary(terrain)
+    notify(f"STATUS={line}")
     with suppress(OSError):
-        click.echo(summary(terrain))
+        click.echo(line)
 
 
 def recording_size(quality: int | None) -> str:

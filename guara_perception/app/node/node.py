@@ -250,6 +250,10 @@ class PerceptionNode:
                 self._server.end_step()
             self._wake()
 
+    def is_well(self) -> bool:
+        """Whether the scan thread runs and makes progress."""
+        return self._thread_item().level is Health.OK
+
     def _is_hung(self) -> bool:
         return clock.now() - self._progress_at > HANG_TIME_S
 

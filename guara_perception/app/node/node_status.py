@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,6 +41,7 @@ class NodeStatus:
         self._drift = DriftWatch()
         self._scans = 0
         self._failures = 0
+        self._withdrawn: Counter[str] = Counter()
         self.on_change: Callable[[], None] = lambda: None
         self.on_scan: Callable[[TerrainGrid], None] = lambda terrain: None
         if calibration is not None:
@@ -90,6 +92,17 @@ class NodeStatus:
             if scanner is not None and scanner.values["step"] == str(step):
                 self._items["scanner"] = dataclasses.replace(scanner, values={**scanner.values, "provisional": "false"})
         self.on_change()
+
+    def withdrawn(self, cause: str) -> None:
+        """Count a grid that was withdrawn, by its cause: "moved", "clock" (of the gait unknown) or "late"."""
+        with self._lock:
+            self._withdrawn[cause] += 1
+            self._items["withdrawn"] = StatusItem(
+                name="withdrawn",
+                level=Health.OK,
+                message=f"{self._withdrawn.total()} grids since the start",
+                values={name: str(count) for name, count in self._withdrawn.items()},
+            )
 
     def drift(self, drift: Drift) -> None:
         """Report the fit of the last scan's floor to the calibration; one scan alone is no warning."""

@@ -203,6 +203,7 @@ class PublishedScans:
         A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
         """
         reason = f"withdrawn: {self._why_not(pause)}"
+        self._status.withdrawn("moved" if pause.broken else "late" if pause.is_clock_known else "clock")
         self._status.problem("scan", f"step {pause.step}: {reason}")
         logger.error("step %d: %s", pause.step, reason)
         nothing, messages = self._nothing_seen(pause, reason), []

@@ -1,0 +1,91 @@
+"""Metrics of a node in OpenMetrics text on a port of this machine: the numbers of its status, and its process."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from prometheus_client import GC_COLLECTOR, PLATFORM_COLLECTOR, PROCESS_COLLECTOR, CollectorRegistry, start_http_server
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from guara_perception.exceptions import InvalidInput
+from transport import StatusItem
+
+ADDRESS = "127.0.0.1"
+LEVEL = "guara_status_level"
+# Values of the status that only grow while the node runs.
+COUNTERS = {
+    "guara_scanner_scans",
+    "guara_scanner_failures",
+    "guara_threads_failures",
+    "guara_transport_published",
+    "guara_transport_superseded",
+    "guara_transport_failed",
+    "guara_withdrawn_moved",
+    "guara_withdrawn_clock",
+    "guara_withdrawn_late",
+}
+# Of a value of the status and of its unit, as in "12.5" or "0.31 s".
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+WORDS = {"true": 1.0, "false": 0.0}
+
+
+class StatusCollector(Collector):
+    """The items of a status as metrics, read when somebody asks for them.
+
+    The level of each item is `guara_status_level{item}` (0 ok, 1 warning, 2 error); each of its values that is a number
+    is `guara_<item>_<value>`.
+    """
+
+    def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:
+        """`items` gives the items of the status of `robot`."""
+        self._robot, self._items = robot, items
+
+    def collect(self) -> Iterator[GaugeMetricFamily | CounterMetricFamily]:
+        """Metrics of the status of now."""
+        names = ["robot", "item"]
+        levels = GaugeMetricFamily(LEVEL, "Level of an item of the status: 0 ok, 1 warning, 2 error", labels=names)
+        numbers: dict[str, float] = {}
+        for item in self._items():
+            levels.add_metric([self._robot, item.name], int(item.level))
+            for name, given in item.values.items():
+                text = str(given)
+                value = WORDS.get(text, float(text) if NUMBER.fullmatch(text) else math.nan)
+                if not math.isnan(value):
+                    numbers[metric_name(item.name, name)] = value
+        yield levels
+        for name, value in numbers.items():
+            family = CounterMetricFamily if name in COUNTERS else GaugeMetricFamily
+            metric = family(name, "Value of the status (docs/messages.md)", labels=["robot"])
+            metric.add_metric([self._robot], value)
+            yield metric
+
+
+def metric_name(item: str, value: str) -> str:
+    """Name of the metric of a value of the status."""
+    return re.sub(r"[^a-z0-9_]+", "_", f"guara_{item}_{value}".lower())
+
+
+@contextmanager
+def metrics_served(port: int, robot: str, items: Callable[[], list[StatusItem]]) -> Iterator[None]:
+    """Serve the metrics of a status and of this process at http://127.0.0.1:PORT/metrics within the block.
+
+    Raises:
+        InvalidInput: the port is in use.
+    """
+    registry = CollectorRegistry()
+    for collector in (PROCESS_COLLECTOR, PLATFORM_COLLECTOR, GC_COLLECTOR, StatusCollector(robot, items)):
+        registry.register(collector)
+    try:
+        server, thread = start_http_server(port, addr=ADDRESS, registry=registry)
+    except OSError as error:
+        raise InvalidInput(f"--metrics is {port}: {error.strerror}; allowed: a port that is free") from None
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

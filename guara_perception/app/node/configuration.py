@@ -1,0 +1,87 @@
+"""Configuration of a node: checked as a whole before it starts, and watched while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from guara_perception.app.devices_file import load_devices
+from guara_perception.app.node.devices import choose_rig
+from guara_perception.app.options import DeviceOptions
+from guara_perception.calibration.file import load_calibration
+from guara_perception.exceptions import PerceptionError
+from kinematics import KinematicsError, load_robot
+from transport import Health, StatusItem, TransportError
+from transport.security.certificates import judge_security
+
+EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
+
+
+def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None) -> list[str]:
+    """All mistakes in the configuration of a node; no device is opened.
+
+    Args:
+        chosen: robot, calibration and devices.
+        simulated: simulated devices in place of those.
+        security: folder of the node's role, or None.
+    """
+    parts: list[Callable[[], object]] = []
+    if chosen.robot is not None:
+        parts.append(lambda: load_robot(str(chosen.robot)))
+    if chosen.calibration is not None:
+        parts.append(lambda: load_calibration(str(chosen.calibration)))
+    if chosen.devices is not None:
+        parts.append(lambda: load_devices(str(chosen.devices)))
+    if security is not None:
+        parts.append(lambda: _refuse_unsafe(security))
+    mistakes = [message for part in parts if (message := _mistake(part))]
+    if not mistakes:
+        # Parts that are right each may not fit one another.
+        mistakes += filter(None, [_mistake(lambda: choose_rig(chosen, simulated=simulated, on_the_move=True))])
+    return mistakes
+
+
+def _mistake(part: Callable[[], object]) -> str:
+    try:
+        part()
+    except EXPECTED as error:
+        return str(error)
+    return ""
+
+
+def _refuse_unsafe(folder: Path) -> None:
+    level, message = judge_security(folder)
+    if level is Health.ERROR:
+        raise TransportError(f"{folder}: {message}")
+
+
+class ConfigurationWatch:
+    """Files that a running node was started with; a change takes effect with the next start."""
+
+    def __init__(self, *paths: Path | None) -> None:
+        """Remember files, and what is in folders; None is passed over."""
+        self._paths = [path for path in paths if path is not None]
+        self._before = self._state()
+
+    def item(self) -> StatusItem:
+        """Item of the status: a warning that names what has changed since the start."""
+        now = self._state()
+        changed = sorted(
+            str(path) for path in now.keys() | self._before.keys() if now.get(path) != self._before.get(path)
+        )
+        if not changed:
+            return StatusItem(name="configuration", level=Health.OK, message="as it was at the start")
+        message = f"changed since the start, restart the node to use it: {', '.join(changed)}"
+        return StatusItem(name="configuration", level=Health.WARN, message=message)
+
+    def _state(self) -> dict[Path, tuple[int, int]]:
+        files = [file for path in self._paths for file in (path.rglob("*") if path.is_dir() else [path])]
+        state = {}
+        for file in files:
+            try:
+                status = file.stat()
+            except OSError:
+                continue
+            if not file.is_dir():
+                state[file] = (status.st_mtime_ns, status.st_size)
+        return state

@@ -1,0 +1,155 @@
+"""Node as a systemd service: its unit, and what a running node tells the service manager (sd_notify(3))."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shlex
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Self
+
+from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION
+from guara_perception.exceptions import InvalidInput
+from transport.supervision import supervised
+
+logger = logging.getLogger(__name__)
+# [s] Without a sign of life for this long systemd restarts the node; a scan thread that hangs is one after 30 s.
+WATCHDOG_S = 20
+# [s] Devices get 30 s to close before the node ends without them.
+STOP_S = 40
+# A node that fails more often than this within the time [s] stays down, for a person to look at.
+BURST, BURST_S = 5, 120
+
+UNIT = """\
+[Unit]
+Description=Guara perception node {name}
+After=network.target
+StartLimitIntervalSec={burst_s}
+StartLimitBurst={burst}
+
+[Service]
+Type=notify
+ExecStart={program} run --node {node}
+WatchdogSec={watchdog}
+Restart=on-failure
+RestartSec=2
+# Restarting mends neither a wrong configuration nor a calibration that does not fit.
+RestartPreventExitStatus={bad_input} {calibration}
+TimeoutStopSec={stop}
+
+User={user}
+# Cameras and, by the udev rule of `guara doctor`, the laser board.
+SupplementaryGroups=video plugdev
+StateDirectory={name}
+CacheDirectory={name}
+WorkingDirectory=/var/lib/{name}
+Environment=MPLCONFIGDIR=/var/cache/{name}
+UMask=0027
+
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+ProtectSystem=strict
+ProtectHome=read-only
+PrivateTmp=yes
+ProtectClock=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+ProtectControlGroups=yes
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+SystemCallArchitectures=native
+DevicePolicy=closed
+DeviceAllow=char-usb_device rw
+DeviceAllow=char-video4linux rw
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+
+def unit(name: str, node: Path, user: str) -> str:
+    """Text of the unit of a node.
+
+    Args:
+        name: name of the service, and of its folders below /var/lib and /var/cache.
+        node: node.toml of the node.
+        user: user that the node runs as; not root.
+
+    Raises:
+        InvalidInput: a name that systemd would read otherwise; root as the user.
+    """
+    for what, value in (("--name", name), ("--user", user)):
+        if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
+            raise InvalidInput(f"{what} is {value!r}; allowed: letters, digits, - and _")
+    if user == "root":
+        raise InvalidInput("--user is 'root'; allowed: a user of its own, who may use camera and board by their groups")
+    # The program of this installation; `%` begins a specifier of systemd.
+    program = [sys.executable, "-m", "guara_perception.app.main"]
+    return UNIT.format(
+        name=name,
+        node=shlex.quote(str(node.absolute()).replace("%", "%%")),
+        program=" ".join(shlex.quote(word.replace("%", "%%")) for word in program),
+        user=user,
+        watchdog=WATCHDOG_S,
+        stop=STOP_S,
+        burst=BURST,
+        burst_s=BURST_S,
+        bad_input=EXIT_BAD_INPUT,
+        calibration=EXIT_CALIBRATION,
+    )
+
+
+def notify(*states: str) -> None:
+    """Send states such as "READY=1" to the service manager; without one (no $NOTIFY_SOCKET) nothing is sent."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    # An address that begins with @ is in Linux' abstract namespace.
+    address = "\0" + address[1:] if address.startswith("@") else address
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as link:
+            link.connect(address)
+            link.send("\n".join(states).encode())
+    except OSError as error:
+        logger.warning("the service manager was not told %s: %s", ", ".join(states), error)
+
+
+class ServiceManager:
+    """Readiness, watchdog and end of a node, told to systemd while the `with` block runs."""
+
+    def __init__(self, is_well: Callable[[], bool]) -> None:
+        """`is_well` says whether the node works; without it no sign of life is sent, and systemd restarts the node."""
+        self._is_well = is_well
+        self._ended = threading.Event()
+        microseconds = os.environ.get("WATCHDOG_USEC", "")
+        # As sd_watchdog_enabled(3) advises: twice within the time.
+        self._period = int(microseconds) * 1e-6 / 2.0 if microseconds.isdigit() else None
+        self._thread = supervised("guara-watchdog", self._run)
+
+    def __enter__(self) -> Self:
+        """Report that the node is ready, and begin with the signs of life."""
+        notify("READY=1")
+        if self._period:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Report that the node is stopping."""
+        self._ended.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        notify("STOPPING=1")
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            if self._is_well():
+                notify("WATCHDOG=1")
+            self._ended.wait(self._period)

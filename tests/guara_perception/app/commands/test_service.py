@@ -1,0 +1,170 @@
+"""`guara service` and what a running node tells systemd, by a real notify socket."""
+
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from guara_perception.app.exit_codes import EXIT_CALIBRATION
+from guara_perception.app.main import run
+from guara_perception.app.service import ServiceManager, notify
+from tests.ports import free_endpoint as free_port_endpoint
+
+PATIENCE = 120.0
+
+
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> socket.socket:
+    """The socket on which systemd listens to a service."""
+    link = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    link.bind(str(tmp_path / "notify"))
+    link.settimeout(PATIENCE)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    return link
+
+
+def test_the_unit_is_one_that_systemd_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`systemd-analyze verify` finds nothing, and little is exposed; without it the text alone is tested."""
+    node = tmp_path / "my node.toml"
+    node.write_text('format = "guara-node/1"\n')
+    assert run(["service", "install", "--node", str(node), "--units", str(tmp_path), "--user", "daemon"]) == 0
+    printed = capsys.readouterr().out
+    unit = tmp_path / "guara.service"
+    text = unit.read_text()
+    assert "systemctl enable --now guara" in printed and "useradd" not in printed
+    assert f"run --node '{node}'" in text and "RestartPreventExitStatus=2 4" in text and "User=daemon" in text
+    if analyze := shutil.which("systemd-analyze"):
+        verified = subprocess.run([analyze, "verify", unit], capture_output=True, text=True, timeout=60, check=False)
+        assert (verified.returncode, verified.stderr) == (0, "")
+        judged = subprocess.run(
+            [analyze, "security", "--offline=true", "--threshold=40", unit],
+            capture_output=True,
+            timeout=60,
+            check=False,
+        )
+        assert judged.returncode == 0
+
+
+def test_another_unit_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "node.toml").write_text('format = "guara-node/1"\n')
+    (tmp_path / "guara.service").write_text("[Unit]\n")
+    command = ["service", "install", "--node", str(tmp_path / "node.toml"), "--units", str(tmp_path)]
+    assert run(command) == 2
+    assert "is another unit; give --force" in capsys.readouterr().err
+    assert run([*command, "--force", "--user", "no-such-user"]) == 0
+    assert "useradd --system" in capsys.readouterr().out
+    assert run([*command, "--user", "no-such-user"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--name", "a b"], "--name is 'a b'; allowed: letters"),
+        (["--name", "../x"], "--name is '../x'"),
+        (["--user", "root"], "--user is 'root'; allowed: a user of its own"),
+    ],
+)
+def test_bad_names_are_refused(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["service", "print", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_unit_needs_its_node_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["service", "install", "--node", str(tmp_path / "none.toml"), "--units", str(tmp_path)]) == 2
+    assert "none.toml: no such file; the service reads its options there" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_signs_of_life_end_when_the_node_is_not_well(manager: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    """READY, one sign of life while it is well, none afterwards, STOPPING."""
+    monkeypatch.setenv("WATCHDOG_USEC", "20000")
+    asked = [False, False, True]
+    with ServiceManager(lambda: bool(asked) and asked.pop()):
+        assert manager.recv(100) == b"READY=1"
+        assert manager.recv(100) == b"WATCHDOG=1"
+        while asked:
+            pass
+    assert manager.recv(100) == b"STOPPING=1"
+
+
+def test_without_a_manager_nothing_is_sent(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """None is the usual case; one that is gone is logged."""
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    notify("READY=1")
+    assert not caplog.records
+    monkeypatch.setenv("NOTIFY_SOCKET", "@guara-no-such-socket")
+    notify("READY=1")
+    assert "the service manager was not told READY=1" in caplog.text
+
+
+@pytest.mark.slow
+def test_a_node_tells_systemd_how_it_is(manager: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ready when it listens, alive, its last scan as the state, and stopping on SIGTERM with exit 0."""
+    monkeypatch.setenv("WATCHDOG_USEC", "1000000")
+    command = [
+        sys.executable,
+        "-m",
+        "guara_perception.app.main",
+        "run",
+        "--simulated",
+        "--listen",
+        free_port_endpoint(),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as node:
+        try:
+            told = [manager.recv(1000).decode()]
+            while not any(each.startswith("STATUS=step 0") for each in told) or "WATCHDOG=1" not in told:
+                told.append(manager.recv(1000).decode())
+            assert told[0] == "READY=1"
+            node.send_signal(signal.SIGTERM)
+            while told[-1] != "STOPPING=1":
+                told.append(manager.recv(1000).decode())
+            assert node.wait(PATIENCE) == 0
+        finally:
+            node.kill()
+
+
+def test_a_check_names_every_mistake_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In node.toml, in the files that it names, and in a folder of certificates; no device is opened."""
+    (tmp_path / "devices.toml").write_text('format = "guara-devices/1"\n[camera]\nsource = "0"\nfsp = 3\n')
+    node = tmp_path / "node.toml"
+    node.write_text(
+        'format = "guara-node/1"\nmode = "quick"\nros = true\ndevices = "devices.toml"\ncalibration = "none.json"\n'
+        'security = "keys"\n'
+    )
+    assert run(["run", "--node", str(node), "--check"]) == 2
+    error = capsys.readouterr().err
+    assert "5 findings" in error
+    for part in ("mode is 'quick'", "unknown ros;", "unknown fsp;", "none.json", "keys holds no certificate"):
+        assert part in error
+    assert run(["run", "--node", str(node)]) == 2
+    assert "2 findings" in capsys.readouterr().err
+
+
+def test_a_sound_configuration_is_told(
+    tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without the devices; a robot that does not fit the calibration has an exit code of its own."""
+    node = tmp_path / "node.toml"
+    node.write_text(f'format = "guara-node/1"\ncalibration = "{calibration_file}"\n')
+    assert run(["run", "--node", str(node), "--check"]) == 0
+    assert "the configuration is sound" in capsys.readouterr().out
+
+
+def test_a_calibration_that_does_not_fit_has_a_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, calibration_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A service manager must not restart for it; `process` has the code of bad input."""
+    from guara_perception.app.node import devices
+    from guara_perception.exceptions import CalibrationMismatch
+
+    def refuse(*_: object, **__: object) -> None:
+        raise CalibrationMismatch("calibration of another robot")
+
+    monkeypatch.setattr(devices, "choose_rig", refuse)
+    assert run(["run", "-c", str(calibration_file)]) == EXIT_CALIBRATION
+    assert "calibration of another robot" in capsys.readouterr().err
