@@ -33,7 +33,7 @@ def command() -> None:
     \b
     Example:
       guara service print --node node.toml
-      sudo guara service install --node /etc/guara/node.toml
+      guara service install --node /etc/guara/node.toml
     """
 
 
@@ -60,7 +60,7 @@ def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
 
     \b
     Example:
-      sudo guara service install --node /etc/guara/node.toml
+      guara service install --node /etc/guara/node.toml
     """
     import pwd
 
