@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import uuid
 from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
 from transport.supervision import guarded
@@ -97,14 +99,39 @@ def source_of(publisher: Any) -> str:
     return f"{publisher.id.zid}/{publisher.id.eid}"
 
 
+class Stamps:
+    """Timestamps of one publisher, each later than the one before, under an identity of its own.
+
+    Attributes:
+        source: identity of the publisher as two chunks of a key, as advanced subscribers expect it of publishers that
+            number their samples by time.
+    """
+
+    def __init__(self) -> None:
+        """Choose the identity."""
+        self._id = _zenoh().TimestampId(uuid.uuid4().bytes)
+        self._last = datetime.min.replace(tzinfo=UTC)
+        self.source = f"{self._id}/uhlc"
+
+    def next(self) -> Any:
+        """The timestamp of the next sample."""
+        self._last = max(datetime.now(UTC), self._last + timedelta(microseconds=1))
+        return _zenoh().Timestamp(self._last, self._id)
+
+
 def has_subscribers(publisher: Any) -> bool:
     """Check whether a publisher has subscribers, as far as this session knows."""
     return bool(publisher.matching_status.matching)
 
 
-def put(publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int) -> None:
-    """Send one payload with its number, by which receivers notice losses."""
-    publisher.put(payload, attachment=attachment, source_info=_zenoh().SourceInfo(publisher.id, number))
+def put(
+    publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int, timestamp: Any = None
+) -> None:
+    """Send one payload with its number, by which receivers notice losses, or with a timestamp in its place."""
+    if timestamp is not None:
+        publisher.put(payload, attachment=attachment, timestamp=timestamp)
+    else:
+        publisher.put(payload, attachment=attachment, source_info=_zenoh().SourceInfo(publisher.id, number))
 
 
 def number_of(sample: Any) -> tuple[str, int] | None:

@@ -96,6 +96,77 @@ def test_a_late_subscriber_gets_the_topic_as_from_a_ros_node(endpoint: str, peer
     assert (sequence, length, identity) == (2, 16, publisher_id(token))
 
 
+def follow(client: transport.Session, key: str, depth: int) -> tuple[list[int], threading.Condition, object]:
+    """Sequence numbers that a reliable, transient-local subscription of rmw_zenoh is handed."""
+    sequences: list[int] = []
+    changed = threading.Condition()
+
+    def note(sample) -> None:
+        with changed:
+            sequences.append(struct.unpack_from("<q", sample.attachment.to_bytes())[0])
+            changed.notify_all()
+
+    subscriber = zenoh.ext.declare_advanced_subscriber(
+        client.raw,
+        key,
+        zenoh_api.direct(note),
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=depth),
+        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
+    return sequences, changed, subscriber
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [1, 10])
+def test_a_transient_local_subscriber_gets_each_message_once(endpoint: str, depth: int) -> None:
+    """Early and late ones, in order, with history and recovery; what it asks for does not come a second time."""
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint) as client:
+        bridge = transport.Ros2Bridge(session, domain=4)
+        key = data_key(4, "guara/occupancy", OCCUPANCY)
+        early, changed, kept = follow(client, key, depth)
+        for number in range(1, 7):
+            bridge.put("occupancy", OCCUPANCY, b"\x00\x01\x00\x00" + bytes(1_000_000))
+            with changed:
+                assert changed.wait_for(lambda number=number: number in early, 60.0)
+        late, changed, kept_too = follow(client, key, depth)
+        with changed:
+            assert changed.wait_for(lambda: late, 60.0)
+        # After the beats that follow each message.
+        beats = threading.Semaphore(0)
+        session.pulse.add(beats, beats.release)
+        for _ in range(4):
+            assert beats.acquire(timeout=60.0)
+        bridge.put("occupancy", OCCUPANCY, b"\x00\x01\x00\x00")
+        with changed:
+            assert changed.wait_for(lambda: 7 in late and 7 in early, 60.0)
+        del kept, kept_too
+    assert early == [1, 2, 3, 4, 5, 6, 7]
+    assert late == [6, 7]
+
+
+@pytest.mark.slow
+def test_a_transient_local_subscriber_gets_what_the_link_lost(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dropped on a congested link, fetched by the subscriber: once."""
+    with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint) as client:
+        bridge = transport.Ros2Bridge(session, domain=4)
+        sequences, changed, kept = follow(client, data_key(4, "guara/occupancy", OCCUPANCY), 1)
+        bridge.put("occupancy", OCCUPANCY, b"\x00\x01\x00\x00")
+        with changed:
+            assert changed.wait_for(lambda: sequences == [1], 60.0)
+        with monkeypatch.context() as lost:
+            lost.setattr(zenoh_api, "put", lambda *_, **__: None)
+            bridge.put("occupancy", OCCUPANCY, b"\x00\x01\x00\x00")
+        with changed:
+            assert changed.wait_for(lambda: 2 in sequences, 60.0)
+        bridge.put("occupancy", OCCUPANCY, b"\x00\x01\x00\x00")
+        with changed:
+            assert changed.wait_for(lambda: 3 in sequences, 60.0)
+        del kept
+    assert sequences == [1, 2, 3]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("domain", "robot", "expected_text"),

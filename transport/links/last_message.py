@@ -3,6 +3,10 @@
 The keys and the heartbeat are those of Zenoh's advanced publisher, so that its advanced subscribers (and those of
 rmw_zenoh) are served too. Zenoh's own answers late joiners on the thread and under the lock that its puts need: one
 slow late joiner holds up all readers for seconds. Here each question is answered on a thread of its own.
+
+A reply cannot carry the number of the message (Zenoh's Python has no argument for it), so an advanced subscriber may be
+handed a message by its number and again by a reply. Messages of a `stamped` publisher are known by their timestamps,
+which replies carry: each is handed over once. Such a subscriber learns of a loss when the token appears anew.
 """
 
 from __future__ import annotations
@@ -72,7 +76,14 @@ class LastMessage:
     """Last message of one publisher, for late subscribers and slow links."""
 
     def __init__(
-        self, session: Session, key: str, source: str, encoding: str | None = None, *, answers: bool = False
+        self,
+        session: Session,
+        key: str,
+        source: str,
+        encoding: str | None = None,
+        *,
+        answers: bool = False,
+        stamped: bool = False,
     ) -> None:
         """Declare the keys and the token, and start the heartbeat.
 
@@ -82,26 +93,29 @@ class LastMessage:
             source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: encoding of the publisher's payloads.
             answers: whether a query of the key itself gets the last message too.
+            stamped: messages are known by their timestamps; after each the token is declared anew, in place of the
+                heartbeat, so that subscribers ask for the last message.
         """
         self._session, self._key, self._encoding = session, key, encoding
         self._pieces = pieces_key(key, source)
         self._lock = threading.Lock()
         self._kept: OrderedDict[int, tuple[MadeOnce, bytes | None, float]] = OrderedDict()
-        self._last = -1
+        self._last, self._renewed, self._stamp = -1, -1, None
         self._is_closing = False
         announcements, served = announcement_key(key, source), {self._pieces: self._answer_piece}
         served |= {announcements: self._answer_history} | ({key: self._answer_get} if answers else {})
         self._answerers = [Answerer(session, own, take, limit=MAXIMUM_ANSWERS) for own, take in served.items()]
+        self._is_stamped, self._announcements = stamped, announcements
         self._token = zenoh_api.declare_token(session.raw, announcements)
         self._beat = zenoh_api.declare_publisher(session.raw, announcements, "INTERACTIVE_LOW")
         # Repeated, so that the loss of a message is noticed though nothing follows it.
         session.pulse.add(self, self._repeat)
 
-    def keep(self, number: int, payload: MadeOnce, attachment: bytes | None) -> None:
-        """Make this message the last one."""
+    def keep(self, number: int, payload: MadeOnce, attachment: bytes | None, stamp: Any = None) -> None:
+        """Make this message the last one; `stamp` is its timestamp, where it has one."""
         now = time.monotonic()
         with self._lock:
-            self._last = number
+            self._last, self._stamp = number, stamp
             self._kept[number] = (payload, attachment, NEVER)
             old = [other for other in self._kept if other != number]
             for other in old[: max(0, len(old) - KEPT)]:
@@ -116,23 +130,37 @@ class LastMessage:
             SessionClosed: the session is closed.
             TransportError: it cannot be sent.
         """
-        if self._last < 0 or self._is_closing:
+        if self._last < 0 or self._is_closing or self._is_stamped:
             return
         number = (self._last & 0xFFFFFFFF).to_bytes(4, "little")
         self._session.attempt(partial(self._beat.put, number), f"cannot announce what is on {self._key!r}")
 
     def _repeat(self) -> None:
         try:
+            if self._is_stamped:
+                self._renew_token()
             self.announce()
         except TransportError as error:
             if not self._is_closing and not self._session.is_closed:
                 logger.error("%s", error)
 
+    def _renew_token(self) -> None:
+        """Declare the token anew after each message, once: its subscribers ask for what they may have lost."""
+        with self._lock:
+            if self._renewed == self._last or self._is_closing:
+                return
+            self._renewed = self._last
+            self._session.undeclare(self._token)
+            self._token = self._session.attempt(
+                lambda: zenoh_api.declare_token(self._session.raw, self._announcements),
+                f"cannot announce what is on {self._key!r}",
+            )
+
     def _answer_history(self, query: Any) -> None:
         with self._lock:
-            number, (payload, attachment, _) = self._last, self._kept.get(self._last, NOTHING)
+            number, (payload, attachment, _), stamp = self._last, self._kept.get(self._last, NOTHING), self._stamp
         if number >= 0 and _is_within(number, query.parameters.get("_sn")):
-            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
+            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment, timestamp=stamp)
 
     def _answer_get(self, query: Any) -> None:
         with self._lock:
@@ -161,7 +189,8 @@ class LastMessage:
 
     def close(self) -> None:
         """Undeclare all keys."""
-        self._is_closing = True
+        with self._lock:
+            self._is_closing = True
         self._session.pulse.remove(self)
         for answerer in self._answerers:
             answerer.close()

@@ -36,6 +36,7 @@ class Publisher(Resource):
         priority: str = LARGE,
         encoding: str | None = None,
         answers: bool = False,
+        stamped: bool = False,
     ) -> None:
         """Declare the key.
 
@@ -46,6 +47,8 @@ class Publisher(Resource):
             priority: priority on congested links, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
             encoding: encoding of all payloads, as in `transport.messages.encodings`; None says nothing.
             answers: whether a query (`get`) of the key itself gets the last payload too.
+            stamped: payloads carry timestamps in place of numbers, as replies can too: Zenoh's advanced subscribers
+                are handed each payload once, and `NewestReceiver` notices no loss.
 
         Raises:
             SessionClosed: the session is closed.
@@ -57,9 +60,12 @@ class Publisher(Resource):
         what = f"cannot publish on {key!r}"
         self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
         self._last: LastMessage | None = None
+        self._stamps = zenoh_api.Stamps() if stamped else None
+        source = zenoh_api.source_of(self._raw) if self._stamps is None else self._stamps.source
         if latched:
-            source = zenoh_api.source_of(self._raw)
-            self._last = session.attempt(lambda: LastMessage(session, key, source, encoding, answers=answers), what)
+            self._last = session.attempt(
+                lambda: LastMessage(session, key, source, encoding, answers=answers, stamped=stamped), what
+            )
         super().__init__(session)
 
     def put(self, payload: Payload | Callable[[], Payload], attachment: bytes | None = None) -> None:
@@ -76,12 +82,13 @@ class Publisher(Resource):
         with self._lock:
             number = self.count
             made = MadeOnce(payload if callable(payload) else lambda: payload)
+            stamp = None if self._stamps is None else self._stamps.next()
             if self._last is not None:
-                self._last.keep(number, made, attachment)
+                self._last.keep(number, made, attachment, stamp)
             if not callable(payload) or zenoh_api.has_subscribers(self._raw):
                 content = made()
                 self._session.attempt(
-                    lambda: zenoh_api.put(self._raw, content, attachment, number), f"cannot send on {self.key!r}"
+                    lambda: zenoh_api.put(self._raw, content, attachment, number, stamp), f"cannot send on {self.key!r}"
                 )
             self.count += 1
             if self._last is not None:

@@ -64,7 +64,8 @@ class _Topic:
     def __init__(self, session: Session, domain: int, entity_id: int, topic: str, type_name: str) -> None:
         token_key = publisher_token_key(domain, session.zenoh_id, entity_id, topic, type_name)
         self._identity = publisher_id(token_key)
-        self._publisher = Publisher(session, data_key(domain, topic, type_name), encoding=cdr(type_name))
+        key = data_key(domain, topic, type_name)
+        self._publisher = Publisher(session, key, encoding=cdr(type_name), stamped=True)
         self._token = AliveToken(session, token_key)
         self._lock = threading.Lock()
         self._sequence = 0
