@@ -1,6 +1,7 @@
 """Tests of the bridge to ROS 2: keys, tokens, attachment, and a subscriber as rmw_zenoh declares it."""
 
 import json
+import logging
 import struct
 import threading
 
@@ -11,6 +12,7 @@ import zenoh.ext
 import transport
 from transport import ConfigurationError, zenoh_api
 from transport.keys import grid_map_key, occupancy_key
+from transport.links.publisher import Publisher
 from transport.links.ros2 import (
     data_key,
     make_attachment,
@@ -145,9 +147,7 @@ def test_a_transient_local_subscriber_gets_each_message_once(endpoint: str, dept
 
 
 @pytest.mark.slow
-def test_a_transient_local_subscriber_gets_what_the_link_lost(
-    endpoint: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_transient_local_subscriber_gets_what_the_link_lost(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Dropped on a congested link, fetched by the subscriber: once."""
     with transport.open_node(listen=endpoint) as session, transport.open_client(endpoint) as client:
         bridge = transport.Ros2Bridge(session, domain=4)
@@ -165,6 +165,64 @@ def test_a_transient_local_subscriber_gets_what_the_link_lost(
             assert changed.wait_for(lambda: 3 in sequences, 60.0)
         del kept
     assert sequences == [1, 2, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["session", "server"])
+def test_closing_while_messages_are_drawn_is_no_error(
+    endpoint: str, peer, caplog: pytest.LogCaptureFixture, how: str
+) -> None:
+    """What is drawn for ROS 2 when the node is stopped is sent or given up, with no word of an error."""
+    with transport.open_node(listen=endpoint) as session:
+        server = transport.PerceptionServer(session, ros2_domain=4)
+        drawing, go_on = threading.Event(), threading.Event()
+
+        def draw(terrain):
+            drawing.set()
+            assert go_on.wait(60.0)
+            for name in ("map/occupancy", "further/occupancy"):
+                values = np.zeros(terrain.shape, np.int8)
+                yield name, transport.occupancy_message(values, 0.005, (0.5, -0.27), "base_footprint", 1)
+
+        server.draw_with(draw)
+        server.publish(peer.make_terrain(1))
+        assert drawing.wait(60.0)
+        server.status_changed()
+        closing = threading.Thread(target={"session": session, "server": server}[how].close)
+        closing.start()
+        while not (session.is_closed if how == "session" else server.is_closed):
+            closing.join(0.01)
+        go_on.set()
+        closing.join(60.0)
+        assert not closing.is_alive()
+    assert not [record for record in caplog.records if record.levelno >= logging.WARNING], caplog.text
+
+
+def test_a_publisher_is_undeclared_after_the_put_that_is_under_way(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zenoh refuses to undeclare a publisher that is in use."""
+    done: list[str] = []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def put(*_: object) -> None:
+        begun.set()
+        assert go_on.wait(60.0)
+        done.append("put")
+
+    monkeypatch.setattr(zenoh_api, "put", put)
+    with transport.open_node(listen=endpoint) as session:
+        publisher = Publisher(session, "guara/x", latched=False)
+        undeclare = session.undeclare
+        monkeypatch.setattr(session, "undeclare", lambda *raw: (done.append("undeclared"), undeclare(*raw)))
+        threads = [threading.Thread(target=publisher.put, args=(b"",)), threading.Thread(target=publisher.close)]
+        for thread in threads:
+            thread.start()
+            assert begun.wait(60.0)
+        go_on.set()
+        for thread in threads:
+            thread.join(60.0)
+    assert done == ["put", "undeclared"]
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ class Outbox:
         self._changed = threading.Condition()
         self._lanes: dict[str, dict[str, Callable[[], None]]] = {}
         self._threads: dict[str, threading.Thread] = {}
-        self._closed = False
+        self._closed = self._abandoned = False
         self.sent = self.superseded = self.failed = 0
         self.last_error = ""
         self.longest = 0.0
@@ -96,6 +96,7 @@ class Outbox:
         for thread in threads:
             if thread is not threading.current_thread():
                 thread.join(max(0.0, deadline - time.monotonic()))
+        self._abandoned = True
 
     def _on_failure(self, lane: str, failure: Failure) -> None:
         """Leave the lane to a new thread, which the next action starts, when its own has failed for good."""
@@ -111,7 +112,7 @@ class Outbox:
         while True:
             with self._changed:
                 waiting = self._lanes[lane]
-                if not waiting:
+                if not waiting or self._abandoned:
                     del self._lanes[lane], self._threads[lane]
                     self._changed.notify_all()
                     return
@@ -123,7 +124,9 @@ class Outbox:
                 action()
             except Exception as failure:
                 error = f"{key}: {failure}"
-                logger.error("sending on %s failed: %s", key, failure)
+                # Whoever closes the session, or why it closed, says so; what is lost by it is no further error.
+                is_expected = self._closed or isinstance(failure, SessionClosed)
+                logger.log(logging.INFO if is_expected else logging.ERROR, "sending on %s failed: %s", key, failure)
             with self._changed:
                 self.longest = max(self.longest, time.monotonic() - start)
                 self.sent += not error

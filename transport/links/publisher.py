@@ -14,6 +14,8 @@ URGENT = "INTERACTIVE_HIGH"
 SMALL = "INTERACTIVE_LOW"
 LARGE = "DATA_LOW"
 LARGEST = "BACKGROUND"
+# [s] Longest wait for a put that is under way.
+CLOSE_TIMEOUT = 2.0
 
 
 class Publisher(Resource):
@@ -97,4 +99,9 @@ class Publisher(Resource):
     def _release(self) -> None:
         if self._last is not None:
             self._last.close()
-        self._session.undeclare(self._raw)
+        # Zenoh refuses to undeclare a publisher that another thread uses; the session's end undeclares it too.
+        if self._lock.acquire(timeout=CLOSE_TIMEOUT):
+            try:
+                self._session.undeclare(self._raw)
+            finally:
+                self._lock.release()

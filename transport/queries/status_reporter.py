@@ -84,7 +84,7 @@ class StatusReporter(Resource):
             for take in list(self._followers):
                 take(payload)
         except TransportError as error:
-            if not self.is_closed:
+            if not (self.is_closed or self._session.is_closed):
                 logger.error("status was not sent: %s", error)
         except Exception:
             logger.exception("collecting the status failed")

@@ -1,5 +1,6 @@
 """What `guara run --ros2` mirrors: each topic as ROS 2 would get it, over real Zenoh."""
 
+import signal
 import threading
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, PoseInOdom, RobotModel
+from tests.forked import ForkedProcess
 from transport import PerceptionServer, open_client, open_node, zenoh_api
 from transport.messages.codec import decode
 
@@ -99,6 +101,21 @@ def test_every_topic_arrives(
             t.child_frame_id for t in decode(arrived["guara/tf_static"][1], "tf2_msgs/msg/TFMessage").transforms
         ]
         assert "camera_optical_frame" in children
+
+
+@pytest.mark.heavy
+def test_ctrl_c_while_the_robot_walks_is_no_error(free_endpoint: str) -> None:
+    """Exit code 0, and not a word on standard error."""
+    arguments = ["run", "--simulated", "--ros2", "--ros2-tf", "--mode", "coarse", "--listen", free_endpoint]
+    node = ForkedProcess("-m", "guara_perception.app.main", *arguments)
+    try:
+        with gp.TerrainClient(free_endpoint, timeout=PATIENCE) as client:
+            client.wait_for_step(1, timeout=PATIENCE)
+        node.send_signal(signal.SIGINT)
+        printed, complained = node.communicate(timeout=PATIENCE)
+    finally:
+        node.kill()
+    assert (node.returncode, printed.splitlines()[-1], complained) == (0, "stopped, laser off", "")
 
 
 @pytest.mark.parametrize("arguments", [["--ros2-tf"], ["--ros2-unknown", "-1"]])
