@@ -117,14 +117,22 @@ def _picture_size(content: bytes) -> tuple[int, int] | None:
     return None
 
 
-def read_arrays(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
+def read_arrays(
+    path: Path, wanted: Sequence[str], kind: str = "terrain", largest: int = LARGEST_ARRAYS
+) -> dict[str, Array]:
     """Read those of the wanted arrays that an .npz file holds; others are not unpacked.
 
+    Args:
+        path: the file.
+        wanted: names of arrays.
+        kind: kind of file, for messages.
+        largest: bound of the size of all wanted arrays together [byte].
+
     Raises:
-        FileFormatError: no such file, or an array says that it is larger than it is or than `LARGEST_ARRAYS`.
+        FileFormatError: no such file, or its arrays are larger than they are said to be, or than `largest`.
     """
     found: dict[str, Array] = {}
-    left = LARGEST_ARRAYS
+    left = largest
     try:
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -134,13 +142,13 @@ def read_arrays(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
                 info = members[name]
                 left -= info.file_size
                 if left < 0:
-                    raise FileFormatError(f"{path}: its arrays take more than {LARGEST_ARRAYS} bytes")
+                    raise FileFormatError(f"{path}: its arrays take more than {largest} bytes")
                 with archive.open(info) as file:
-                    found[name] = _read_array(file, info.file_size, f"{path}: not a terrain file ({name}")
+                    found[name] = _read_array(file, info.file_size, f"{path}: not a {kind} file ({name}")
     except FileFormatError:
         raise
     except Exception as error:  # the archive, the decompressor and the header each raise errors of their own
-        raise FileFormatError(f"{path}: not a terrain file ({error})") from None
+        raise FileFormatError(f"{path}: not a {kind} file ({error})") from None
     return found
 
 

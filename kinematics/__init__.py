@@ -6,73 +6,44 @@
 
 from __future__ import annotations
 
-from kinematics.clearance import FootholdClearance, foothold_clearance
-from kinematics.exceptions import (
-    ArgumentError,
-    CameraMoved,
-    JointLimitWarning,
-    JointPositionError,
-    KinematicsError,
-    OdometryLost,
-    RobotFileError,
-    RobotFileWarning,
-    RobotNotFound,
-    StanceError,
-    UnknownName,
-)
-from kinematics.footprint import BASE_FOOTPRINT, ODOM
-from kinematics.load import describe_robot, load_robot, robot_from_description
-from kinematics.model import RobotModel
-from kinematics.odometry import LegOdometry, OdometryPose, PoseInOdom
-from kinematics.pause import PauseDetector, PauseReport
-from kinematics.reach import Reach, reach_from_pose, reach_in_base
-from kinematics.self_filter import SelfFilter
-from kinematics.stability import polygon_margin, stability_margin
-from kinematics.stance import Stance
-from kinematics.stance_pose import ATTITUDE_SOURCES, GravityEstimate, StanceNoise, StancePose, stance_pose
-from kinematics.state import RobotState
-from kinematics.stillness import CameraMotion, Stillness, camera_motion, check_camera_still
-
-__all__ = [
-    "ATTITUDE_SOURCES",
-    "BASE_FOOTPRINT",
-    "ODOM",
-    "ArgumentError",
-    "CameraMotion",
-    "CameraMoved",
-    "FootholdClearance",
-    "GravityEstimate",
-    "JointLimitWarning",
-    "JointPositionError",
-    "KinematicsError",
-    "LegOdometry",
-    "OdometryLost",
-    "OdometryPose",
-    "PauseDetector",
-    "PauseReport",
-    "PoseInOdom",
-    "Reach",
-    "RobotFileError",
-    "RobotFileWarning",
-    "RobotModel",
-    "RobotNotFound",
-    "RobotState",
-    "SelfFilter",
-    "Stance",
-    "StanceError",
-    "StanceNoise",
-    "StancePose",
-    "Stillness",
-    "UnknownName",
-    "camera_motion",
-    "describe_robot",
-    "check_camera_still",
-    "foothold_clearance",
-    "load_robot",
-    "polygon_margin",
-    "reach_from_pose",
-    "reach_in_base",
-    "robot_from_description",
-    "stability_margin",
-    "stance_pose",
-]
+from kinematics.clearance import FootholdClearance as FootholdClearance
+from kinematics.clearance import foothold_clearance as foothold_clearance
+from kinematics.exceptions import ArgumentError as ArgumentError
+from kinematics.exceptions import CameraMoved as CameraMoved
+from kinematics.exceptions import JointLimitWarning as JointLimitWarning
+from kinematics.exceptions import JointPositionError as JointPositionError
+from kinematics.exceptions import KinematicsError as KinematicsError
+from kinematics.exceptions import OdometryLost as OdometryLost
+from kinematics.exceptions import RobotFileError as RobotFileError
+from kinematics.exceptions import RobotFileWarning as RobotFileWarning
+from kinematics.exceptions import RobotNotFound as RobotNotFound
+from kinematics.exceptions import StanceError as StanceError
+from kinematics.exceptions import UnknownName as UnknownName
+from kinematics.footprint import BASE_FOOTPRINT as BASE_FOOTPRINT
+from kinematics.footprint import ODOM as ODOM
+from kinematics.load import describe_robot as describe_robot
+from kinematics.load import load_robot as load_robot
+from kinematics.load import robot_from_description as robot_from_description
+from kinematics.model import RobotModel as RobotModel
+from kinematics.odometry import LegOdometry as LegOdometry
+from kinematics.odometry import OdometryPose as OdometryPose
+from kinematics.odometry import PoseInOdom as PoseInOdom
+from kinematics.pause import PauseDetector as PauseDetector
+from kinematics.pause import PauseReport as PauseReport
+from kinematics.reach import Reach as Reach
+from kinematics.reach import reach_from_pose as reach_from_pose
+from kinematics.reach import reach_in_base as reach_in_base
+from kinematics.self_filter import SelfFilter as SelfFilter
+from kinematics.stability import polygon_margin as polygon_margin
+from kinematics.stability import stability_margin as stability_margin
+from kinematics.stance import Stance as Stance
+from kinematics.stance_pose import ATTITUDE_SOURCES as ATTITUDE_SOURCES
+from kinematics.stance_pose import GravityEstimate as GravityEstimate
+from kinematics.stance_pose import StanceNoise as StanceNoise
+from kinematics.stance_pose import StancePose as StancePose
+from kinematics.stance_pose import stance_pose as stance_pose
+from kinematics.state import RobotState as RobotState
+from kinematics.stillness import CameraMotion as CameraMotion
+from kinematics.stillness import Stillness as Stillness
+from kinematics.stillness import camera_motion as camera_motion
+from kinematics.stillness import check_camera_still as check_camera_still

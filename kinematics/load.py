@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import binascii
 import json
+import math
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -28,7 +29,7 @@ from kinematics.robot_settings import RobotSettings
 from kinematics.robot_toml import RobotToml, open_robot_toml, read_robot_toml
 from kinematics.srdf import Posture, read_srdf
 from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint, Link, Shape, Urdf, rpy_from_rotation
+from kinematics.urdf import Joint, Link, Shape, Urdf
 from kinematics.urdf_checks import check_urdf
 
 # Where robots are looked up by name: beside this package, in a checkout and in an installed wheel alike.
@@ -212,6 +213,15 @@ def _add_joint(root: Element, joint: Joint) -> None:
 
 def _add_origin(element: Element, transform: Float) -> None:
     SubElement(element, "origin", xyz=_numbers(transform[:3, 3]), rpy=_numbers(rpy_from_rotation(transform[:3, :3])))
+
+
+def rpy_from_rotation(rotation: Float) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a rotation (3, 3), the inverse of `rotation_from_rpy`; yaw 0 at 90 degrees of pitch."""
+    flat = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], flat)
+    if flat < 1e-9:
+        return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
+    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
 
 
 def _numbers(values: object) -> str:

@@ -153,7 +153,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
     Names, axes and limits may differ from side to side, and so may masses: none of it says where a foot stands.
     """
-    hips = {name: _hip(tree, leg) for name, leg in tree.legs.items()}
+    hips = {name: tree.urdf.transform_at_zero(leg.hip)[:3, 3] for name, leg in tree.legs.items()}
     for name, leg in tree.legs.items():
         image = hips[name] * (1.0, -1.0, 1.0)
         twins = [other for other, hip in hips.items() if other != name and np.allclose(hip, image, atol=PAIR_TOLERANCE)]
@@ -197,17 +197,7 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
 
 def _axis(tree: KinematicTree, joint: Joint) -> Float:
     """Axis (3,) of a joint in `base_link`, all joints at zero."""
-    rotation = np.eye(3)
-    for above in tree.urdf.path_to(joint.child):
-        rotation = rotation @ above.transform_child_to_parent[:3, :3]
-    return np.asarray(rotation @ joint.axis)
-
-
-def _hip(tree: KinematicTree, leg: LegConfig) -> Float:
-    transform = np.eye(4)
-    for joint in tree.urdf.path_to(leg.hip):
-        transform = transform @ joint.transform_child_to_parent
-    return np.asarray(transform[:3, 3])
+    return np.asarray(tree.urdf.transform_at_zero(joint.child)[:3, :3] @ joint.axis)
 
 
 def _lengths(tree: KinematicTree, leg: LegConfig) -> Float:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kinematics.exceptions import ArgumentError, JointPositionError, unknown_name
+from kinematics.exceptions import ArgumentError
 from kinematics.model import RobotModel
+from kinematics.state import in_order, refuse_not_finite
 
 
 @dataclass(frozen=True, slots=True)
 class PauseReport:
-    """Whether the robot is in a stance pause, and if not, why.
+    """Result of pause detection: a stance pause, or the reason why it is none yet.
 
     Attributes:
         is_pause: the robot stands still.
@@ -27,7 +28,7 @@ class PauseReport:
 
 
 class PauseDetector:
-    """Watches joint speeds and contacts: a pause is when all joints have been slow for long enough on the same feet."""
+    """Detector of stance pauses: all joints have been slow for long enough with the same feet on the ground."""
 
     def __init__(self, robot: RobotModel) -> None:
         self._robot = robot
@@ -51,16 +52,20 @@ class PauseDetector:
         """
         if not np.isfinite(time) or (self._time is not None and time <= self._time):
             raise ArgumentError(f"time is {time}; it must be finite and later than the last reading ({self._time})")
-        speeds = self._speeds(joint_velocities)
+        names = self._robot.joint_names
+        velocities = np.array(in_order(joint_velocities, names, "velocity"), np.float64)
+        refuse_not_finite(velocities, names, "velocity")
+        speeds = np.abs(velocities)
+        fastest = int(speeds.argmax())
+        is_moving = bool(speeds[fastest] >= self._limits.joint_speed_limit)
         feet = frozenset(self._robot.tree.leg(foot).name for foot in support_feet)
         self._time = time
-        fastest = max(speeds, key=lambda joint: speeds[joint])
-        if feet != self._feet or speeds[fastest] >= self._limits.joint_speed_limit:
+        if feet != self._feet or is_moving:
             self._still_since = None
         self._feet = feet
         limits = self._limits
-        if speeds[fastest] >= limits.joint_speed_limit:
-            reason = f"joint {fastest} moves at {speeds[fastest]:.3f} rad/s, limit {limits.joint_speed_limit:g}"
+        if is_moving:
+            reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} rad/s, limit {limits.joint_speed_limit:g}"
             return PauseReport(False, reason, 0.0)
         if self._still_since is None:
             self._still_since = time
@@ -70,17 +75,3 @@ class PauseDetector:
         if still_for < limits.hold_time:
             return PauseReport(False, f"still for {still_for:.3f} s, {limits.hold_time:g} s are needed", still_for)
         return PauseReport(True, "", still_for)
-
-    def _speeds(self, joint_velocities: Mapping[str, float]) -> dict[str, float]:
-        names = self._robot.joint_names
-        for joint in joint_velocities:
-            if joint not in names:
-                raise unknown_name("joint", joint, names)
-        missing = [joint for joint in names if joint not in joint_velocities]
-        if missing:
-            raise JointPositionError(f"no velocity for {', '.join(missing)}; all {len(names)} joints are needed")
-        speeds = {joint: abs(float(joint_velocities[joint])) for joint in names}
-        for joint, speed in speeds.items():
-            if not np.isfinite(speed):
-                raise JointPositionError(f"joint {joint}: velocity {joint_velocities[joint]} is not finite")
-        return speeds

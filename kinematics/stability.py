@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError, StanceError, unknown_name
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
@@ -24,35 +23,19 @@ def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
         raise ArgumentError(f"corners have shape {vertices.shape}; (n, 2) finite numbers with n >= 1 are needed")
     if position.shape != (2,) or not np.all(np.isfinite(position)):
         raise ArgumentError(f"point has shape {position.shape}; (2,) finite numbers are needed")
-    hull = _convex_hull(vertices)
-    edges = np.roll(hull, -1, axis=0) - hull
-    lengths = np.maximum(np.einsum("ni,ni->n", edges, edges), np.finfo(float).tiny)
-    share = np.clip(np.einsum("ni,ni->n", position - hull, edges) / lengths, 0.0, 1.0)
-    distance = float(np.linalg.norm(position - hull - share[:, None] * edges, axis=1).min())
-    # Counter-clockwise: inside is on the left of every edge.
-    left = edges[:, 0] * (position - hull)[:, 1] - edges[:, 1] * (position - hull)[:, 0]
-    return distance if len(hull) >= 3 and np.all(left >= 0.0) else -distance
+    from scipy.spatial import ConvexHull, QhullError
 
-
-def _convex_hull(points: Float) -> Float:
-    """Corners of the convex hull (m, 2), counter-clockwise, without those on its edges (monotone chain)."""
-    ordered = np.unique(points, axis=0)
-    if len(ordered) < 3:
-        return ordered
-
-    def chain(rows: Float) -> list[Float]:
-        kept: list[Float] = []
-        for row in rows:
-            while len(kept) >= 2 and _turn(kept[-2], kept[-1], row) <= 0.0:
-                kept.pop()
-            kept.append(row)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1]))
-
-
-def _turn(a: Float, b: Float, c: Float) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    relative = vertices - position
+    try:
+        margin = -float(ConvexHull(relative).equations[:, 2].max())
+    except (QhullError, ValueError):  # fewer than three corners, or corners on a line
+        margin = -1.0
+    if margin >= 0.0:
+        return margin
+    # Seen from outside, the nearest point of the hull lies on a line between two corners.
+    first, edges = relative[:, None], relative - relative[:, None]
+    share = -np.vecdot(first, edges) / np.maximum(np.vecdot(edges, edges), np.finfo(float).tiny)
+    return -float(np.linalg.norm(first + np.clip(share, 0.0, 1.0)[..., None] * edges, axis=-1).min())
 
 
 def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any
 
 from kinematics.findings import Findings
 
-# Stands for a key that is absent; TOML has no null.
-_ABSENT: Final = object()
-
 
 class Table:
-    """A view of one table: `number`, `text` and the others read a value or say what is wrong with it.
+    """A view of one table: `number`, `text` and the others read a value or report what is wrong with it.
 
     A wrong value raises, or becomes a finding of `gathering`; then a harmless value stands in for it.
 
@@ -50,47 +48,34 @@ class Table:
         Raises:
             RobotFileError: unless findings are gathered.
         """
-        self._tell(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
+        self._report(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
     def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> float:
         """A finite number greater than `above`, not below `least` and not beyond `most`."""
-        value = self._get(key)
-        if isinstance(value, int | float) and _is_number(value) and value > above and least <= value <= most:
-            return float(value)
-        if value is not _ABSENT:
-            self.wrong(key, f"a number{_bounds(above, least, most)}")
-        return 1.0
+
+        def is_within(value: Any) -> bool:
+            return _is_number(value) and value > above and least <= value <= most
+
+        return float(self._value(key, is_within, f"a number{_bounds(above, least, most)}", 1.0))
 
     def integer(self, key: str, *, least: int, most: int | None = None) -> int:
         """A whole number of at least `least`, and at most `most` where given."""
-        value = self._get(key)
-        if (
-            isinstance(value, int)
-            and not isinstance(value, bool)
-            and least <= value <= (value if most is None else most)
-        ):
-            return value
-        if value is not _ABSENT:
-            self.wrong(key, f"a whole number of at least {least}{'' if most is None else f' and at most {most}'}")
-        return least
+
+        def is_within(value: Any) -> bool:
+            return isinstance(value, int) and _is_number(value) and least <= value <= (value if most is None else most)
+
+        needed = f"a whole number of at least {least}{'' if most is None else f' and at most {most}'}"
+        return int(self._value(key, is_within, needed, least))
 
     def text(self, key: str) -> str:
         """A text that is not empty; "" stands in for a wrong one."""
-        value = self._get(key)
-        if isinstance(value, str) and value:
-            return value
-        if value is not _ABSENT:
-            self.wrong(key, "a text")
-        return ""
+        return str(self._value(key, _is_text, "a text", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of texts, each once; it may be empty."""
-        value = self._get(key)
-        if value is _ABSENT:
-            return ()
-        if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-            self.wrong(key, "a list of texts")
-            return ()
+        value = self._value(
+            key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of texts", []
+        )
         if len(set(value)) != len(value):
             self.wrong(key, "a list in which every name stands once")
             return ()
@@ -100,12 +85,12 @@ class Table:
         self, key: str, *, above: float = -math.inf, most: float = math.inf, rising: bool = False
     ) -> tuple[float, float]:
         """Two finite numbers, each greater than `above` and at most `most`; with `rising` the second is the larger."""
-        value = self._get(key)
-        if value is _ABSENT:
+        value = self._value(
+            key, lambda given: isinstance(given, list) and len(given) == 2, "a list of two numbers", None
+        )
+        if value is None:
             return (1.0, 1.0)
-        if not isinstance(value, list) or len(value) != 2:
-            self.wrong(key, "a list of two numbers")
-        elif not all(_is_number(item) and above < item <= most for item in value):
+        if not all(_is_number(item) and above < item <= most for item in value):
             self.wrong(key, f"a list of two numbers{_bounds(above, -math.inf, most)}")
         elif rising and value[0] >= value[1]:
             self.wrong(key, "a list of two numbers, the first below the second,")
@@ -116,14 +101,13 @@ class Table:
     def table(self, key: str) -> Table:
         """The table of that name below this one."""
         name = self._dotted(key)
-        value = self.values.get(key, _ABSENT)
+        value = self.values.get(key)
         if isinstance(value, Mapping):
             return self._below(name, value, self._findings)
-        if not self._is_absent:
-            if value is _ABSENT:
-                self._tell(f"the table [{name}] is missing; add it", key)
-            else:
-                self._tell(f"{name} is {value!r}; a table [{name}] is needed", key)
+        if key in self.values:
+            self._report(f"{name} is {value!r}; a table [{name}] is needed", key)
+        elif not self._is_absent:
+            self._report(f"the table [{name}] is missing; add it", key)
         absent = self._below(name, {}, self._findings)
         absent._is_absent = True
         return absent
@@ -133,12 +117,17 @@ class Table:
         table._findings = findings
         return table
 
-    def _get(self, key: str) -> object:
-        if key not in self.values and not self._is_absent:
-            self._tell(f"{self._path_of(key)} is missing; add it", key)
-        return self.values.get(key, _ABSENT)
+    def _value(self, key: str, is_allowed: Callable[[Any], bool], needed: str, instead: Any) -> Any:
+        """The value of a key; one that is missing or not allowed is reported, and `instead` stands in for it."""
+        if key in self.values:
+            if is_allowed(self.values[key]):
+                return self.values[key]
+            self.wrong(key, needed)
+        elif not self._is_absent:
+            self._report(f"{self._path_of(key)} is missing; add it", key)
+        return instead
 
-    def _tell(self, text: str, key: str) -> None:
+    def _report(self, text: str, key: str) -> None:
         if self._findings is not None:
             self._findings.wrong(text, self.line(key))
             return
@@ -159,7 +148,12 @@ def _bounds(above: float, least: float, most: float) -> str:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    # By comparison: `math.isfinite` cannot convert a whole number of 400 digits.
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value)
 
 
 def frozen(value: object) -> object:

@@ -19,6 +19,7 @@ from kinematics.arrays import Float, read_only
 from kinematics.exceptions import RobotFileError, unknown_name
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.urdf import Joint, Link, Urdf
+from kinematics.urdf_checks import root_link
 
 
 class KinematicTree:
@@ -130,14 +131,12 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
         below.setdefault(joint.parent, []).append(joint)
-    children = {joint.child for joint in urdf.joints}
-    root = next(link.name for link in urdf.links if link.name not in children)
     links = {link.name: link for link in urdf.links}
     first = 0
     if only is None:
         first = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "root_joint")
     # Name of a link, index of the joint that carries it, and its pose on that joint.
-    open_links = [(root, first, pinocchio.SE3.Identity())]
+    open_links = [(root_link(urdf), first, pinocchio.SE3.Identity())]
     while open_links:
         name, carrier, placement = open_links.pop()
         link = links[name]

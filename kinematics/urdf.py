@@ -87,6 +87,13 @@ class Urdf:
             link = above[link].parent
         return tuple(chain)
 
+    def transform_at_zero(self, link: str) -> Float:
+        """Transform (4, 4) of a link to the root with all joints at zero."""
+        transform = np.eye(4)
+        for joint in self.path_to(link):
+            transform = transform @ joint.transform_child_to_parent
+        return transform
+
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:
     """Rotation (3, 3) by roll, pitch, yaw [rad] about the fixed axes x, y, z, as URDF defines rpy."""
@@ -98,12 +105,3 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:
             [-sp, cp * sr, cp * cr],
         ]
     )
-
-
-def rpy_from_rotation(rotation: Float) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] of a rotation (3, 3), the inverse of `rotation_from_rpy`; yaw 0 at 90 degrees of pitch."""
-    flat = math.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = math.atan2(-rotation[2, 0], flat)
-    if flat < 1e-9:
-        return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
-    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])

@@ -11,7 +11,7 @@ import numpy as np
 from guara_perception.arrays import Float, Float32, Grey
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Offset [m] of a spot from the expected position of a cross, and its score.
 Candidate = tuple[Float, float]
@@ -37,7 +37,7 @@ LEAST_BLUR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Mark(FrozenArrays):
     """One fiducial in the picture.
 
     Attributes:
@@ -49,9 +49,6 @@ class Mark:
     centre_px: Float
     sigma_px: float
     score: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre_px", read_only(np.asarray(self.centre_px, dtype=np.float64)))
 
 
 def find_crosses(

@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.calibration.calibration import CameraModel
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # A stripe is cut along y into this number of parts; the median height of a part is the height of the ground there.
 PARTS = 12
@@ -24,7 +24,7 @@ LEAST_SHARE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
-class FloorLines:
+class FloorLines(FrozenArrays):
     """Straight stripes of a scan, in order of their index; a line z = offset + slope y each.
 
     A straight stripe stays straight when camera or laser moved; ground that is not flat bends it. So straightness shows
@@ -45,10 +45,6 @@ class FloorLines:
     offset: Float
     slope: Float
     roughness: Float
-
-    def __post_init__(self) -> None:
-        for name in ("index", "x", "offset", "slope", "roughness"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def find_floor_lines(points: Mapping[int, Float]) -> FloorLines:

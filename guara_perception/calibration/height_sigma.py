@@ -72,21 +72,6 @@ class HeightUncertainty:
         return HeightUncertainty(planes, origin, matrix)
 
     def variance(
-        self, index: int, plane: Float, points_in_camera: Float, transform_camera_to_base: Float, up_in_camera: Float
-    ) -> Float:
-        """Variance (n,) of the heights of points on one stripe [m^2]; NaN where a point is NaN.
-
-        Args:
-            index: index of the stripe; one that has no covariance of its own gets that of its nearest neighbour.
-            plane: (4,) calibrated plane in the camera frame.
-            points_in_camera: (n, 3).
-            transform_camera_to_base: (4, 4).
-            up_in_camera: (3,) unit vector along which heights are measured.
-        """
-        in_camera = np.ascontiguousarray(points_in_camera.T)[None]
-        return self._variance([index], plane[None], in_camera, transform_camera_to_base, up_in_camera)[0]
-
-    def variance_of_scan(
         self,
         indices: Sequence[int],
         planes: Float,
@@ -94,42 +79,33 @@ class HeightUncertainty:
         transform_camera_to_footprint: Float,
         transform_camera_to_base: Float,
     ) -> Float:
-        """As `variance`, of several stripes and with heights along z of base_footprint.
+        """Variances (s, n) of the heights of points on stripes [m^2]; NaN where a point is NaN.
+
+        Each stripe has products of its own, so that rounding does not depend on what other stripes there are.
 
         Args:
-            indices: indices of s stripes.
+            indices: indices of s stripes; one that has no covariance of its own gets that of its nearest neighbour.
             planes: (s, 4) calibrated planes in the camera frame.
             points_in_footprint: (3, s, n), coordinate by coordinate.
             transform_camera_to_footprint: (4, 4).
             transform_camera_to_base: (4, 4).
-
-        Returns:
-            (s, n) variances [m^2].
         """
         rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
         in_camera = rotation.T @ (points_in_footprint.transpose(1, 0, 2) - translation[:, None])
-        return self._variance(indices, planes, in_camera, transform_camera_to_base, rotation[2])
-
-    def _variance(
-        self, indices: Sequence[int], planes: Float, in_camera: Float, transform_camera_to_base: Float, up: Float
-    ) -> Float:
-        """Variances (s, n) of points (s, 3, n) in the camera frame.
-
-        Each stripe has products of its own, so that rounding does not depend on what other stripes there are.
-        """
-        nearest = [index if index in self.planes else self._nearest(index) for index in indices]
         one = np.ones((len(indices), 1, in_camera.shape[2]))
-        covariances = np.array([self.planes[index] for index in nearest])
+        covariances = np.array([self.plane_covariance(index) for index in indices])
         off_plane = _quadratic_form(np.concatenate((in_camera, one), axis=1), covariances)
         sine = (planes[:, None, :3] @ in_camera)[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (up @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
+            gain = (rotation[2] @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
         offsets = transform_camera_to_base[:3, :3] @ in_camera
         offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
-        return np.asarray(gain**2 * off_plane + _quadratic_form(_terms(offsets), self.field))
+        return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets), self.field))
 
-    def _nearest(self, index: int) -> int:
-        return min(self.planes, key=lambda other: abs(other - index))
+    def plane_covariance(self, index: int) -> Float:
+        """Covariance (4, 4) of the plane of a stripe, or of the stripe nearest to it that has one."""
+        nearest = index if index in self.planes else min(self.planes, key=lambda other: abs(other - index))
+        return self.planes[nearest]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON values, as `of` reads them."""
@@ -144,19 +120,9 @@ class HeightUncertainty:
 
 
 def field_terms(offsets: Float) -> Float:
-    """(n, 10) values of FIELD_TERMS at offsets (n, 3) from the field's origin."""
-    return _terms(offsets.T).T
-
-
-def _terms(offsets: Float) -> Float:
-    """As `field_terms`, term by term: (..., 10, n) of offsets (..., 3, n), each coordinate in one piece of memory."""
+    """Values (..., 10, n) of FIELD_TERMS at offsets (..., 3, n) from the field's origin."""
     x, y, z = (offsets[..., axis, :] for axis in range(3))
     return np.stack((np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z), axis=-2)
-
-
-def plane_covariance(bases: Float, covariance: Float) -> Float:
-    """(4, 4) covariance of a plane from that of its turn, tilt and shift (3, 3) with their effects (3, 4)."""
-    return np.asarray(bases.T @ covariance @ bases)
 
 
 def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
@@ -167,8 +133,7 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
         errors: per parameter (n,) change of height per unit.
         parameters: (p, p) covariance of the parameters.
     """
-    terms = field_terms(offsets)
-    effect = np.linalg.lstsq(terms, np.column_stack(errors), rcond=None)[0]
+    effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]
     return np.asarray(effect @ parameters @ effect.T)
 
 

@@ -12,7 +12,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import CalibrationRefused
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 MIN_VIEWS = 5
 # Largest angle between two boards below which focal length and distance cannot be separated.
@@ -24,7 +24,7 @@ DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
 
 
 @dataclass(frozen=True, slots=True)
-class Intrinsics:
+class Intrinsics(FrozenArrays):
     """A camera and how well the boards fix it.
 
     Attributes:
@@ -44,10 +44,6 @@ class Intrinsics:
     poses: Float
     errors_px: Float
     outliers: tuple[tuple[str, str], ...]
-
-    def __post_init__(self) -> None:
-        for name in ("sigma", "poses", "errors_px"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def rms_px(self) -> float:

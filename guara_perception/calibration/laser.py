@@ -13,7 +13,6 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.height_sigma import (
     HeightUncertainty,
     field_covariance,
-    plane_covariance,
     plane_in_frame,
 )
 from guara_perception.calibration.mirror_model import MirrorModel
@@ -21,7 +20,7 @@ from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
 # Where the height field is sampled: y, heights, and the number of stripes.
@@ -58,7 +57,7 @@ class LeaveOneOut:
 
 
 @dataclass(frozen=True, slots=True)
-class LaserFit:
+class LaserFit(FrozenArrays):
     """Planes from plates.
 
     Attributes:
@@ -76,10 +75,6 @@ class LaserFit:
     line_errors: Float
     leave_one_out: tuple[LeaveOneOut, ...]
     uncertainty: HeightUncertainty
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "planes_in_camera", read_only(self.planes_in_camera))
-        object.__setattr__(self, "line_errors", read_only(self.line_errors))
 
 
 def fit_laser(
@@ -133,7 +128,7 @@ def height_sigmas(
         x: range of the area in base_footprint [m].
     """
     transform = fit.transform_camera_to_footprint
-    to_camera = np.asarray(np.linalg.inv(transform), dtype=np.float64)
+    to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
     stripe_sigma = float(np.median([line.sigma_px for line in lines]))
     on_floor = -laser.stripes.planes[:, 3] / laser.stripes.planes[:, 0]
     sigmas = []
@@ -144,12 +139,9 @@ def height_sigmas(
         pixel = level_pixels(fit.camera, transform, point[:, :2], 0.0)
         moved = heights_through(pixel + np.array([0.0, 1.0]), fit.camera, transform, plane)
         here = heights_through(pixel, fit.camera, transform, plane)
-        in_camera = transform_points(to_camera, point)
-        to_base = np.asarray(np.linalg.inv(transform_base_to_footprint)) @ transform
-        systematic = laser.uncertainty.variance(
-            laser.stripes.indices[k], laser.planes_in_camera[k], in_camera, to_base, transform[2, :3]
-        )
-        sigmas.append(float(np.sqrt(((moved - here)[0] * stripe_sigma) ** 2 + systematic[0])))
+        stripe, plane_in_camera = laser.stripes.indices[k : k + 1], laser.planes_in_camera[k : k + 1]
+        systematic = laser.uncertainty.variance(stripe, plane_in_camera, point.T[:, None], transform, to_base)
+        sigmas.append(float(np.sqrt(((moved - here)[0] * stripe_sigma) ** 2 + systematic[0, 0])))
     return sigmas[0], sigmas[1]
 
 
@@ -204,7 +196,7 @@ def _uncertainty(
     planes = {}
     for k, index in enumerate(stripes.indices):
         bases = np.array([plane_in_frame(basis, to_camera) for basis in stripes.bases[k]])
-        planes[index] = plane_covariance(bases, stripes.covariance[k])
+        planes[index] = bases.T @ stripes.covariance[k] @ bases
 
     samples = np.unique(np.linspace(0, len(stripes.indices) - 1, FIELD_STRIPES).astype(int))
     points, pixels, rows = [], [], []

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.height_sigma import plane_in_frame
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 
 @dataclass(frozen=True, slots=True)
-class MirrorModel:
+class MirrorModel(FrozenArrays):
     """A laser plane and a mirror that turns about an axis in its own face; all in one frame.
 
     The laser plane of mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
@@ -33,10 +33,6 @@ class MirrorModel:
     point: Float
     normal_at_zero: Float
     gain: float
-
-    def __post_init__(self) -> None:
-        for name in ("laser_plane", "axis", "point", "normal_at_zero"):
-            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=np.float64)))
 
     def planes(self, mirror_angles: npt.ArrayLike) -> Float:
         """Planes (n, 4) of mirror angles (n,) [rad]; the normals are unit vectors."""

@@ -15,7 +15,7 @@ from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.session import CalibrationSession, Fiducials
 from guara_perception.exceptions import CalibrationRefused
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Half a turn about the optical axis: from the mount of eq. 5 to a camera mounted upright, and back.
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -46,7 +46,7 @@ MAX_BOARD_LIFT_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
-class FloorPose:
+class FloorPose(FrozenArrays):
     """Where the camera is over the floor, by the fiducials alone.
 
     Attributes:
@@ -60,10 +60,6 @@ class FloorPose:
     transform_camera_to_footprint: Float
     marks: tuple[Mark, ...]
     residual_px: Float
-
-    def __post_init__(self) -> None:
-        for name in ("transform_camera_to_footprint", "residual_px"):
-            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float64)))
 
     @property
     def rms_px(self) -> float:

@@ -57,10 +57,9 @@ def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Cal
         for index, angle, plane in zip(missing, angles, mirror.planes(angles + guessed), strict=True):
             kept.append(StripePlane(index, float(angle), plane))
             if uncertainty is not None:
-                nearest = min(uncertainty.planes, key=lambda other: abs(other - index))
                 turn = plane_basis(plane, mirror)[0]
                 # The laser plane turns by twice the mirror.
-                planes[index] = uncertainty.planes[nearest] + (2 * sigma) ** 2 * np.outer(turn, turn)
+                planes[index] = uncertainty.plane_covariance(index) + (2 * sigma) ** 2 * np.outer(turn, turn)
     covariance = calibration.covariance
     if uncertainty is not None:
         covariance = {**(covariance or {}), **dataclasses.replace(uncertainty, planes=planes).to_dict()}

@@ -15,7 +15,7 @@ from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.session import Plate, check_size
 from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # A laser mount this much off its nominal position (3 degrees, 20 mm) moves a stripe by this share of the picture.
 BAND_SHARE = 0.12
@@ -30,7 +30,7 @@ SIGMA_FLOOR_M = 2e-5
 
 
 @dataclass(frozen=True, slots=True)
-class PlateLine:
+class PlateLine(FrozenArrays):
     """The line that one stripe draws on one plate.
 
     Attributes:
@@ -53,10 +53,6 @@ class PlateLine:
     span: float
     rms_px: float
     sigma_px: float
-
-    def __post_init__(self) -> None:
-        for name in ("pixels", "weights"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # A laser plane may wobble out of the model by at least this much: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
@@ -26,7 +26,7 @@ SCATTER_FLOOR_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
-class StripeFit:
+class StripeFit(FrozenArrays):
     """Planes of all stripes in base_footprint.
 
     Attributes:
@@ -39,7 +39,6 @@ class StripeFit:
         jitter: standard deviation of the laser plane's angle from scan to scan [rad].
         scatter: scatter of one averaged point of a line [m].
         wobble: (2,) standard deviations of tilt and shift about the mirror model.
-        line_residual: (lines,) mean distance of each line from its stripe's plane [m].
     """
 
     indices: tuple[int, ...]
@@ -50,11 +49,6 @@ class StripeFit:
     jitter: float
     scatter: float
     wobble: Float
-    line_residual: Float
-
-    def __post_init__(self) -> None:
-        for name in ("mirror_angles", "planes", "covariance", "bases", "wobble", "line_residual"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def fit_stripes(
@@ -88,19 +82,15 @@ def fit_stripes(
     planes = np.array([moved_plane(model[k], bases[k], change) for k, change in enumerate(solved.change)])
     for_new_scan = np.array(solved.covariance)
     for_new_scan[:, 0, 0] += jitter**2
-    row = {index: k for k, index in enumerate(sweep.indices)}
-    of_line = [planes[row[line.index]] for line in lines]
-    residual = [np.mean(on_line @ plane[:3] + plane[3]) for on_line, plane in zip(points, of_line, strict=True)]
     return StripeFit(
         indices=sweep.indices,
-        mirror_angles=sweep.mirror_angles.copy(),
+        mirror_angles=sweep.mirror_angles,
         planes=planes,
         covariance=for_new_scan,
         bases=bases,
         jitter=jitter,
         scatter=scatter,
-        wobble=np.array(wobble),
-        line_residual=np.array(residual),
+        wobble=wobble,
     )
 
 

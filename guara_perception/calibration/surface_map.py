@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 
 @dataclass(frozen=True, slots=True)
-class SurfaceMap:
+class SurfaceMap(FrozenArrays):
     """Homography from undistorted pixels to the floor (eqs. 9 to 13, four or more marks).
 
     Attributes:
@@ -27,18 +27,10 @@ class SurfaceMap:
     condition: float
     residual: Float
 
-    def __post_init__(self) -> None:
-        for name in ("homography", "residual"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-
     @property
     def rms(self) -> float:
         """Root mean square distance of the marks from their floor points [m]."""
         return float(np.sqrt((self.residual**2).sum(axis=1).mean()))
-
-    def to_floor(self, pixels: npt.ArrayLike) -> Float:
-        """Floor points (n, 2) [m] of undistorted pixels (n, 2)."""
-        return apply_homography(self.homography, pixels)
 
 
 def surface_map(pixels: npt.ArrayLike, points: npt.ArrayLike) -> SurfaceMap:

@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
@@ -25,7 +25,7 @@ STEP_NUDGE = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(FrozenArrays):
     """The mirror model in base_footprint and the angle error of each stripe.
 
     Attributes:
@@ -35,8 +35,6 @@ class Sweep:
         indices: stripe indices, ascending.
         mirror_angles: (s,) commanded [rad].
         step_errors: (s,) true minus commanded mirror angle, in model units [rad].
-        residual: (n lines,) mean distance of each line from its laser plane [m].
-        lever: (n lines,) distance of each line from the axis [m].
     """
 
     mirror: MirrorModel
@@ -45,12 +43,6 @@ class Sweep:
     indices: tuple[int, ...]
     mirror_angles: Float
     step_errors: Float
-    residual: Float
-    lever: Float
-
-    def __post_init__(self) -> None:
-        for name in ("parameters", "covariance", "mirror_angles", "step_errors", "residual", "lever"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def planes(self) -> Float:
@@ -116,20 +108,11 @@ def fit_sweep(
         x = x + update
         if float(np.abs(update * np.sqrt(np.diag(normal))).max()) < CONVERGED_SIGMAS:
             break
-    mirror = perturbed_mirror(nominal, x[:n])
-    planes = mirror.planes(angles + x[n:])
-    means, levers = [], []
-    for line, on_line in zip(lines, points, strict=True):
-        plane = planes[indices.index(line.index)]
-        means.append(float(np.average(on_line @ plane[:3] + plane[3], weights=line.weights)))
-        levers.append(float(np.linalg.norm(np.cross(on_line - mirror.point, mirror.axis), axis=1).mean()))
     return Sweep(
-        mirror=mirror,
-        parameters=x[:n].copy(),
+        mirror=perturbed_mirror(nominal, x[:n]),
+        parameters=x[:n],
         covariance=np.asarray(np.linalg.inv(normal)[:n, :n], dtype=np.float64),
         indices=indices,
         mirror_angles=angles,
-        step_errors=x[n:].copy(),
-        residual=np.array(means),
-        lever=np.array(levers),
+        step_errors=x[n:],
     )

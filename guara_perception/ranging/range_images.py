@@ -13,7 +13,7 @@ from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import EVERYWHERE, shares, surface_keys, surface_lines
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
@@ -25,7 +25,7 @@ MOST_BETWEEN = 5
 
 
 @dataclass(frozen=True, slots=True)
-class RangeImages:
+class RangeImages(FrozenArrays):
     """Heights as pictures, (512, 640) float32 [mm above z = 0], NaN where unknown.
 
     Pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in base_footprint.
@@ -37,10 +37,6 @@ class RangeImages:
 
     ortho_image_mm: Float32
     range_image_mm: Float32
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "ortho_image_mm", read_only(self.ortho_image_mm))
-        object.__setattr__(self, "range_image_mm", read_only(self.range_image_mm))
 
 
 def range_images(

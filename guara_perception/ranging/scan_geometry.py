@@ -157,7 +157,7 @@ class StripeRanger:
 
         def variance(points: Float) -> Float:
             camera = geometry.transform_camera_to_footprint, geometry.calibration.transform_camera_to_base
-            by_calibration = uncertainty.variance_of_scan(indices, planes, points, *camera)
+            by_calibration = uncertainty.variance(indices, planes, points, *camera)
             return by_calibration if self._motion is None else by_calibration + self._variance_by_motion(points)
 
         return variance

@@ -7,16 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image, Mask
-from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus
-from guara_perception.stripes.extract import brightest_rows
-from guara_perception.stripes.laser_light import is_clipped
+from guara_perception.arrays import Float, Image, Index, Mask
+from guara_perception.stripes.band import FramePair, StripeProfile, StripeStatus, is_clipped
 
 # Frames of a scan that are sampled, all over its sweep, and distance of the sampled pixels and columns in them [px].
 SAMPLED_FRAMES = 12
 PIXELS_APART, COLUMNS_APART = 16, 48
 # Columns of a frame, evenly distributed, in which the brightest row is sought.
 GLANCED = 12
+# Light counts when it stands this far above what is usual in its column.
+LEAST_LEVEL = 12.0
+LEAST_SIGMAS = 8.0
+ROWS_APART = 2
+# What is usual in a column shows in every eighth of those rows.
+USUAL_ROWS_APART = 8
 # Largest share of the laser-off picture that may be clipped; beyond it there is too much light.
 MOST_CLIPPED = 0.15
 # Share by which the brightness changes between laser off and on, or from frame to frame.
@@ -91,7 +95,7 @@ class FrameSamples:
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
-            self._samples[pair.index] = _sample(pair, profile, brightest_rows(pair.on, pair.off, self.columns))
+            self._samples[pair.index] = _sample(pair, profile, _brightest_rows(pair.on, pair.off, self.columns))
 
     def take_over(self, other: FrameSamples, indices: Collection[int]) -> None:
         """Add the samples of some stripes that were processed elsewhere."""
@@ -180,6 +184,29 @@ def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample
         contrast=0.0 if off is not None else scale * _contrast(thin),
         rows=rows,
     )
+
+
+def _brightest_rows(on: Image, off: Image | None, columns: Index) -> Float:
+    """Row of the brightest light in some columns (n,) of a whole frame [px]; NaN where none stands out.
+
+    Args:
+        on: (h, w) or (h, w, 3), laser on.
+        off: the same with the laser off, or None.
+        columns: (n,) columns to look at.
+    """
+    seen = on[::ROWS_APART, columns].astype(np.float32)
+    if off is not None and off.shape == on.shape:
+        seen -= off[::ROWS_APART, columns]
+    if seen.ndim == 3:
+        seen = seen.max(axis=2)
+    if on.dtype == np.uint16:
+        seen /= 257.0
+    some = seen[::USUAL_ROWS_APART]
+    usual = np.median(some, axis=0)
+    noise = np.median(np.abs(some - usual), axis=0)
+    row = seen.argmax(axis=0)
+    height = seen[row, np.arange(len(columns))] - usual
+    return np.where(height > np.maximum(LEAST_LEVEL, LEAST_SIGMAS * noise), ROWS_APART * row, np.nan)
 
 
 def _median(samples: Sequence[FrameSample], name: str) -> float:

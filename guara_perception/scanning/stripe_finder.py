@@ -10,8 +10,18 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.paper.rangefinder import Literal
-from guara_perception.stripes.band import Band, FramePair, OffRows, SharedFrame, StripeProfile, bad_frame, channel_of
-from guara_perception.stripes.extract import is_raw_bayer, picture_fault, unusable_frame
+from guara_perception.stripes.band import (
+    Band,
+    FramePair,
+    OffRows,
+    SharedFrame,
+    StripeProfile,
+    bad_frame,
+    channel_of,
+    is_raw_bayer,
+    picture_fault,
+    unusable_frame,
+)
 from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import extract_paper
 from guara_perception.stripes.precise import extract_precise

@@ -1,18 +1,29 @@
-"""Pictures of a stripe, the band of rows that can hold it, and the profile that is extracted from them."""
+"""Pictures of a stripe and their checks, the band of rows that can hold it, and the profile extracted from them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Codes, Float32, Image, Index
-from kinematics.arrays import read_only
+from guara_perception.arrays import Codes, Float, Float32, Image, Index, Mask
+from kinematics.arrays import FrozenArrays
 
 # Rows and columns from one sample of a band's statistics to the next.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
+# A band is checked for white in every eighth row, and in 40 to 79 columns of a wide picture.
+CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
+# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
+CLIPPED = 0.98
+# Columns of a grey picture differ from their neighbours by a thousandth, those behind a colour filter by 2 %
+# under white light at the least, and by 30 to 95 % of its light in a red laser's.
+LEAST_AMBIENT_CONTRAST = 0.012
+LEAST_LASER_CONTRAST = 0.25
+LEAST_LASER_LEVEL = 0.15
+QUARTERS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +154,83 @@ def at_rows(picture: Image, rows: Index, columns: Index, channel: int = 0) -> Im
     return rows_from(picture, rows, 1, columns, channel)[0]
 
 
+def is_clipped(values: Image) -> Mask:
+    """Mask of the grey levels at the end of the scale."""
+    return np.asarray(values >= clipped_from(values.dtype))
+
+
+def clipped_from(kind: np.dtype[Any]) -> int:
+    """Grey level from which a pixel of this type counts as clipped."""
+    return int(np.ceil(CLIPPED * np.iinfo(kind).max))
+
+
+def picture_fault(on: Image) -> str:
+    """Text that says what was given in place of a camera's picture; empty for a picture."""
+    if not isinstance(on, np.ndarray):
+        return f"{type(on).__name__}, it must be a numpy array"
+    if on.dtype not in (np.uint8, np.uint16) or on.ndim not in (2, 3) or (on.ndim == 3 and on.shape[2] not in (1, 3)):
+        return f"{on.dtype} {on.shape}, it must be uint8 or uint16, (h, w) or (h, w, 3)"
+    return ""
+
+
+def unusable_frame(band: Image, off: Image | None, shape: tuple[int, ...]) -> str:
+    """Reason for which a frame cannot be used; empty for a usable one.
+
+    Args:
+        band: the rows of the laser-on frame that will be searched.
+        off: the whole laser-off frame, or None.
+        shape: shape of the whole laser-on frame.
+    """
+    if off is not None:
+        if not isinstance(off, np.ndarray) or off.dtype != band.dtype or off.shape != shape:
+            given = f"{off.dtype} {off.shape}" if isinstance(off, np.ndarray) else type(off).__name__
+            return f"laser-off frame is {given}, laser-on frame is {band.dtype} {shape}: they must be alike"
+    sampled = np.ascontiguousarray(band[::CHECKED_ROWS, :: max(band.shape[1] // CHECKED_COLUMNS, 1)])
+    low, high = float(sampled.min()), float(sampled.max())
+    if low == high and float(band.min()) == float(band.max()):
+        return f"the frame is blank: every pixel is {low:.0f}"
+    if np.count_nonzero(is_clipped(sampled)) > 0.5 * sampled.size:
+        return "more than half of the frame is white: exposure too long or too much light"
+    return ""
+
+
+def is_raw_bayer(on: Image, off: Image | None) -> bool:
+    """Detect the 2 x 2 pattern of a colour filter in a picture of one channel, or in its rows from an even one on.
+
+    Grey pictures have no reason to differ between even and odd columns all over; behind a colour filter these differ,
+    in even rows otherwise than in odd ones.
+    """
+    if on.ndim == 3 and on.shape[2] != 1:
+        return False
+    if off is None or off.shape != on.shape:
+        return _agree(_of_sums(_sums(on)), LEAST_AMBIENT_CONTRAST)
+    dark = _sums(off)
+    light = _sums(on) - dark
+    # Rows of one kind hardly take in the laser: each kind is judged by itself, and only where there is more than noise.
+    apart = np.abs(light[..., 0] - light[..., 1]) / (on.shape[0] / 2 * on.shape[1] / QUARTERS)
+    laser = np.where(apart > LEAST_LASER_LEVEL, _of_sums(light), 0.0)
+    return _agree(laser, LEAST_LASER_CONTRAST) or _agree(_of_sums(dark), LEAST_AMBIENT_CONTRAST)
+
+
+def _sums(picture: Image) -> Float:
+    """(2 kinds of row, QUARTERS of the width, 2 kinds of column) sums of levels."""
+    height, width = picture.shape[0] // 2 * 2, picture.shape[1] // (2 * QUARTERS) * 2 * QUARTERS
+    plane = picture.reshape(picture.shape[:2])[:height, :width]
+    by_column = np.array([plane[row::2].sum(axis=0, dtype=np.float64) for row in (0, 1)])
+    return by_column.reshape(2, QUARTERS, -1, 2).sum(axis=2)
+
+
+def _of_sums(sums: Float) -> Float:
+    """(2, QUARTERS) difference over sum of even and odd columns."""
+    return np.asarray((sums[..., 0] - sums[..., 1]) / np.maximum(np.abs(sums).sum(axis=-1), 1e-9))
+
+
+def _agree(contrast: Float, least: float) -> bool:
+    """Test that one kind of row differs by more than `least`, with one sign, in all quarters but one at the most."""
+    more, less = (contrast > least).sum(axis=1), (contrast < -least).sum(axis=1)
+    return bool((np.maximum(more, less) >= QUARTERS - 1).any())
+
+
 class StripeStatus(IntEnum):
     """Result of one column; the values never change."""
 
@@ -156,7 +244,7 @@ class StripeStatus(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class StripeProfile:
+class StripeProfile(FrozenArrays):
     """One stripe, column by column (row by row when it was extracted along rows).
 
     Attributes:
@@ -176,10 +264,6 @@ class StripeProfile:
     doubtful_px: Float32
     reason: str = ""
     remark: str = ""
-
-    def __post_init__(self) -> None:
-        for name in PROFILE_ARRAYS:
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def is_frame_bad(self) -> bool:

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from guara_perception.arrays import Array, Float32, Image, Index, Mask
-from guara_perception.stripes.band import OffRows, channel_of, has_colour, rows_from, sampled
+from guara_perception.stripes.band import (
+    OffRows,
+    channel_of,
+    clipped_from,
+    has_colour,
+    is_clipped,
+    rows_from,
+    sampled,
+)
 from guara_perception.stripes.peaks import SIGMA_PER_DEVIATION, upper_median, upper_medians
 
 # Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
 JUDGED_ROWS, JUDGED_COLUMNS = 3, 16
 # Mean deviations of the noise above which the peak of a column stands out: noise alone reaches four of them.
 NOISE_DEVIATIONS, PEAK_DEVIATIONS = 4.0, 6.0
-# From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.
-CLIPPED = 0.98
 # From this share of clipped tops on, the channels are fused.
 FUSE_FROM_CLIPPED = 0.2
 # Half the height of the opening that stands in for a missing off frame: wider than any stripe, narrower than texture.
@@ -233,13 +238,3 @@ def clipped_columns(on: Image, top: Index, sigma: float, channel: int, *, is_fus
         every = [is_clipped(rows_from(on, first[wide], count, wide, i)) for i in range(on.shape[2])]
         is_lost[wide] = np.logical_and.reduce(every).sum(axis=0) > MAX_CLIPPED_SIGMAS * sigma
     return clipped > 0, is_lost
-
-
-def is_clipped(values: Image) -> Mask:
-    """Mask of the grey levels at the end of the scale."""
-    return np.asarray(values >= clipped_from(values.dtype))
-
-
-def clipped_from(kind: np.dtype[Any]) -> int:
-    """Grey level from which a pixel of this type counts as clipped."""
-    return int(np.ceil(CLIPPED * np.iinfo(kind).max))

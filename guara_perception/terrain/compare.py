@@ -12,11 +12,11 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.points import known_cells
-from kinematics.arrays import read_only
+from kinematics.arrays import FrozenArrays
 
 
 @dataclass(frozen=True, eq=False)
-class GridComparison:
+class GridComparison(FrozenArrays):
     """Differences of grid b from grid a.
 
     Attributes:
@@ -71,7 +71,7 @@ def compare(a: LayeredGrid | str | Path, b: LayeredGrid | str | Path) -> GridCom
     both = known_a & known_b
     values = difference[both] if both.any() else np.full(1, np.nan)
     return GridComparison(
-        difference=read_only(difference),
+        difference=difference,
         known_in_both=int(both.sum()),
         known_only_in_a=int((known_a & ~known_b).sum()),
         known_only_in_b=int((known_b & ~known_a).sum()),

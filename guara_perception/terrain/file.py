@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +16,6 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layers import LAYERS
 from guara_perception.terrain.layers.record import RECORDS, ScanRecord
 
-# Errors of NumPy and zipfile for damaged files; RuntimeError: a flipped bit means "encrypted" or "unknown method".
-UNREADABLE = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error)
 PICTURES = ("ortho_image_mm", "range_image_mm")
 
 

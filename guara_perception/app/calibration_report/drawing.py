@@ -278,7 +278,7 @@ def height_sigma(result: CalibrationResult) -> bytes:
     stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint
     pixels = level_pixels(result.fit.camera, transform, point, 0.0)
     below = pixels + np.array([0.0, 1.0])
-    in_camera = (np.column_stack((point, np.zeros(len(point)))) - transform[:3, 3]) @ transform[:3, :3]
+    on_ground = np.vstack((point.T, np.zeros(len(point))))[:, None]
     to_base = np.asarray(result.calibration.transform_camera_to_base)
     on_floor = -(stripes.planes[:, 3] + np.outer(y, stripes.planes[:, 1]).mean(axis=0)) / stripes.planes[:, 0]
     nearest = np.abs(point[:, :1] - on_floor).argmin(axis=1)
@@ -290,8 +290,12 @@ def height_sigma(result: CalibrationResult) -> bytes:
         moved = heights_through(below[is_near], result.fit.camera, transform, plane)
         by_row[is_near] = moved - heights_through(pixels[is_near], result.fit.camera, transform, plane)
         systematic[is_near] = result.laser.uncertainty.variance(
-            stripes.indices[k], result.laser.planes_in_camera[k], in_camera[is_near], to_base, transform[2, :3]
-        )
+            stripes.indices[k : k + 1],
+            result.laser.planes_in_camera[k : k + 1],
+            on_ground[..., is_near],
+            transform,
+            to_base,
+        )[0]
     both = 1e3 * np.sqrt((by_row * noise) ** 2 + systematic).reshape(x.size, y.size)
     alone = 1e3 * np.sqrt(systematic).reshape(x.size, y.size)
     figure, axes = new_figure(10.5, 4.2, columns=2)

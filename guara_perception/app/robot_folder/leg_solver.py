@@ -13,12 +13,13 @@ from guara_perception.app.robot_folder.find_legs import FoundLeg
 from guara_perception.arrays import Float
 from kinematics import JointLimitWarning
 from kinematics.leg import NumericLeg
+from kinematics.load import rpy_from_rotation
 from kinematics.model_checks import extent_along, frames_fixed_to
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.state import RobotState
 from kinematics.toml_table import Table
 from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy, rpy_from_rotation
+from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 from kinematics.urdf_checks import root_link
 
 # Angles from which the search starts, besides the centre of the limits [rad].

@@ -1,4 +1,4 @@
-"""The paper's own equations, each one small function with its number, and the chain that they form.
+"""Equations of the paper, each a small function with its number, and the chain that they form.
 
-Only `ranging` imports it, and `methods`, which names what of the paper is taken literally.
+`ranging.locate` imports it, and `scanning.stripe_finder` for the methods that take equations as printed.
 """

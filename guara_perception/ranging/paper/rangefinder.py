@@ -10,6 +10,7 @@ import numpy.typing as npt
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.height_sigma import plane_in_frame
+from guara_perception.calibration.surface_map import surface_map
 from guara_perception.ranging.paper.equations import (
     StripeConstants,
     depth_from_constants,
@@ -17,7 +18,6 @@ from guara_perception.ranging.paper.equations import (
     ortho_u,
     ortho_v,
     stripe_constants,
-    surface_coefficients,
     surface_x,
     surface_y,
     undistort,
@@ -73,7 +73,7 @@ class PaperRangefinder:
         self._lens_k = radial_coefficient(camera)
         (x0, x1), (y0, y1) = area
         marks = np.array([(x0, y0), (x0, y1), (x1, y1), (x1, y0)])
-        self._coefficients = surface_coefficients(self._seen_by_pinhole(marks), marks)
+        self._coefficients = surface_map(self._seen_by_pinhole(marks), marks).homography.ravel()
         self._camera_height = float(transform_camera_to_footprint[2, 3])
         self.view_point = transform_camera_to_footprint[:3, 3].copy()
         if literal.ortho:

@@ -161,7 +161,7 @@ class UnknownCauses:
         """Causes of unknown ground (n, 3) that was observed."""
         why = np.full(len(targets), Hazard.DROPOUT, dtype=np.uint16)
         for sensor_origin in self._sensor_origins:
-            why[_behind_surface(elevation, targets, sensor_origin, self._geometry)] = Hazard.OCCLUDED
+            why[behind_surface(elevation, targets, sensor_origin, self._geometry)] = Hazard.OCCLUDED
         if self._in_own_shadow is not None:
             why[self._in_own_shadow(targets)] = Hazard.SELF
         return why
@@ -178,10 +178,10 @@ def _start(targets: Float, sensor_origin: Float, top: float) -> Float:
     return np.clip(1 - (top - targets[:, 2]) / climb, 0.0, 1.0)
 
 
-def _behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
+def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
     """Mask of the targets (n, 3) that a measured surface hides from a sensor."""
     top = _top(elevation)
-    if np.isnan(top):
+    if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
     # Nothing hides above the highest surface: only the last part of each line is tested.
     start = _start(targets, sensor_origin, top)

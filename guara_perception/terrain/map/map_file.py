@@ -14,14 +14,15 @@ import numpy as np
 from guara_perception.arrays import Array, Float
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.fields import Fields, parse_json
-from guara_perception.files import whole_file
-from guara_perception.terrain.file import UNREADABLE
+from guara_perception.files import read_arrays, whole_file
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
+# [byte] All arrays of a map file together: those of a map of 4 m with cells of 1 mm take 1.6 GB.
+LARGEST_MAP = 2 * 1024**3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,11 +98,7 @@ def read_map(path: str | Path) -> SavedMap:
     path = Path(path)
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            data = {name: content[name] for name in content.files}
-    except UNREADABLE as error:
-        raise FileFormatError(f"{path}: not a map file ({error})") from None
+    data = read_arrays(path, ("state", *MEMORY), "map", LARGEST_MAP)
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a map file")

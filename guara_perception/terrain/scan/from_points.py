@@ -13,16 +13,14 @@ from guara_perception.arrays import Flags, Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.raster import Raster, merge, rasterise, without_cells
+from guara_perception.terrain.assessment.causes import behind_surface
+from guara_perception.terrain.assessment.raster import Raster, cells_of, merge, rasterise, without_cells
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.layered_grid import numbers
 from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel
-
-# A cell hides what lies behind it if it rises above the line of sight by more than this.
-SIGHT_TOLERANCE_M = 0.002
 
 
 def terrain_from_points(
@@ -125,7 +123,11 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
     if known.any():
         # Unknown ground is assumed to be as low as the lowest known ground, which is hidden most easily.
         lowest = float(np.min(raster.low[known]))
-        flags[unknown & _hidden(raster.high, geometry, origin, lowest)] = np.uint16(Hazard.OCCLUDED)
+        x, y = geometry.centres()
+        iy, ix = np.nonzero(unknown)
+        targets = np.column_stack((x[ix], y[iy], np.full(ix.size, lowest)))
+        is_hidden = behind_surface(raster.high, targets, origin, geometry)
+        flags[iy[is_hidden], ix[is_hidden]] = np.uint16(Hazard.OCCLUDED)
         empty = looked[np.isfinite(looked).all(axis=1)]
         empty = empty[empty[:, 2] < 0]
         # Intersections of the rays with the ground, whose height is between its lowest and its highest point.
@@ -138,29 +140,9 @@ def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask,
     return flags
 
 
-def _hidden(high: Float, geometry: GridGeometry, origin: Float, height: float) -> Mask:
-    """Mask of the cells that a known cell hides from the sensor if their ground is at this height."""
-    x, y = geometry.centres()
-    px, py = (axis.ravel() for axis in np.meshgrid(x, y))
-    away = np.hypot(px - origin[0], py - origin[1])
-    count = int(np.ceil(away.max() / (geometry.resolution / 2)))
-    hidden = np.zeros(px.size, dtype=bool)
-    for share in np.arange(1, count + 1) / (count + 1):
-        qx, qy = px + share * (origin[0] - px), py + share * (origin[1] - py)
-        iy, ix = geometry.indices(qx, qy)
-        inside = geometry.contains(iy, ix)
-        between = np.full(px.size, -np.inf)
-        between[inside] = high[iy[inside], ix[inside]]
-        with np.errstate(invalid="ignore"):
-            hidden |= between > height + share * (origin[2] - height) + SIGHT_TOLERANCE_M
-    return hidden.reshape(geometry.shape)
-
-
 def _cells_of(points: Float, geometry: GridGeometry) -> Mask:
     mask = np.zeros(geometry.shape, dtype=bool)
-    iy, ix = geometry.indices(points[:, 0], points[:, 1])
-    inside = geometry.contains(iy, ix)
-    mask[iy[inside], ix[inside]] = True
+    mask.ravel()[cells_of(points, geometry)[0]] = True
     return mask
 
 

@@ -78,8 +78,9 @@ def test_predicted_height_sigma_is_right(result: CalibrationResult, calibration:
             rays = result.calibration.camera.rays(pixels)
             points = rays * (-stripe.plane[3] / (rays @ stripe.plane[:3]))[:, None]
             errors.append(points @ our_pose[2, :3] + our_pose[2, 3] - height)
+            found = (points @ our_pose[:3, :3].T + our_pose[:3, 3]).T[:, None]
             mount = result.calibration.transform_camera_to_base
-            variances.append(uncertainty.variance(stripe.index, stripe.plane, points, mount, our_pose[2, :3]))
+            variances.append(uncertainty.variance([stripe.index], stripe.plane[None], found, our_pose, mount)[0])
     ratio = np.concatenate(errors) / np.sqrt(np.concatenate(variances))
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.6
 

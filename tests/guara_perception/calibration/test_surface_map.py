@@ -22,14 +22,14 @@ def test_homography_is_recovered(noise: list[float], count: int) -> None:
     true = np.append(np.array([1e-5, 5e-4, 0.45, -5e-4, 2e-5, 0.3, 1e-6, 3e-5]) + 0.1 * scale * noise, 1).reshape(3, 3)
     points = apply_homography(true, PIXELS[:count])
     found = surface_map(PIXELS[:count], points)
-    np.testing.assert_allclose(found.to_floor(PIXELS), apply_homography(true, PIXELS), atol=1e-9)
+    np.testing.assert_allclose(apply_homography(found.homography, PIXELS), apply_homography(true, PIXELS), atol=1e-9)
     assert found.rms < 1e-9
 
 
 def test_residual_shows_a_wrong_mark() -> None:
     """Five marks, one of them off by 10 mm, leave a residual; four cannot."""
     true = surface_map(PIXELS[:4], POINTS)
-    points = true.to_floor(PIXELS)
+    points = apply_homography(true.homography, PIXELS)
     points[4, 0] += 0.010
     assert surface_map(PIXELS, points).rms > 0.002
     assert true.rms < 1e-12

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.locate import TOLERANCE_PX, ColumnRays, Triangulator, locator
-from guara_perception.ranging.paper.equations import rotation_of_pitch
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder, radial_coefficient
 from guara_perception.ranging.scan_geometry import laser_origin
 from tests.thorough import examples
@@ -28,9 +27,10 @@ def camera(k1: float = -0.15, k2: float = 0.0) -> CameraModel:
 
 def pose(pitch: float = 31.0) -> np.ndarray:
     """Camera half a metre above the floor, 0.4 m ahead of the origin."""
+    c, s = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
     transform = np.eye(4)
-    transform[:3, :3] = rotation_of_pitch(np.radians(pitch))
-    transform[:3, 3] = 0.4, 0.01, 0.5
+    # Eq. 5: image right is the robot's left, image down forward and up, the axis forward and down.
+    transform[:3] = [[0.0, c, s, 0.4], [1.0, 0.0, 0.0, 0.01], [0.0, s, -c, 0.5]]
     return transform
 
 
