@@ -1,6 +1,7 @@
 """What a learned locomotion policy takes: heights at fixed points around the robot, and which of them are known.
 
     python examples/height_scan_policy.py terrain.npz
+    python examples/height_scan_policy.py scene.xml      # of MuJoCo, with the robot in its first keyframe
 
 Unknown heights are never filled in silently. This policy was trained with a mask as a second channel; one that was not
 must at least know what it cannot see.
@@ -19,9 +20,21 @@ def observation(terrain: gp.TerrainGrid) -> np.ndarray:
     return np.stack((heights, scan.known)).astype(np.float32).reshape(2, 9, 11)
 
 
-def main(grid: str) -> None:
+def scene(path: str) -> gp.TerrainGrid:
+    """The ground of a MuJoCo scene as a grid: in training the policy gets the same observation as on the robot."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    return gp.terrain_from_mujoco(model, data)
+
+
+def main(source: str) -> None:
     """Print the observation as a policy would get it."""
-    heights, known = observation(gp.load_terrain(grid))
+    heights, known = observation(scene(source) if source.endswith(".xml") else gp.load_terrain(source))
     print(f"known: {known.mean():.0%}")
     for row, mask in zip(heights[::-1], known[::-1], strict=True):
         print(" ".join(f"{1e3 * h:4.0f}" if k else "   ?" for h, k in zip(row, mask, strict=True)))

@@ -86,6 +86,7 @@ from guara_perception.terrain.questions.stairs import Tread as Tread
 from guara_perception.terrain.questions.steppable import SteppableRegion as SteppableRegion
 from guara_perception.terrain.questions.swing import Swing as Swing
 from guara_perception.terrain.scan.assess_terrain import assess_terrain as assess_terrain
+from guara_perception.terrain.scan.from_mujoco import terrain_from_mujoco as terrain_from_mujoco
 from guara_perception.terrain.scan.from_points import terrain_from_points as terrain_from_points
 from guara_perception.terrain.scan.from_range_image import terrain_from_range_image as terrain_from_range_image
 from guara_perception.terrain.scan.policy import ScanDecision as ScanDecision

@@ -14,6 +14,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.files.convert import convert
 from guara_perception.app.messages import terrain_to_message
+from kinematics import RobotModel
 from transport import PausePhase, StancePause, StanceReceiver, open_node
 from transport.recording import RecordingWriter
 
@@ -63,6 +64,18 @@ def run(name: str, arguments: list[str], folder: Path) -> str:
     )
     assert done.returncode == 0 and done.stderr == "", done.stderr
     return done.stdout
+
+
+@pytest.mark.sim
+def test_a_policy_gets_the_same_observation_from_a_simulator(folder: Path, robot: RobotModel):
+    """A level floor under the robot's own MJCF in its first keyframe: known everywhere, at height 0."""
+    pytest.importorskip("mujoco", reason="extra `sim` is not installed")
+    floor = '<geom type="plane" size="5 5 0.1"/>'
+    scene = f'<mujoco><include file="guara.xml"/><worldbody>{floor}</worldbody></mujoco>'
+    shutil.copytree(robot.folder / "mjcf", folder / "mjcf")
+    (folder / "mjcf" / "scene.xml").write_text(scene)
+    printed = run("height_scan_policy.py", ["mjcf/scene.xml"], folder)
+    assert "known: 100%" in printed and set(printed.split()[2:]) <= {"0", "-0"}
 
 
 @pytest.mark.parametrize("name", RUNS)

@@ -1,0 +1,159 @@
+"""`terrain_from_mujoco`: the ground of a MuJoCo scene as a grid, for the same questions as on the robot."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Float, Mask
+from guara_perception.exceptions import InvalidInput, optional_library
+from guara_perception.settings import RobotLike, Settings, robot_model
+from guara_perception.terrain.assessment.raster import merge, rasterise, without_cells
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.scan.from_points import judged_grid
+from kinematics import KinematicsError, RobotModel, Stance, describe_robot
+from kinematics.transforms import inverse, transform_points
+
+Area = tuple[tuple[float, float], tuple[float, float]]
+# Rays per cell and axis: relief between them, at 5 mm less than 2.5 mm wide, is missed.
+RAYS = 2
+# [m] above the highest ground that a grid holds. A ray that begins within a geom would meet its bottom; a ceiling above
+# the robot is met first and leaves the ground below it unknown.
+ABOVE_M = 20.0
+
+
+def terrain_from_mujoco(
+    model: Any,
+    data: Any,
+    *,
+    robot: RobotLike | None = None,
+    body: str | None = None,
+    support_feet: tuple[str, ...] | None = None,
+    area: Area | None = None,
+    resolution: float | None = None,
+    step: int = 0,
+) -> TerrainGrid:
+    """Ground of a MuJoCo scene around a robot in it, as a grid of extent "footprint" in base_footprint.
+
+    The ground is met by rays straight down; bodies of the robot itself are left out, whatever else is in the scene
+    counts as ground. Heights are exact and nothing is hidden: what a rangefinder would not see is known here. A cell
+    whose rays meet nothing, or something outside the height limits of the robot, is OUT_OF_RANGE.
+
+    Args:
+        model: `mujoco.MjModel` of the scene; its joints have the names that the robot's URDF gives them.
+        data: `mujoco.MjData` of it; `mujoco.mj_forward` brings its positions up to date.
+        robot: model, name or folder; gives the soles, the limits and the area; None = the Guará.
+        body: name of the robot's base in the scene; None = the robot's base frame.
+        support_feet: legs whose soles stand; None = all. They set z = 0, as at a stance pause.
+        area: ((x_min, x_max), (y_min, y_max)) in base_footprint [m]; None = that of a scan.
+        resolution: cell edge [m]; None = the robot's default. It must divide the area.
+        step: number of the stance pause.
+
+    Raises:
+        InvalidInput: no such body or joint, a scene with no other geom than the robot's, a state that is not finite, a
+            robot that has fallen, an area that is no area.
+        MissingExtra: MuJoCo is not installed (extra `sim`).
+    """
+    mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")
+    robot = robot_model("guara" if robot is None else robot)
+    settings = Settings.of(robot)
+    base = _body(model, body or robot.config.base_frame)
+    # What nothing collides with bears no foot: pictures beside the shapes, for instance.
+    ground = ~_is_own(model, base)[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+    if not ground.any():
+        raise InvalidInput("no geom of the scene is ground; allowed: one or more that collide and are not of the robot")
+    stance, transform_base_to_world = _stance(model, data, robot, base, support_feet)
+    try:
+        pose = robot.stance_pose(stance)
+    except KinematicsError as error:
+        raise InvalidInput(f"the robot in the scene does not stand: {error}") from None
+    transform_footprint_to_world = transform_base_to_world @ inverse(pose.transform_base_to_footprint)
+    cell = settings.resolution if resolution is None else float(resolution)
+    (x_min, x_max), (y_min, y_max) = area or (settings.footprint_x, settings.footprint_y)
+    if not (np.isfinite([x_min, x_max, y_min, y_max]).all() and x_min < x_max and y_min < y_max):
+        raise InvalidInput(f"area is {area}; allowed: ((x_min, x_max), (y_min, y_max)), finite and in this order [m]")
+    geometry = GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
+    points = _ground(mujoco, model, data, ground, geometry, transform_footprint_to_world, settings)
+    within = (points[:, 2] >= settings.minimum_height) & (points[:, 2] <= settings.maximum_height)
+    hazard = np.zeros(geometry.shape, np.uint16)
+    iy, ix = geometry.indices(points[~within, 0], points[~within, 1])
+    hazard[iy, ix] = np.uint16(Hazard.OUT_OF_RANGE)
+    raster = without_cells(merge([rasterise(points[within], np.zeros(within.sum()), geometry)], geometry), hazard != 0)
+    stamp = round(float(data.time) * 1e9)
+    grid = judged_grid(raster, hazard, geometry, robot, "mujoco", int(within.sum()), stamp, step)
+    record = dataclasses.replace(
+        grid.record,
+        robot_description=describe_robot(robot),
+        stance=stance,
+        attitude_source=pose.attitude_source,
+        support_feet_used=pose.support_feet_used,
+        transform_base_to_footprint=pose.transform_base_to_footprint,
+    )
+    return dataclasses.replace(grid, record=record)
+
+
+def _body(model: Any, name: str) -> int:
+    names = [model.body(index).name for index in range(model.nbody)]
+    if name not in names[1:]:
+        known = ", ".join(sorted(filter(None, names[1:]))[:20])
+        raise InvalidInput(f"body is {name!r}; allowed: a body of the scene ({known})")
+    return names.index(name)
+
+
+def _is_own(model: Any, base: int) -> Mask:
+    """Mask of the bodies that are the robot's: its base and all below it."""
+    own = np.zeros(model.nbody, dtype=bool)
+    own[base] = True
+    # A body comes after its parent.
+    for index in range(base + 1, model.nbody):
+        own[index] = own[model.body_parentid[index]]
+    return own
+
+
+def _stance(
+    model: Any, data: Any, robot: RobotModel, base: int, support_feet: tuple[str, ...] | None
+) -> tuple[Stance, Float]:
+    """Stance of the robot in the scene, and (4, 4) transform_base_to_world."""
+    if not (np.isfinite(data.qpos).all() and np.isfinite(data.xpos).all() and np.isfinite(data.xmat).all()):
+        raise InvalidInput("the state of the scene is not finite; allowed: finite positions (has it diverged?)")
+    named = {model.joint(index).name: index for index in range(model.njnt)}
+    missing = sorted(set(robot.joint_names) - set(named))
+    if missing:
+        raise InvalidInput(
+            f"the scene has no joint {', '.join(missing)} of robot {robot.name!r}; give its robot folder"
+        )
+    positions = {name: float(data.qpos[model.jnt_qposadr[named[name]]]) for name in robot.joint_names}
+    transform_base_to_world = np.eye(4)
+    transform_base_to_world[:3, :3] = data.xmat[base].reshape(3, 3)
+    transform_base_to_world[:3, 3] = data.xpos[base]
+    down_x, down_y, down_z = (-float(value) for value in transform_base_to_world[2, :3])
+    try:
+        stance = Stance(positions, support_feet or robot.legs, (down_x, down_y, down_z))
+    except KinematicsError as error:
+        raise InvalidInput(f"the robot in the scene does not stand: {error}") from None
+    return stance, transform_base_to_world
+
+
+def _ground(
+    mujoco: Any, model: Any, data: Any, ground: Mask, geometry: GridGeometry, transform: Float, settings: Settings
+) -> Float:
+    """(n, 3) highest ground at points of each cell, in base_footprint [m]; -inf where a ray meets nothing."""
+    # Rays pass through what is invisible, and meet all else.
+    model = copy.copy(model)
+    model.geom_matid[:], model.geom_rgba[:, 3] = -1, ground
+    ny, nx = geometry.shape
+    shares = (np.arange(RAYS) + 0.5) / RAYS
+    x = geometry.origin[0] + (np.arange(nx)[:, None] + shares).ravel() * geometry.resolution
+    y = geometry.origin[1] + (np.arange(ny)[:, None] + shares).ravel() * geometry.resolution
+    top = settings.maximum_height + ABOVE_M
+    points = np.stack(np.broadcast_arrays(x[None, :], y[:, None], top), axis=-1).reshape(-1, 3)
+    down, met = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+    starts = transform_points(transform, points)
+    distances = np.array([mujoco.mj_ray(model, data, start, down, None, 1, -1, met) for start in starts])
+    points[:, 2] = np.where(distances < 0.0, -np.inf, top - distances)
+    return points
