@@ -1,4 +1,4 @@
-"""A pyusb backend whose only device is an emulated board, so that driver and pyusb run unchanged.
+"""Pyusb backend whose only device is an emulated board; driver and pyusb run unchanged.
 
 This module imports pyusb; the emulated board itself does not need it.
 """
@@ -20,7 +20,7 @@ from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO
 
 _T = TypeVar("_T")
 
-# Seconds that a standard request may take.
+# [s] A standard request may take this long.
 DESCRIPTOR_TIMEOUT = 1.0
 
 # libusb's own codes, so that an error looks the same as from the real backend.
@@ -50,23 +50,26 @@ class EmulatedBackend(usb.backend.IBackend):
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        """The device descriptor, as the device sends it."""
-        return descriptors.parse_device(self._descriptor(dev, descriptors.DEVICE, 18), dev + 1)
+        """The device descriptor as the device sends it, with its place on the bus."""
+        data, number = self._descriptor(dev, descriptors.DEVICE, 18), dev + 1
+        place = {"address": number, "bus": 1, "port_number": number, "port_numbers": (number,), "speed": 2}
+        return descriptors.parse(data, descriptors.DEVICE, **place)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         """The only configuration; IndexError for another."""
         _only_zero(config)
-        return descriptors.parse_configuration(self._configuration(dev))
+        return descriptors.parse(self._configuration(dev), descriptors.CONFIGURATION, extra_descriptors=[])
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The only interface; IndexError for another."""
         _only_zero(intf, alt, config)
-        return descriptors.parse_interface(self._configuration(dev))
+        return descriptors.parse(self._configuration(dev), descriptors.INTERFACE_KIND, extra_descriptors=[])
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         """The only endpoint; IndexError for another."""
         _only_zero(ep, intf, alt, config)
-        return descriptors.parse_endpoint(self._configuration(dev))
+        further = {"bRefresh": 0, "bSynchAddress": 0, "extra_descriptors": []}
+        return descriptors.parse(self._configuration(dev), descriptors.ENDPOINT_KIND, **further)
 
     def _descriptor(self, dev: int, kind: int, length: int) -> bytes:
         bus = self._buses[dev]
@@ -82,7 +85,7 @@ class EmulatedBackend(usb.backend.IBackend):
         return bus
 
     def close_device(self, dev_handle: Bus) -> None:
-        """Close the board; the interface is given back as the kernel would."""
+        """Close the board; its interface is released, as the kernel does."""
         dev_handle.release()
 
     def set_configuration(self, dev_handle: Bus, config_value: int) -> None:
@@ -100,7 +103,7 @@ class EmulatedBackend(usb.backend.IBackend):
         _translated(dev_handle.claim)
 
     def release_interface(self, dev_handle: Bus, intf: int) -> None:
-        """Give the interface back."""
+        """Release the interface."""
         dev_handle.release()
 
     def clear_halt(self, dev_handle: Bus, ep: int) -> None:
@@ -117,7 +120,7 @@ class EmulatedBackend(usb.backend.IBackend):
         data: array[int],
         timeout: int,
     ) -> int:
-        """Make a control transfer; one with data from the host stalls, the board knows none."""
+        """Make a control transfer; the board knows none with data from the host, so such a transfer stalls."""
         if not bmRequestType & 0x80:
             if len(data):
                 raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
@@ -129,7 +132,7 @@ class EmulatedBackend(usb.backend.IBackend):
         return _fill(data, answer)
 
     def intr_read(self, dev_handle: Bus, ep: int, intf: int, buff: array[int], timeout: int) -> int:
-        """Read the interrupt endpoint; a record longer than what was asked for is an overflow."""
+        """Read the interrupt endpoint; a record longer than the buffer is an overflow."""
         return _fill(buff, _translated(lambda: dev_handle.interrupt(len(buff), timeout / 1e3)))
 
 

@@ -1,4 +1,4 @@
-"""The emulated USB bus: single transfers to an emulated board, and the faults that strike on the way."""
+"""Emulated USB bus: transfers to an emulated board, with injected faults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivers.emulator.faults import Fault, FaultKind
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# Seconds between two polls of a board that stands still and has nothing to report.
+# [s] Between two polls of a board whose mirror stands still and that has nothing to report.
 REPORT_SLICE = 0.002
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
@@ -28,10 +28,10 @@ class BusError(OSError):
 
 
 class Bus(Protocol):
-    """What the pyusb backend needs of a bus with one board on it, near or far."""
+    """Interface of a bus with one board, in this process or in another, as the pyusb backend uses it."""
 
     def present(self) -> bool:
-        """Whether the board is plugged in."""
+        """True while the board is plugged in."""
 
     def open(self) -> None:
         """Open the device, or raise BusError."""
@@ -40,7 +40,7 @@ class Bus(Protocol):
         """Claim its interface, or raise BusError."""
 
     def release(self) -> None:
-        """Give the interface back."""
+        """Release the interface."""
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
         """Make a control transfer to the host, or raise BusError; `timeout` in seconds."""
@@ -63,7 +63,7 @@ class LocalBus:
         self._noise = random.Random(1)
 
     def present(self) -> bool:
-        """Whether the board is plugged in."""
+        """True while the board is plugged in."""
         return self._board.plugged
 
     def open(self) -> None:
@@ -73,7 +73,7 @@ class LocalBus:
             raise BusError(errno.EACCES, "Access denied (insufficient permissions)")
 
     def claim(self) -> None:
-        """Claim the interface; refused while another holds it."""
+        """Claim the interface, unless another claim holds it."""
         self._check_plugged()
         with self._claim_lock:
             if self._claimed or self._board.plan.strike("claim", (FaultKind.BUSY,)):
@@ -81,7 +81,7 @@ class LocalBus:
             self._claimed = True
 
     def release(self) -> None:
-        """Give the interface back."""
+        """Release the interface."""
         with self._claim_lock:
             self._claimed = False
 
@@ -92,13 +92,13 @@ class LocalBus:
         if command is None:
             return self._standard(request_type, request, value)[:length]
         plan = self._board.plan
-        self._strike_before(plan.strike(command, BEFORE), timeout)
+        self._strike(plan.strike(command, BEFORE), timeout)
         if self._board.config.bus_delay > 0:
             timing.sleep(self._board.config.bus_delay)
         answer = self._board.serve(request, join_argument(value, index))
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
-        return self._strike_after(plan.strike(command, AFTER), answer, timeout)[:length]
+        return self._strike(plan.strike(command, AFTER), timeout, answer)[:length]
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
         """Make a control transfer without data: set the configuration, or clear the endpoint's halt."""
@@ -109,19 +109,19 @@ class LocalBus:
         self._halted = False
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for something to report; a stalled endpoint stalls again until its halt is cleared."""
+        """Wait for a report; a stalled endpoint stalls until its halt is cleared."""
         plan = self._board.plan
         fault = plan.strike("report", BEFORE)
         self._halted = self._halted or (fault is not None and fault.kind is FaultKind.STALL)
         if self._halted:
             raise BusError(errno.EPIPE, "Pipe error")
-        self._strike_before(fault, timeout)
+        self._strike(fault, timeout)
         deadline = timing.monotonic() + timeout
         while True:
             self._check_plugged()
             report = self._board.next_report()
             if report is not None:
-                return self._strike_after(plan.strike("report", AFTER), report, timeout)
+                return self._strike(plan.strike("report", AFTER), timeout, report)
             now = timing.monotonic()
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
@@ -142,25 +142,17 @@ class LocalBus:
         if not self._board.plugged:
             raise BusError(errno.ENODEV, "No such device (it may have been disconnected)")
 
-    def _strike_before(self, fault: Fault | None, timeout: float) -> None:
-        if fault is None:
-            return
-        if fault.kind is FaultKind.UNPLUG:
-            self._board.unplug()
-            self._check_plugged()
-        if fault.kind is FaultKind.STALL:
-            raise BusError(errno.EPIPE, "Pipe error")
-        timing.sleep(timeout)
-        raise BusError(errno.ETIMEDOUT, "Operation timed out")
-
-    def _strike_after(self, fault: Fault | None, answer: bytes, timeout: float) -> bytes:
+    def _strike(self, fault: Fault | None, timeout: float, answer: bytes = b"") -> bytes:
+        """Answer of a transfer that a fault strikes before or after the command was carried out."""
         if fault is None:
             return answer
         match fault.kind:
-            case FaultKind.UNPLUG_AFTER:
+            case FaultKind.UNPLUG | FaultKind.UNPLUG_AFTER:
                 self._board.unplug()
                 self._check_plugged()
-            case FaultKind.TIMEOUT_AFTER:
+            case FaultKind.STALL:
+                raise BusError(errno.EPIPE, "Pipe error")
+            case FaultKind.TIMEOUT | FaultKind.TIMEOUT_AFTER:
                 timing.sleep(timeout)
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             case FaultKind.SHORT_READ:
