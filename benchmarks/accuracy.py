@@ -7,7 +7,6 @@ width, as the paper states its error, and processor time without decoding the fr
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -83,8 +82,6 @@ def main() -> None:
     parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
     parser.add_argument("--method", help="comma-separated methods; default: precise, with --paper all")
     parser.add_argument("--paper", action="store_true", help="in the paper's terms, as a table in Markdown")
-    parser.add_argument("--no-gravity", action="store_true", help="leave gravity out of each stance")
-    parser.add_argument("--no-off", action="store_true", help="leave out the frames with the laser off")
     arguments = parser.parse_args()
     robot = load_robot("guara")
     methods = arguments.method.split(",") if arguments.method else list(METHODS) if arguments.paper else ["precise"]
@@ -94,11 +91,7 @@ def main() -> None:
         print("millimetres; interior cells of 5 mm against the mean truth of the cell")
     print(PAPER_HEADER if arguments.paper else HEADER)
     for name, scan, truth, calibration in scans_with_truth(arguments.data, arguments.scans, arguments.calibration):
-        if arguments.no_gravity:
-            scan = dataclasses.replace(scan, stance=dataclasses.replace(scan.stance, gravity_in_base=None))
-        frames = [
-            gp.FramePair(stripe.index, on, None if arguments.no_off else off) for stripe, on, off in scan.frames()
-        ]
+        frames = [gp.FramePair(stripe.index, on, off) for stripe, on, off in scan.frames()]
         for method in methods:
             processor = gp.ScanProcessor(calibration, robot, scan.stance, scan.mode, method=method)
             start = time.process_time()

@@ -117,7 +117,7 @@ def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
             simulated.robot, simulated.calibration, simulated.rangefinder, server, mode="coarse", status=status
         ) as node:
             StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
-            gait = start(endpoint, module="announcements")
+            gait = start("gait", endpoint, module="announcements")
             if not node.wait_for_step(0, TIMEOUT):
                 raise SystemExit(f"step 0 gave no grid within {TIMEOUT:.0f} s")
             yield gait, status
@@ -177,7 +177,3 @@ def main() -> None:
             f"{cost.lines:.1f} log lines per second"
         )
     sys.exit(any(cost.lines > ALLOWED_LINES for cost in costs.values()))
-
-
-if __name__ == "__main__":
-    run_gait(sys.argv[1])

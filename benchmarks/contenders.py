@@ -17,7 +17,6 @@ Extract = Callable[[Image, Image], Float32]
 
 REFERENCE = "reference: cv2 + numpy, band"
 LITERAL = "paper taken literally"
-LOOPS = "paper point by point"
 USER = "OpenCV user"
 OURS = {f"ours: {name}": name for name in ("precise", "paper") if name in METHODS}
 # Half the window of the centre of gravity, and the least difference of grey levels that is a stripe to an OpenCV user.

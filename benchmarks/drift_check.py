@@ -1,4 +1,4 @@
-"""Does the check of drift warn when it should, and only then: true scans, moved mounts and lost steps in simulation.
+"""Finds and false alarms of the check of drift: true scans, moved mounts and lost steps in simulation.
 
 `python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten
 minutes of processor time.
@@ -7,7 +7,6 @@ minutes of processor time.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -17,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.mounting import moved, moved_about
 from drivers.emulator.config import STEP
-from guara_perception.calibration.calibration import Calibration, StripePlane
+from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.drift import DRIFTING, HOLDS, UNKNOWN, Drift, DriftWatch
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.simulation.features import Box
-from guara_perception.simulation.rangefinder import LaserPlanes, SimulatedRangefinder
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import rotation, specimen
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
@@ -65,20 +65,10 @@ class Injected:
         return cls(camera=turn) if kind == "camera" else cls(laser=turn)
 
     def apply(self, calibration: Calibration, robot: RobotModel) -> Calibration:
-        """What the rangefinder is now; `calibration` is what it was."""
-        planes = LaserPlanes.of(calibration).planes_in_base
-        turn, centre = rotation(self.laser), robot.transform_laser_to_base[:3, 3]
-        normals = planes[:, :3] @ turn.T
-        offsets = planes[:, 3] + (planes[:, :3] - normals) @ centre
-        camera = calibration.transform_camera_to_base.copy()
-        camera[:3, :3] = rotation(self.camera) @ camera[:3, :3]
-        into = camera[:3, :3].T
-        ordered = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
-        stripes = tuple(
-            StripePlane(stripe.index, stripe.mirror_angle, np.append(into @ normal, offset + normal @ camera[:3, 3]))
-            for stripe, normal, offset in zip(ordered, normals, offsets, strict=True)
-        )
-        return dataclasses.replace(calibration, transform_camera_to_base=camera, stripes=stripes)
+        """Calibration of the rangefinder after the drift."""
+        camera = moved_about(rotation(self.camera), calibration.transform_camera_to_base[:3, 3])
+        laser = moved_about(rotation(self.laser), robot.transform_laser_to_base[:3, 3])
+        return moved(calibration, camera=camera, laser=laser)
 
 
 @dataclass(slots=True)

@@ -28,6 +28,7 @@ import numpy as np
 
 import transport
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
+from benchmarks.rounds import resident_mb
 from transport.configuration import router_configuration
 from transport.links.session import listen_with
 from transport.security.folder import CONFIGURATION
@@ -194,12 +195,6 @@ def processor_seconds(peer: Peer) -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-def memory_mb(peer: Peer) -> float:
-    """Memory that a process has in use [MB]."""
-    lines = Path(f"/proc/{peer.popen.pid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1e3
-
-
 def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
     """Figures of one fleet."""
     size = len(fleet.names)
@@ -231,7 +226,7 @@ def measure(fleet: Fleet, seconds: float) -> dict[str, Any]:
         figures[f"{role}_processor"] = round(100 * spent[role] / took / count, 3)
         figures[f"{role}_idle_ms_per_s"] = round(1e3 * idle[role] / size, 2)
         figures[f"{role}_ms_per_pause"] = round(1e3 * (spent[role] - idle[role] * took) / max(pauses, 1), 2)
-        figures[f"{role}_mb"] = round(sum(map(memory_mb, roles[role])) / len(roles[role]), 1)
+        figures[f"{role}_mb"] = round(sum(resident_mb(peer.popen.pid) for peer in roles[role]) / len(roles[role]), 1)
     figures["processor"] = round(100 * sum(spent.values()) / took, 2)
     figures["machine_busy"] = round(figures["processor"] / (os.cpu_count() or 1), 1)
     return figures
@@ -335,8 +330,3 @@ def main() -> None:
         f"the 99th percentile, {WORST_MS:g} ms at worst"
     )
     sys.exit(not is_met)
-
-
-if __name__ == "__main__":
-    roles: dict[str, Any] = {"router": run_router, "zenohd": run_zenohd, "robots": run_robots, "planners": run_planners}
-    roles[sys.argv[1]](*sys.argv[2:])

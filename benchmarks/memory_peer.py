@@ -8,18 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rounds import resident_mb
 from guara_perception import FramePair, ScanProcessor
 from guara_perception.arrays import Image
 from guara_perception.simulation.specimen import specimen
 from testbed.scenes import robot_with, scan_stance, with_covariance
-
-
-def resident(field: str) -> float:
-    """VmRSS (now) or VmHWM (peak) of this process [MB]."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(field):
-            return float(line.split()[1]) / 1024
-    raise RuntimeError(f"/proc/self/status has no {field}")
 
 
 def main(folder: str, stripes: int, together: int = 1) -> None:
@@ -61,8 +54,8 @@ def main(folder: str, stripes: int, together: int = 1) -> None:
     release = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if release is not None:
         release(0)
-    before = resident("VmRSS")
+    before = resident_mb()
     scan(stripes)
-    first = resident("VmHWM")
+    first = resident_mb(field="VmHWM")
     scan(stripes)
-    print(max(first - before, 0.0), resident("VmHWM") - first, pair)
+    print(max(first - before, 0.0), resident_mb(field="VmHWM") - first, pair)

@@ -1,4 +1,4 @@
-"""What a mount that moves after calibration costs: by how much the heights of a scan are then wrong.
+"""Errors of heights after the mount has moved.
 
 `python -m benchmarks calibration mount`. Calibration measures the mount as it was built, so a constant error costs
 nothing; what counts is what changes afterwards: a screw that gives, a home switch that shifts, a mirror that has not
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.simulation.specimen import rotation
@@ -59,31 +60,33 @@ CHANGES = (
 )
 
 
-def _moved(turn: np.ndarray, about: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def moved_about(turn: np.ndarray, about: np.ndarray, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Motion (4, 4) by a rotation about a point and a shift [m]."""
     transform = np.eye(4)
     transform[:3, :3] = turn
     transform[:3, 3] = about - turn @ about + shift
     return transform
 
 
-def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:
-    """The calibration of the mount after a change: its laser planes and its camera where they are then."""
-    camera = calibration.transform_camera_to_base
-    lift = np.eye(4)
-    lift[2, 3] = change.camera_shift
-    head = _moved(rotation((0.0, change.pitch, 0.0)), camera[:3, 3], np.zeros(3))
-    laser = _moved(
-        rotation((change.tilt, 0.0, 0.0)) @ rotation((0.0, -change.mirror_turn, 0.0)), AXIS, np.array(change.shift)
-    )
-    # A plane in the camera's frame transforms by the inverse transpose; the laser moves against the camera.
-    moved_camera = lift @ camera
-    moved_laser = np.linalg.inv(moved_camera) @ laser @ camera
-    planes = [stripe.plane @ np.linalg.inv(moved_laser) for stripe in calibration.stripes]
+def moved(calibration: gp.Calibration, *, camera: np.ndarray, laser: np.ndarray) -> gp.Calibration:
+    """Calibration after motions (4, 4) in base_link of the camera and of the laser planes."""
+    before = calibration.transform_camera_to_base
+    # A plane transforms by the inverse transpose; in the camera's frame the laser moves against the camera.
+    now = camera @ before
+    planes = [stripe.plane @ np.linalg.inv(np.linalg.inv(now) @ laser @ before) for stripe in calibration.stripes]
     stripes = tuple(
         replace(stripe, plane=plane / np.linalg.norm(plane[:3]))
         for stripe, plane in zip(calibration.stripes, planes, strict=True)
     )
-    return replace(calibration, transform_camera_to_base=head @ moved_camera, stripes=stripes)
+    return replace(calibration, transform_camera_to_base=now, stripes=stripes)
+
+
+def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:
+    """The calibration of the mount after a change."""
+    head = moved_about(rotation((0.0, change.pitch, 0.0)), calibration.transform_camera_to_base[:3, 3])
+    lift = moved_about(np.eye(3), np.zeros(3), (0.0, 0.0, change.camera_shift))
+    turn = rotation((change.tilt, 0.0, 0.0)) @ rotation((0.0, -change.mirror_turn, 0.0))
+    return moved(calibration, camera=head @ lift, laser=head @ moved_about(turn, AXIS, change.shift))
 
 
 def heights(scan: scenes.ScanInMemory, calibration: gp.Calibration) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.peers import free_endpoint, peers
+from benchmarks.rounds import resident_mb
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -113,12 +113,6 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
         f"ms (another process, loopback, wall clock); processor time {1e3 * np.median(work):.1f} ms, quickest "
         f"{1e3 * min(work):.1f} ms: message with its obstacles, encoding, decoding, checks on both sides"
     )
-
-
-def resident_mb() -> float:
-    """Memory that this process holds now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 def main() -> None:

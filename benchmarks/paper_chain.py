@@ -48,22 +48,6 @@ def orthorectified(height: Float, optical_centre: Float, x: Range, y: Range) -> 
     return ortho
 
 
-def orthorectified_in_loops(height: Float, optical_centre: Float, x: Range, y: Range) -> Float:
-    """The same, pixel by pixel."""
-    nadir_u, nadir_v = _nadir(optical_centre, x, y)
-    above = float(optical_centre[2])
-    ortho = np.full((ROWS, COLUMNS), -np.inf)
-    for v in range(ROWS):
-        for u in range(COLUMNS):
-            h = height[v, u]
-            if h == h:
-                true_u = round((u - nadir_u) * (above - h) / above + nadir_u)
-                true_v = round((v - nadir_v) * (above - h) / above + nadir_v)
-                if 0 <= true_u < COLUMNS and 0 <= true_v < ROWS and h > ortho[true_v, true_u]:
-                    ortho[true_v, true_u] = h
-    return ortho
-
-
 def cells(ortho: Float, x: Range, y: Range, cell: float) -> Float:
     """Mean height of the picture's pixels in each cell, a[iy, ix], NaN where there is none."""
     nx, ny = round((x[1] - x[0]) / cell), round((y[1] - y[0]) / cell)

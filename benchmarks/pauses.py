@@ -67,7 +67,7 @@ SWING = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of the pauses of one case.
+    """Outcome of the pauses of one case.
 
     Attributes:
         announced, gait, late: as in `CASES`.
@@ -119,7 +119,7 @@ def run_node(endpoint: str) -> None:
 
 
 def run_planner(endpoint: str) -> None:
-    """Says of every grid what it is, as it comes."""
+    """Planner that reports every grid as it arrives."""
     with gp.TerrainClient(endpoint, timeout=TIMEOUT) as client:
 
         def take(grid: gp.TerrainGrid) -> None:
@@ -137,8 +137,9 @@ def run_planner(endpoint: str) -> None:
         sys.stdin.read()
 
 
-def run_gait(endpoint: str, pauses: int, announced: float, holds: bool, late: float) -> None:
-    """A gait that says END `late` seconds after the time that it announced."""
+def run_gait(endpoint: str, pauses: str, announced: str, late: str, *, holds: bool = False) -> None:
+    """Gait that sends END `late` [s] after the time that it announced."""
+    seconds = float(announced)
     robot = load_robot("guara")
     stance, rng = Stance(robot.posture(robot.config.scan_posture), robot.legs, None), np.random.default_rng()
     epoch = uuid.uuid4().hex
@@ -160,9 +161,9 @@ def run_gait(endpoint: str, pauses: int, announced: float, holds: bool, late: fl
                 )
             )
 
-        for step in range(pauses):
-            end = time.monotonic() + announced + late
-            announce(step, PausePhase.BEGIN, announced)
+        for step in range(int(pauses)):
+            end = time.monotonic() + seconds + float(late)
+            announce(step, PausePhase.BEGIN, seconds)
             while (left := end - time.monotonic()) > 0:
                 time.sleep(min(HOLD_PERIOD, left) if holds else left)
                 if holds:
@@ -172,6 +173,11 @@ def run_gait(endpoint: str, pauses: int, announced: float, holds: bool, late: fl
         publisher.flush(TIMEOUT)
         # It lives on, as a gait does: its last END must be confirmed.
         time.sleep(1.0)
+
+
+def run_holding_gait(*arguments: str) -> None:
+    """The same, with HOLD at 50 Hz."""
+    run_gait(*arguments, holds=True)
 
 
 def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[Row]:
@@ -197,8 +203,8 @@ def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[Ro
                 subprocess.run([sys.executable, *command], timeout=limit, check=True, stdout=subprocess.DEVNULL)
                 time.sleep(1.0)
             else:
-                arguments = (str(pauses), str(announced), str(int(gait == "HOLD")), str(late))
-                start("gait", endpoint, *arguments, module="pauses").popen.wait(limit)
+                role = "holding_gait" if gait == "HOLD" else "gait"
+                start(role, endpoint, str(pauses), str(announced), str(late), module="pauses").popen.wait(limit)
             rows.append(_row((announced, gait, late), [grid for grid in heard if grid["epoch"] not in known]))
             print(_line(rows[-1], pauses), flush=True)
     return rows
@@ -239,16 +245,7 @@ def main() -> None:
     parser.add_argument("--pauses", type=int, default=20, help="pauses of each case; at most 100")
     parser.add_argument("--quick", action="store_true", help="three of the cases")
     parser.add_argument("--json", action="store_true", help="end with a line of JSON")
-    parser.add_argument("peer", nargs="*", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.peer:
-        role, endpoint, *rest = options.peer
-        if role == "gait":
-            pauses, announced, holds, late = map(float, rest)
-            run_gait(endpoint, int(pauses), announced, bool(holds), late)
-        else:
-            {"node": run_node, "planner": run_planner}[role](endpoint)
-        return
     moved = scan_of_a_moved_robot(free_endpoint())
     print(
         f"body moved by 6 mm at stripe 20 of 70, joints read before, END at stripe 58: free cells wrong by more than "

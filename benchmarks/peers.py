@@ -1,12 +1,13 @@
 """Processes that benchmarks of the transport start, and the lines of JSON between them.
 
-`python -m benchmarks.peers ROLE ARGUMENT ...` is one of them: a router, a node that publishes when told, a node that
-answers scan requests, planners, or a raw TCP echo.
+`python -m benchmarks.peers MODULE ROLE ARGUMENT ...` is one of them. The module `peers` has a router, a node that
+publishes on command, a node that answers scan requests, planners, and a raw TCP echo.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import os
 import socket
@@ -25,24 +26,29 @@ import transport
 from testbed.terrain_message import make_terrain
 from transport import keys
 
+ROOT = Path(__file__).resolve().parents[1]
 SHAPE = (108, 90)
 PATIENCE = 60.0
 
 
 class Peer:
-    """A process of a module of this package."""
+    """A process with which lines of JSON are exchanged."""
 
-    def __init__(self, *arguments: str, module: str = "peers") -> None:
+    def __init__(self, command: list[str], *, cwd: Path = ROOT, **environment: str) -> None:
         """Start it and wait for its first line, which says that it is ready.
 
         Args:
-            arguments: arguments of its command line.
-            module: name of a module of `benchmarks`.
+            command: its command line.
+            cwd: its working directory.
+            environment: further variables of its environment.
         """
-        command = [sys.executable, "-m", f"benchmarks.{module}", *arguments]
-        root = str(Path(__file__).resolve().parents[1])
         self.popen = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=root, env=dict(os.environ)
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, **environment},
         )
         self.hear()
 
@@ -63,13 +69,18 @@ class Peer:
         self.popen.wait()
 
 
+def peer_command(module: str, *arguments: str) -> list[str]:
+    """Command line of a peer: the function `run_ROLE` of a module of `benchmarks`; its role is the first argument."""
+    return [sys.executable, "-m", "benchmarks.peers", module, *arguments]
+
+
 @contextmanager
 def peers() -> Iterator[Callable[..., Peer]]:
     """A function that starts processes; all of them are killed at the end."""
     started: list[Peer] = []
 
     def start(*arguments: str, module: str = "peers") -> Peer:
-        started.append(Peer(*arguments, module=module))
+        started.append(Peer(peer_command(module, *arguments)))
         return started[-1]
 
     try:
@@ -92,7 +103,7 @@ def free_endpoint() -> str:
 
 
 def is_whole(terrain: transport.TerrainMessage, value: int) -> bool:
-    """Whether every cell of `variance` holds this value."""
+    """True if every cell of `variance` has this value."""
     return bool(np.all(terrain.layers["variance"] == value))
 
 
@@ -225,14 +236,6 @@ def run_waiter(endpoint: str) -> None:
             say(at=time.monotonic())
 
 
-ROLES: dict[str, Callable[..., None]] = {
-    "router": run_router,
-    "node": run_node,
-    "scanner": run_scanner,
-    "planner": run_planner,
-    "tcp": run_tcp,
-    "waiter": run_waiter,
-}
-
 if __name__ == "__main__":
-    ROLES[sys.argv[1]](*sys.argv[2:])
+    name, role, *given = sys.argv[1:]
+    getattr(importlib.import_module(f"benchmarks.{name}"), f"run_{role}")(*given)

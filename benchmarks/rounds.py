@@ -6,6 +6,7 @@ import gc
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -95,3 +96,9 @@ def number(value: float) -> str:
         return "0"
     digits = max(0, 2 - int(np.floor(np.log10(abs(value)))))
     return f"{value:.{min(digits, 3)}f}"
+
+
+def resident_mb(process: int | str = "self", field: str = "VmRSS") -> float:
+    """Resident memory of a process, now ("VmRSS") or at its peak ("VmHWM") [MB of 2^20 bytes]."""
+    lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    return next(float(line.split()[1]) for line in lines if line.startswith(field)) / 1024

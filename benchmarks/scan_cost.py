@@ -8,17 +8,16 @@ the other one begins in every second round. Both use the packages installed in t
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.peers import Peer
 from benchmarks.rounds import Timings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,7 +27,7 @@ PEER = Path(__file__).with_name("scan_cost_peer.py")
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What the scans of one checkout cost.
+    """Cost of the scans of one checkout.
 
     Attributes:
         scan_ms: median processor time of a scan [ms].
@@ -53,7 +52,7 @@ class Cost:
         return f"{self.scan_ms:6.0f} ms a scan, {share}; {times}"
 
 
-class Checkout:
+class Checkout(Peer):
     """A process that scans with the code of one checkout when asked."""
 
     def __init__(self, folder: Path, scan: Path) -> None:
@@ -69,33 +68,18 @@ class Checkout:
         if not (folder / "guara_perception" / "__init__.py").is_file():
             raise SystemExit(f"scan_cost: {folder}: no checkout of guara_perception; allowed: its root folder")
         self._folder = folder
-        one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         # Without -P the folder of the peer's file would come first, and its modules hide packages of the same name.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", str(PEER), str(scan.resolve())],
-            cwd=folder,
-            env={**os.environ, **one_thread, "PYTHONPATH": str(folder.resolve())},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-P", str(PEER), str(scan.resolve())]
+        super().__init__(command, cwd=folder, PYTHONPATH=str(folder.resolve()))
 
     def scan(self) -> dict[str, Any]:
-        """Scan once; what `scan_cost_peer` reports: seconds of the scan and of its stripes, by how they were found."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        try:
-            print(file=self._process.stdin, flush=True)
-        except BrokenPipeError:
-            pass
-        answer = self._process.stdout.readline()
-        if not answer:
+        """Scan once; the report of `scan_cost_peer`: seconds of the scan and of its stripes, by how they were found."""
+        with suppress(BrokenPipeError):
+            self.tell()
+        found = self.hear()
+        if not found:
             raise SystemExit(f"scan_cost: the scan with the code of {self._folder} failed; its error is printed above")
-        found: dict[str, Any] = json.loads(answer)
         return found
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.communicate()
 
 
 def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[str, Cost], Timings]:
@@ -117,7 +101,7 @@ def measure(folders: Mapping[str, Path], scan: Path, rounds: int) -> tuple[dict[
                 found[name][round_number] = checkouts[name].scan()
     finally:
         for checkout in checkouts.values():
-            checkout.close()
+            checkout.end()
     seconds = {
         name: {number: float(report["scan"]) for number, report in scans.items()} for name, scans in found.items()
     }

@@ -46,9 +46,10 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
 
 
 def main_of_peer(scan: Path) -> None:
-    """Scan once for each line that comes in, and say what it took; the first lines may wait for the calibration."""
+    """Scan once for each line of input, and print what it took; the first line says that the process runs."""
     import cv2
 
+    print("{}", flush=True)
     cv2.setNumThreads(1)
     # Older revisions have `scenes` among their tests, still older ones among their benchmarks.
     checkout = Path(str(import_module("guara_perception").__file__)).parents[1]

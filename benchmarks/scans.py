@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks import paper_chain as paper
-from benchmarks.contenders import LITERAL, LOOPS, OURS, USER, Extract, literal, opencv_user, reference
+from benchmarks.contenders import LITERAL, OURS, USER, Extract, literal, opencv_user, reference
 from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
@@ -43,16 +43,6 @@ def paper_literally(scan: ScanInMemory, extract: Extract) -> Float:
     return elevation
 
 
-def paper_point_by_point(scan: ScanInMemory) -> Float:
-    """The paper with loops over points and pixels; the layers are computed on its rectified picture."""
-    points, optical_centre = scan_points(scan, literal, one_by_one=True)
-    x, y = area(scan)
-    height = paper.range_image(points, optical_centre, x, y)
-    ortho = paper.orthorectified_in_loops(height, optical_centre, x, y)
-    paper.layers(np.where(np.isfinite(ortho), ortho, np.nan), (x[1] - x[0]) / paper.ROWS)
-    return paper.cells(ortho, x, y, CELL_M)
-
-
 def by_opencv_user(scan: ScanInMemory) -> Float:
     """Whole frames, centre of gravity, griddata straight onto the cells, layers by cv2."""
     from scipy.interpolate import griddata
@@ -68,13 +58,12 @@ def by_opencv_user(scan: ScanInMemory) -> Float:
     return np.asarray(elevation)
 
 
-def scan_points(scan: ScanInMemory, extract: Extract, one_by_one: bool = False) -> tuple[Float, Float]:
+def scan_points(scan: ScanInMemory, extract: Extract) -> tuple[Float, Float]:
     """Points (n, 3) of all stripes and the camera's optical centre (3,), in base_footprint [m].
 
     Args:
         scan: frames of one scan.
         extract: gives the row of the stripe in each column.
-        one_by_one: intersect ray by ray with the laser plane, as the paper's program does, not all at once.
     """
     camera = scan.calibration.camera
     pose = scan.robot.stance_pose(scan.stance).transform_base_to_footprint
@@ -90,10 +79,7 @@ def scan_points(scan: ScanInMemory, extract: Extract, one_by_one: bool = False) 
         flat = cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion)[:, 0]
         rays = np.column_stack((flat, np.ones(len(flat))))
         plane = scan.calibration.stripe(index).plane
-        if one_by_one:
-            points = np.array([ray * (-plane[3] / (ray @ plane[:3])) for ray in rays])
-        else:
-            points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
+        points = rays * (-plane[3] / (rays @ plane[:3]))[:, None]
         clouds.append(points @ transform[:3, :3].T + transform[:3, 3])
     cloud = np.concatenate(clouds)
     return cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)], transform[:3, 3]
@@ -112,8 +98,6 @@ def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     for name, method in OURS.items():
         found[name] = lambda method=method: process(scan, method).elevation  # type: ignore[misc]
     found[LITERAL] = lambda: paper_literally(scan, literal)
-    if scan.mode == "standard":
-        found[LOOPS] = lambda: paper_point_by_point(scan)
     found[USER] = lambda: by_opencv_user(scan)
     return found
 
@@ -127,7 +111,7 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         timings = alternate(
             runs,
             effort.rounds,
-            slow=[name for name in runs if name.startswith((LITERAL, LOOPS, USER))],
+            slow=[name for name in runs if name.startswith((LITERAL, USER))],
             slow_rounds=effort.slow_rounds,
         )
         precise = next(iter(OURS))
@@ -170,7 +154,7 @@ def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
 
 
 def stages(scan: ScanInMemory, effort: Effort) -> Section:
-    """Where the time of one scan goes, and how long the grid takes after the last frame; wall time."""
+    """Wall time of each stage of a scan, and from the last frame to the grid."""
     bands = scan.bands()
     seconds: dict[str, list[float]] = {stage: [] for stage in (*STAGES, "last frame to grid")}
     references, lasts = [], []

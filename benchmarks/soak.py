@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import transport
-from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, say
+from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, peer_command, say
+from benchmarks.rounds import resident_mb
 
 
 def run_planner(endpoint: str) -> None:
@@ -48,10 +49,8 @@ def run_planner(endpoint: str) -> None:
                 counts["scans"] += 1
             except transport.TransportError as error:
                 counts[type(error).__name__] += 1
-            status = Path("/proc/self/status").read_text()
-            memory = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
             descriptors = len(list(Path("/proc/self/fd").iterdir()))
-            say(counts=counts, memory_mb=memory / 1024, descriptors=descriptors)
+            say(counts=counts, memory_mb=resident_mb(), descriptors=descriptors)
 
 
 class Child(Peer):
@@ -59,7 +58,7 @@ class Child(Peer):
 
     def __init__(self, *arguments: str, module: str = "peers") -> None:
         """Start it and wait until it is ready."""
-        super().__init__(*arguments, module=module)
+        super().__init__(peer_command(module, *arguments))
         self.last: dict[str, Any] = {}
         self.first: dict[str, Any] = {}
         threading.Thread(target=self._read, daemon=True).start()
@@ -87,7 +86,7 @@ def main() -> None:
     scanner = "scanner", endpoint, "connect", *map(str, SHAPE)
     node = Child(*scanner)
     # The first planner lives through all; the second is killed.
-    lasting, other = (Child(endpoint, module="soak") for _ in range(2))
+    lasting, other = (Child("planner", endpoint, module="soak") for _ in range(2))
     memory: list[float] = []
     end = time.monotonic() + 60.0 * min(options.minutes, 120.0)
     try:
@@ -101,7 +100,7 @@ def main() -> None:
                 node = Child(*scanner)
             else:
                 counts += other.kill()
-                other = Child(endpoint, module="soak")
+                other = Child("planner", endpoint, module="soak")
         time.sleep(2.0)
     finally:
         first, last = lasting.first, lasting.last
@@ -121,7 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] and not sys.argv[1].startswith("-"):
-        run_planner(*sys.argv[1:])
-    else:
-        main()
+    main()

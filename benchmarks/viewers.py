@@ -176,7 +176,3 @@ def main() -> None:
             )
     print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
     sys.exit(not is_met)
-
-
-if __name__ == "__main__":
-    {"planner": run_planner, "viewer": run_viewer}[sys.argv[1]](*sys.argv[2:])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, statu
 from transport.links.session import Session
 from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
 from transport.messages.terrain_message import Health
+from transport.queries.asking import ask
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +91,13 @@ def _living(session: Session, key: str, timeout: float) -> set[str]:
 
 def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
     states: list[tuple[int, RobotState]] = []
-    finished = threading.Event()
-
-    def take(reply: zenoh_api.Reply) -> None:
+    for answer in ask(session, key, b"", timeout):
         with suppress(MessageError):
-            status = decode_status(reply.payload or b"")
+            status = decode_status(answer.payload or b"")
             state = _state_of(status)
             # The name in the status must be that of the key: no robot may report for another.
-            if state is not None and state.robot == robot_of(reply.key):
+            if state is not None and state.robot == robot_of(answer.key):
                 states.append((status.stamp, state))
-
-    query = partial(zenoh_api.get_replies, session.raw, key, timeout, take, finished.set)
-    session.attempt(query, f"cannot ask {key!r}")
-    # Zenoh ends the stream of replies after `timeout`; as much again is for a busy machine.
-    finished.wait(2.0 * timeout)
     # A router that stores publications answers as well, with an older status: the newest comes last.
     return [state for _, state in sorted(states, key=lambda entry: entry[0])]
 

@@ -10,28 +10,11 @@ from typing import Any, NamedTuple
 
 from transport.supervision import guarded
 
-# Names below `zenoh` that this file relies on and that a new release may change.
-UNSTABLE = ("handlers.Callback", "Publisher.id", "Publisher.matching_status", "SourceInfo", "SessionInfo.links")
-
 
 def _zenoh() -> Any:
     import zenoh
 
     return zenoh
-
-
-def missing_names() -> tuple[str, ...]:
-    """Names of `UNSTABLE` that the installed Zenoh does not have."""
-    import zenoh.handlers
-
-    missing = []
-    for name in UNSTABLE:
-        found: Any = zenoh
-        for attribute in name.split("."):
-            found = getattr(found, attribute, None)
-        if found is None:
-            missing.append(name)
-    return tuple(missing)
 
 
 def zenoh_error() -> type[Exception]:

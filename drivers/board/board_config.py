@@ -1,4 +1,4 @@
-"""What is to be known of a laser board before it is opened: its ids and how long to wait for it."""
+"""Configuration of a laser board: its USB ids, and how long to wait for it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from drivers.board.protocol import PRODUCT_ID, VENDOR_ID
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardConfig:
-    """Configuration of a `LaserBoard`; checks itself.
+    """Configuration of a `LaserBoard`.
 
     Attributes:
         vendor_id: USB vendor id, 0 ... 0xFFFF.
         product_id: USB product id, 0 ... 0xFFFF.
         serial: serial number, needed only when several boards are plugged in.
-        timeout: time one transfer may take [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
+        timeout: longest duration of a transfer [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
             repeated for longer than half of these 0.4 s.
-        attempts: how many times in all a transfer is tried that times out, stalls or comes back damaged.
-        motion_timeout: time a motion may take [s].
-        home_timeout: time homing may take [s].
+        attempts: number of attempts of a transfer that times out, stalls or comes back damaged.
+        motion_timeout: longest duration of a motion [s].
+        home_timeout: longest duration of homing [s].
         handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is
             open. Signals for which the program has its own handler are left alone.
 

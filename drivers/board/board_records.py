@@ -1,9 +1,9 @@
-"""The two records the board sends, identity and status, to and from bytes as `PROTOCOL.md` lays them down."""
+"""Records of the board, identity and status, to and from the bytes that `PROTOCOL.md` defines."""
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from drivers.board.protocol import (
     IDENTITY_MAGIC,
@@ -22,7 +22,7 @@ STATUS = struct.Struct("<BBHHHiHhhHIH")
 
 @dataclass(frozen=True, slots=True)
 class BoardIdentity:
-    """What the board says of itself in the handshake.
+    """Identity of the board, from the handshake.
 
     Attributes:
         protocol: (major, minor) of the protocol the firmware speaks.
@@ -31,9 +31,9 @@ class BoardIdentity:
         min_step: lowest step that may be commanded, counted from the home switch.
         max_step: highest step that may be commanded.
         zero_step: step at which `mirror_angle` is zero.
-        watchdog: silence of the host after which the laser is put out [s].
-        laser_limit: longest time the laser may be on without a rest [s].
-        laser_rest: time the laser must be off before that time is counted from 0 again [s].
+        watchdog: silence of the host after which the board turns the laser off [s].
+        laser_limit: longest time that the laser may be on without a rest [s].
+        laser_rest: time that the laser must be off before `laser_limit` begins anew [s].
     """
 
     protocol: tuple[int, int]
@@ -78,42 +78,36 @@ class BoardIdentity:
         Raises:
             BadReply: wrong length, wrong magic or damaged.
         """
-        fields = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
-        if fields[0] != IDENTITY_MAGIC:
+        magic, *values = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
+        if magic != IDENTITY_MAGIC:
             raise BadReply(
-                f"the identity begins with {fields[0]!r}, a laser board's with {IDENTITY_MAGIC!r}: "
+                f"the identity begins with {magic!r}, a laser board's with {IDENTITY_MAGIC!r}: "
                 "another device uses this vendor and product id; give the board's serial number"
             )
-        if fields[4] == 0:
-            raise BadReply("the identity says 0 nanoradians per step, at least 1 is due: mend the firmware")
-        return cls(
-            protocol=(fields[1], fields[2]),
-            firmware=(fields[3] >> 8, fields[3] & 0xFF),
-            step_angle=fields[4] * 1e-9,
-            min_step=fields[5],
-            max_step=fields[6],
-            zero_step=fields[7],
-            watchdog=fields[8] * 1e-3,
-            laser_limit=fields[9] * 1e-3,
-            laser_rest=fields[10] * 1e-3,
-        )
+        major, minor, firmware, step_angle, *steps = values[:7]
+        if step_angle == 0:
+            raise BadReply(
+                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash a firmware that knows it"
+            )
+        times = (milliseconds * 1e-3 for milliseconds in values[7:10])
+        return cls((major, minor), (firmware >> 8, firmware & 0xFF), step_angle * 1e-9, *steps, *times)
 
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """The answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
+    """Status of the board: the answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
 
     Attributes:
         result: whether the command was carried out, or why not.
-        request: the command this answers (echo), 0 in a report.
+        request: the command that this answers, 0 in a report.
         sequence: count of requests served since power-up, modulo 65536.
-        flags: what the board is doing.
-        faults: what is wrong.
-        step: step at which the board believes the mirror to be, counted from the home switch.
+        flags: state of the board.
+        faults: faults that are set.
+        step: believed position of the mirror, in steps from the home switch.
         motion: count of motions begun since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
-        home_error: steps by which the count was wrong when the home switch was last met.
-        laser_time: how long the laser has been on without a rest [s].
+        home_error: error of the count of steps when the home switch was last met.
+        laser_time: time that the laser has been on without a rest [s].
         device_time: the board's clock [s] since power-up.
     """
 
@@ -131,40 +125,28 @@ class BoardStatus:
 
     @property
     def laser_commanded(self) -> bool:
-        """Whether the board drives the laser."""
+        """True if the board drives the laser."""
         return BoardFlag.LASER_COMMANDED in self.flags
 
     @property
     def laser_sensed(self) -> bool:
-        """Whether the board's photodiode sees the laser; without a sensor, whether it is driven."""
+        """True if the photodiode sees the laser; without a sensor, if the board drives it."""
         wanted = BoardFlag.LASER_SENSED if BoardFlag.HAS_SENSOR in self.flags else BoardFlag.LASER_COMMANDED
         return wanted in self.flags
 
     @property
     def moving(self) -> bool:
-        """Whether the mirror moves or still settles."""
+        """True while the mirror moves or settles."""
         return BoardFlag.MOVING in self.flags
 
     @property
     def homed(self) -> bool:
-        """Whether the home switch was met since power-up."""
+        """True if the home switch was met since power-up."""
         return BoardFlag.HOMED in self.flags
 
     def pack(self) -> bytes:
         """The record as the board sends it."""
-        return pack_status(
-            self.result,
-            self.request,
-            self.sequence,
-            self.flags,
-            self.faults,
-            self.step,
-            self.motion,
-            self.temperature,
-            self.home_error,
-            self.laser_time,
-            self.device_time,
-        )
+        return pack_status(*(getattr(self, field.name) for field in fields(self)))
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardStatus:
@@ -173,26 +155,26 @@ class BoardStatus:
         Raises:
             BadReply: wrong length, damaged, or with a result that the protocol does not know.
         """
-        fields = STATUS.unpack(checked(data, STATUS_SIZE, "status"))
+        code, request, sequence, flags, faults, step, motion, temperature, home_error, lit, clock, _ = STATUS.unpack(
+            checked(data, STATUS_SIZE, "status")
+        )
         try:
-            result = Result(fields[0])
+            result = Result(code)
         except ValueError:
             raise BadReply(
-                f"the status carries result {fields[0]}, allowed: 0 ... {max(Result)}: update the driver"
+                f"the status carries result {code}; allowed: 0 ... {max(Result)}: update the driver"
             ) from None
-        return cls(
-            result,
-            fields[1],
-            fields[2],
-            BoardFlag(fields[3]),
-            BoardFault(fields[4]),
-            fields[5],
-            fields[6],
-            fields[7] / 10,
-            fields[8],
-            fields[9] * 1e-3,
-            fields[10] * 1e-3,
+        state = (
+            BoardFlag(flags),
+            BoardFault(faults),
+            step,
+            motion,
+            temperature / 10,
+            home_error,
+            lit * 1e-3,
+            clock * 1e-3,
         )
+        return cls(result, request, sequence, *state)
 
 
 def pack_status(
@@ -227,19 +209,19 @@ def pack_status(
 
 
 def seal(record: bytes) -> bytes:
-    """Return a record with its checksum in the last two bytes."""
+    """A record with its checksum in the last two bytes."""
     body = record[:-2]
     return body + checksum(body).to_bytes(2, "little")
 
 
 def checked(data: bytes, size: int, what: str) -> bytes:
-    """Return the record if its length and its checksum are right.
+    """`data` if its length and its checksum are right.
 
     Raises:
         BadReply: they are not; `what` names the record.
     """
     if len(data) != size:
-        raise BadReply(f"the {what} has {len(data)} bytes, {size} are due: check cable and firmware")
+        raise BadReply(f"the {what} has {len(data)} bytes; allowed: {size}: check cable and firmware")
     if int.from_bytes(data[-2:], "little") != checksum(data[:-2]):
         raise BadReply(f"the {what} is damaged (its checksum is wrong): check cable and firmware")
     return data

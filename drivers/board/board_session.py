@@ -1,4 +1,4 @@
-"""A session with the laser board: open, handshake, commands repeated within bounds, refusals, reconnect, close."""
+"""Session with the laser board: open, handshake, commands with bounded repeats, refusals, reconnect, close."""
 
 from __future__ import annotations
 
@@ -47,16 +47,22 @@ from drivers.errors import (
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# Share of the watchdog's time for which a command is repeated.
+# A command is repeated for this share of the watchdog's time.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
-# Seconds between two searches of the bus while reconnecting.
+# [s] Between two searches of the bus while reconnecting.
 SEARCH_PERIOD = 0.1
 
 
 class BoardSession:
-    """The connection side of the laser board's driver, a context manager; thread-safe."""
+    """Connection to the laser board, a context manager; thread-safe.
+
+    Attributes:
+        config: ids and timeouts.
+        sweep_table: entries of the board's table of steps that this session has written: arguments of SWEEP_STEP by
+            place.
+    """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
         """Prepare the board; nothing is opened yet.
@@ -71,7 +77,6 @@ class BoardSession:
         )
         self._identity: BoardIdentity | None = None
         self.sweep_table: dict[int, int] = {}
-        """What this session has put into the board's table of steps: arguments of SWEEP_STEP by place."""
         self._lock = threading.RLock()
 
     def __enter__(self) -> Self:
@@ -82,7 +87,7 @@ class BoardSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Put the laser out and close; a failure to do so never hides an error that is under way."""
+        """Turn the laser off and close; a failure to do so never hides an error of the block."""
         try:
             self.close()
         except BoardError as failure:
@@ -92,7 +97,7 @@ class BoardSession:
 
     @property
     def identity(self) -> BoardIdentity:
-        """What the board reports of itself.
+        """Identity of the open board.
 
         Raises:
             BoardNotOpen: before `open`.
@@ -108,7 +113,7 @@ class BoardSession:
 
     @property
     def is_open(self) -> bool:
-        """Whether the board is held."""
+        """True while the board is open."""
         return self._link.is_open
 
     def open(self) -> None:
@@ -138,11 +143,11 @@ class BoardSession:
         )
 
     def close(self) -> None:
-        """Put the laser out, end the session and give the device back; does nothing when closed.
+        """Turn the laser off, end the session and release the device; does nothing when closed.
 
         Raises:
-            LaserStuckOn: the laser still shines.
-            BoardError: the board did not take the command; the device is given back nevertheless.
+            LaserStuckOn: the laser is still on.
+            BoardError: the board did not take the command; the device is released nevertheless.
         """
         if not self._link.is_open:
             return
@@ -150,13 +155,13 @@ class BoardSession:
             status = self._command(Request.GOODBYE)
             raise_if_stuck_on(status)
         except BoardUnplugged:
-            logger.warning("the laser board is gone; without USB power its laser is out")
+            logger.warning("the laser board is gone; without USB power its laser is off")
         finally:
             guard.release(self)
             self._link.close()
 
     def reconnect(self, timeout: float = 5.0) -> None:
-        """Give the device back and look for it for `timeout` [s]; the mirror may then not be homed.
+        """Release the device and look for it again for `timeout` [s]; the mirror may then not be homed.
 
         Raises:
             BoardNotFound: it did not come back.
@@ -177,7 +182,7 @@ class BoardSession:
             timing.sleep(SEARCH_PERIOD)
 
     def status(self) -> BoardStatus:
-        """Ask for the status; this also feeds the watchdog."""
+        """Fetch the status, which also feeds the watchdog."""
         return self._command(Request.STATUS)
 
     def command(self, request: Request, argument: int = 0) -> BoardStatus:
@@ -185,7 +190,7 @@ class BoardSession:
         return self._command(request, argument)
 
     def motion_profile(self) -> MotionProfile:
-        """Ask how the motor moves.
+        """Fetch the speeds, acceleration and settling of the motor.
 
         Raises:
             BoardStalled: the board speaks protocol 1.0, which does not report it.
@@ -193,7 +198,7 @@ class BoardSession:
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
     def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
-        """Wait for whatever the board reports next; None when nothing came in time, or nothing readable.
+        """Wait for the next report of the board; None when none came in time, or none that is readable.
 
         Args:
             timeout: longest wait [s].
@@ -222,7 +227,7 @@ class BoardSession:
         return status
 
     def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
-        # A bad cable must raise an error before the watchdog puts the laser out.
+        # A bad cable must raise an error before the watchdog turns the laser off.
         patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
         deadline = timing.monotonic() + patience
         attempt = 1
@@ -237,15 +242,15 @@ class BoardSession:
 
 
 def raise_if_stuck_on(status: BoardStatus) -> None:
-    """Raise when the laser did not obey "off".
+    """Raise if the laser was not turned off by command.
 
     Raises:
-        LaserStuckOn: it still shines, or the board had to open its supply to put it out.
+        LaserStuckOn: it is still on, or the board had to open its supply.
     """
     if status.laser_sensed:
-        raise LaserStuckOn("the laser still shines after it was switched off: cut its power by hand")
+        raise LaserStuckOn("the laser is still on after it was switched off: cut its power by hand")
     if BoardFault.LASER_STUCK_ON in status.faults:
-        raise LaserStuckOn("the laser did not go out on command, the board opened its supply: mend its driver")
+        raise LaserStuckOn("the laser did not go off on command, the board opened its supply: repair its driver")
 
 
 def _answer(request: Request, data: bytes) -> BoardStatus:

@@ -1,8 +1,8 @@
-"""Makes sure that open boards put their laser out when the program ends, however it ends.
+"""Closing of open boards, with their laser off, when the program ends, however it ends.
 
 Exceptions unwind through `with` blocks by themselves. SIGTERM and SIGHUP would not, so while a board is open
 they are turned into `SystemExit`; a board opened without a `with` block is closed at interpreter exit. SIGKILL
-cannot be caught by anyone: for that, the board has its watchdog.
+cannot be caught: for that, the board has its watchdog.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _lock = threading.RLock()
 
 
 def watch(device: Closable, handle_signals: bool = True) -> None:
-    """Close `device` at the end of the program if nobody has done so before."""
+    """Close `device` at the end of the program, unless it is released before."""
     with _lock:
         if not _open:
             atexit.register(_close_all)
@@ -67,4 +67,4 @@ def _close_all() -> None:
         try:
             device.close()
         except Exception:
-            logger.exception("a laser board could not be closed at exit; its watchdog puts the laser out")
+            logger.exception("a laser board could not be closed at exit; its watchdog turns the laser off")

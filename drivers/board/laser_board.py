@@ -1,13 +1,11 @@
-"""The laser board: laser on and off, mirror home and to an angle; however the program ends, the laser is out."""
+"""Driver of the laser board: laser on and off, mirror to its home and to an angle."""
 
 from __future__ import annotations
 
 import logging
 import math
-from typing import Any
 
 from drivers import timing
-from drivers.board.board_config import BoardConfig
 from drivers.board.board_records import BoardStatus
 from drivers.board.board_session import BoardSession, raise_if_stuck_on
 from drivers.board.protocol import BoardFault, BoardFlag, Request, describe_faults
@@ -25,44 +23,37 @@ from drivers.errors import (
 
 logger = logging.getLogger(__name__)
 EVERY_FAULT = 0xFFFF
-# Seconds; a lost report costs at most this before the status is asked for.
+# [s] A lost report costs at most this before the status is fetched.
 REPORT_SLICE = 0.02
-# Milliseconds.
+# [ms]
 CLOCK_WRAP = 1 << 32
 # Resolution of the board's clock [s], and share by which it may be slow.
 CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
-    """Driver of the laser board, a context manager. Its methods may be called from any thread.
+    """Driver of the laser board, a context manager, usable from any thread.
 
-    Nothing here keeps the laser alight behind the caller's back: after 0.4 s without a command the
-    board's watchdog puts it out. Whoever wants it longer calls `status()` meanwhile.
+    The board's watchdog turns the laser off after 0.4 s without a command, and so it does when the program dies. Call
+    `status()` meanwhile to keep it on for longer.
     """
 
-    def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
-        """Prepare the board; nothing is opened yet.
-
-        Args:
-            config: ids and timeouts; None for the defaults.
-            backend: a pyusb backend, for example that of an emulated board; None for libusb.
-        """
-        super().__init__(config, backend=backend)
-        self._motion = 0
-        self._moving = False
-        self._board_time = self._host_time = 0.0
+    # Motion last commanded: its number, whether it may still go on, and board's and host's time of its beginning.
+    _motion = 0
+    _moving = False
+    _board_time = _host_time = 0.0
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board fit for a scan: reconnect if it is lost, clear faults, find home if unknown.
+        """Make the board ready for a scan: reconnect if it is lost, clear faults, find home if unknown.
 
         Args:
-            timeout: how long to look for a board that is gone [s].
+            timeout: longest search for a board that is gone [s].
 
         Returns:
             The status afterwards, homed and without fault.
 
         Raises:
-            LaserRefused: a fault whose cause is still there.
+            LaserRefused: a fault whose cause persists.
             BoardError: it cannot be reached or homed.
         """
         try:
@@ -88,11 +79,11 @@ class LaserBoard(BoardSession):
         return self._command(Request.CLEAR_FAULTS, EVERY_FAULT)
 
     def laser_on(self) -> BoardStatus:
-        """Switch the laser on and check that it shines.
+        """Switch the laser on and check that it is on.
 
         Raises:
             LaserRefused: the board refuses; the message names the fault.
-            LaserDead: it does not shine.
+            LaserDead: the board senses no light.
         """
         status = self._command(Request.LASER, 1)
         if not status.laser_sensed:
@@ -101,17 +92,17 @@ class LaserBoard(BoardSession):
         return status
 
     def laser_off(self) -> BoardStatus:
-        """Switch the laser off and check that it is dark.
+        """Switch the laser off and check that it is off.
 
         Raises:
-            LaserStuckOn: it did not go out on command.
+            LaserStuckOn: it did not go off on command.
         """
         status = self._command(Request.LASER, 0)
         raise_if_stuck_on(status)
         return status
 
     def home(self) -> int:
-        """Find the home switch and wait; return the steps that were lost since it was last found (0: none).
+        """Find the home switch; returns the number of steps that were lost since it was last found.
 
         Raises:
             HomeNotFound: the switch was not met.
@@ -124,7 +115,7 @@ class LaserBoard(BoardSession):
         return status.home_error
 
     def go_to_angle(self, angle: float, *, wait: bool = True) -> float:
-        """Turn the mirror to `angle` [rad] and return the angle of the nearest step, where it really goes.
+        """Turn the mirror to the step nearest to `angle` [rad], and return the angle of that step.
 
         Args:
             angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.
@@ -167,7 +158,7 @@ class LaserBoard(BoardSession):
         return self.identity.angle_of(step)
 
     def begin_sweep(self, argument: int) -> BoardStatus:
-        """Let the board sweep by itself; `drivers.sweep.board_sweep` knows what goes into the argument.
+        """Begin a sweep of the board; `drivers.sweep.board_sweep` makes the argument.
 
         Raises:
             MirrorNotHomed: home first.
@@ -194,9 +185,9 @@ class LaserBoard(BoardSession):
         return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still`; return the status, and an instant before which the motion ended [s, host].
+        """Wait as `wait_until_still`; returns the status, and an instant before which the motion ended [s, host].
 
-        Called late, this does not wait: a report that was not fetched yet says when the motion ended. The clocks of
+        Called late, it does not wait: a report that was not fetched yet tells when the motion ended. The clocks of
         board and host need not agree: the answer to the command carried the board's time and came at a known time.
 
         Args:

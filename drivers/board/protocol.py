@@ -1,4 +1,4 @@
-"""The numbers of the protocol between host and board, as `PROTOCOL.md` lays them down."""
+"""Numbers of the protocol between host and board, defined by `PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -25,23 +25,21 @@ IDENTITY_SIZE = 32
 STATUS_SIZE = 26
 STRIPE_SIZE = 32
 MOTION_SIZE = 32
+# [byte] Read from the interrupt endpoint at once, so that a longer record of a later 1.x fits too.
 REPORT_SIZE = 32
-"""Bytes read from the interrupt endpoint at once, so that a longer record of a later 1.x fits too."""
 
+# First byte of a stripe's record; that of a status report is its result, 0.
 STRIPE_MARK = 0x53
-"""First byte of a stripe's record; that of a status report is its result, 0."""
-SWEEP_STRIPES = 256
-"""Most stripes of one sweep."""
-SWEEP_PLACES = 512
-"""Places of the table of steps."""
+# Largest number of stripes of one sweep, and number of places in the table of steps.
+SWEEP_STRIPES, SWEEP_PLACES = 256, 512
 FLASH_SHORTEST_US = 200
 FLASH_LONGEST_US = 20_000
 PERIOD_LONGEST_US = 1_000_000
 WAIT_UNIT_US = 500
 WAIT_UNITS = 127
 
+# bRequest with which Windows asks for the Microsoft OS 2.0 descriptors; never a command.
 MICROSOFT_REQUEST = 0xF0
-"""bRequest with which Windows asks for the Microsoft OS 2.0 descriptors; never a command."""
 
 
 class Request(enum.IntEnum):
@@ -73,7 +71,7 @@ REQUESTS = {int(request): request for request in Request}
 
 
 class Result(enum.IntEnum):
-    """What the board did with a command."""
+    """Result of a command."""
 
     OK = 0
     NO_SESSION = 1
@@ -85,7 +83,7 @@ class Result(enum.IntEnum):
 
 
 class BoardFlag(enum.IntFlag):
-    """What the board is doing now."""
+    """State of the board."""
 
     SESSION = 1
     LASER_COMMANDED = 2
@@ -107,14 +105,14 @@ class SweepOffFrames(enum.IntEnum):
 
 
 class Shot(enum.IntEnum):
-    """What the camera was triggered for."""
+    """Purpose of a trigger of the camera."""
 
     OFF = 0
     STRIPE = 1
 
 
 class BoardFault(enum.IntFlag):
-    """What is wrong with the board; a fault stays until it is cleared and its cause is gone."""
+    """Faults of the board; each stays until it is cleared and its cause is gone."""
 
     WATCHDOG = 1
     LASER_TIME = 2
@@ -126,7 +124,7 @@ class BoardFault(enum.IntFlag):
 
 
 FAULT_MEANINGS = {
-    BoardFault.WATCHDOG: "the host was silent and the watchdog put the laser out",
+    BoardFault.WATCHDOG: "the host was silent and the watchdog turned the laser off",
     BoardFault.LASER_TIME: "the laser reached its longest time on",
     BoardFault.OVER_TEMPERATURE: "the board is too hot",
     BoardFault.LASER_STUCK_ON: "the laser shines without command",
@@ -137,7 +135,7 @@ FAULT_MEANINGS = {
 
 
 def describe_faults(faults: BoardFault) -> str:
-    """The meanings of the faults as text, or "no fault"."""
+    """Meanings of the faults as text, or "no fault"."""
     meanings = [meaning for fault, meaning in FAULT_MEANINGS.items() if fault in faults]
     return "; ".join(meanings) if meanings else "no fault"
 

@@ -1,4 +1,4 @@
-"""The two records of protocol 1.1, stripe and motion, to and from bytes as `PROTOCOL.md` lays them down."""
+"""Records of protocol 1.1, stripe and motion, to and from the bytes that `PROTOCOL.md` defines."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ MOTION = struct.Struct("<IIIIH12xH")
 
 @dataclass(frozen=True, slots=True)
 class StripeRecord:
-    """What the board reports after each frame of a sweep.
+    """Report of the board after each frame of a sweep.
 
     Attributes:
-        shot: what the camera was triggered for.
+        shot: purpose of the trigger.
         motion: count of motions at the beginning of the sweep.
         place: place of the stripe in the table of steps.
         left: stripes still to come.
@@ -27,9 +27,9 @@ class StripeRecord:
         exposures: number of exposures until the next trigger; 0 where they are not counted.
         delay: time from the trigger to the exposure [s].
         exposure: its length [s].
-        lit: how long the laser was on [s].
-        faults: what was wrong then.
-        step: motor step at which the mirror stood.
+        lit: time that the laser was on [s].
+        faults: faults that were set.
+        step: motor step of the mirror.
     """
 
     shot: Shot
@@ -45,7 +45,7 @@ class StripeRecord:
     step: int
 
     def pack(self) -> bytes:
-        """Return the record as the board sends it."""
+        """The record as the board sends it."""
         return seal(
             STRIPE.pack(
                 STRIPE_MARK,
@@ -70,27 +70,19 @@ class StripeRecord:
         Raises:
             BadReply: wrong length, damaged, or not that of a stripe.
         """
-        fields = STRIPE.unpack(checked(data, STRIPE_SIZE, "stripe record"))
-        if fields[0] != STRIPE_MARK or fields[1] not in (Shot.OFF, Shot.STRIPE):
-            raise BadReply(f"a record of 32 bytes begins with {data[:2].hex()}: update the driver")
-        return cls(
-            shot=Shot(fields[1]),
-            motion=fields[2],
-            place=fields[3],
-            left=fields[4],
-            clock=fields[5] * 1e-6,
-            exposures=fields[6],
-            delay=fields[7] * 1e-6,
-            exposure=fields[8] * 1e-6,
-            lit=fields[9] * 1e-6,
-            faults=BoardFault(fields[10]),
-            step=fields[11],
+        mark, shot, motion, place, left, clock, exposures, delay, exposure, lit, faults, step, _, _ = STRIPE.unpack(
+            checked(data, STRIPE_SIZE, "stripe record")
         )
+        if mark != STRIPE_MARK or shot not in (Shot.OFF, Shot.STRIPE):
+            raise BadReply(f"a record of 32 bytes begins with {data[:2].hex()}: update the driver")
+        clock, delay, exposure, lit = (microseconds * 1e-6 for microseconds in (clock, delay, exposure, lit))
+        faults = BoardFault(faults)
+        return cls(Shot(shot), motion, place, left, clock, exposures, delay, exposure, lit, faults, step)
 
 
 @dataclass(frozen=True, slots=True)
 class MotionProfile:
-    """How the board's motor moves, as the board reports it.
+    """Speeds, acceleration and settling of the motor, as the board reports them.
 
     Attributes:
         start_speed: speed at which it starts, and at which it stops [steps/s].
@@ -107,7 +99,7 @@ class MotionProfile:
     overshoot: int
 
     def pack(self) -> bytes:
-        """Return the record as the board sends it."""
+        """The record as the board sends it."""
         speeds = (round(value) for value in (self.start_speed, self.top_speed, self.acceleration))
         return seal(MOTION.pack(*speeds, round(self.settle * 1e6), self.overshoot, 0))
 
@@ -122,7 +114,7 @@ class MotionProfile:
         return cls(start, top, acceleration, settle * 1e-6, overshoot)
 
     def time(self, steps: int) -> float:
-        """Return how long a motion over a number of steps takes, without settling [s].
+        """Duration of a motion over a number of steps, without settling [s].
 
         Args:
             steps: signed number of steps; a downward motion goes too far and comes back.

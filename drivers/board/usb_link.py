@@ -1,4 +1,4 @@
-"""The board on USB: found, opened, single transfers, every USB error as a typed one; the udev rule for permission."""
+"""Board on USB: search, opening, single transfers, typed errors; the udev rule that permits access."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class UsbLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether a device is held."""
+        """True while a device is open."""
         return self._device is not None
 
     def open(self) -> None:
@@ -110,7 +110,7 @@ class UsbLink:
         self._device, self.serial = device, serial
 
     def close(self) -> None:
-        """Give the device back; does nothing when closed."""
+        """Release the device; does nothing when closed."""
         import usb.util
 
         device, self._device = self._device, None
@@ -240,7 +240,7 @@ class UsbLink:
 
 
 def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """The rule: the user who sits at the machine, and the group `plugdev`, may open the board."""
+    """Udev rule by which the user at the machine, and the group `plugdev`, may open the board."""
     return (
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor_id:04x}", ATTR{{idProduct}}=="{product_id:04x}", '
         'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
@@ -248,7 +248,7 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """The commands to type, one per line, that install the rule."""
+    """Commands that install the rule, one per line."""
     return (
         f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE}\n"
         "sudo udevadm control --reload-rules && sudo udevadm trigger\n"

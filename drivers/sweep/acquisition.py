@@ -1,4 +1,4 @@
-"""Takes a scan: stripes arrive one by one, proved to be in step, while the mirror already turns to the next."""
+"""Scans: stripes arrive one by one, proved to be in step, while the mirror already turns to the next."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
 from drivers.errors import AcquisitionNotEntered, DriverError
 from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
-from drivers.sweep.firing_order import PlannedStripe, RowRangeOf, check_firing_order
+from drivers.sweep.firing_order import RowRangeOf, check_firing_order
 from drivers.sweep.options import AcquireOptions
 from drivers.sweep.proof import StripeProof
 from drivers.sweep.scan_worker import ScanWorker
+from drivers.sweep.stripe_worker import ScanTask
 from drivers.sweep.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
-# Seconds between two checks that the scan's thread still lives.
+# [s] Between two checks that the scan's thread is alive.
 POLL = 1.0
-# Seconds; more than a camera may take to return from a grab slice.
+# [s] More than a camera may take to return from a grab slice.
 JOIN = 2.0
 MEANINGS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
-    StripeVerdict.LEAK: "light in the off frame: the laser does not go out, or the camera's lag is wrong",
+    StripeVerdict.LEAK: "light in the off frame: the laser does not go off, or the camera's lag is wrong",
     StripeVerdict.NOT_MOVED: "the stripe did not move: the mirror is stuck, or the camera's lag is wrong",
     StripeVerdict.OUT_OF_BAND: "the stripe is where it cannot be: steps lost, or camera or mirror moved",
     StripeVerdict.REPEATED: "the camera delivers the same picture again: it is frozen",
@@ -72,7 +73,8 @@ def acquire(
     Raises:
         BadFiringOrder: the order is empty, repeats an index, or holds an angle that is not finite.
     """
-    return StripeStream(board, camera, check_firing_order(firing_order), options or AcquireOptions(), band, should_stop)
+    order = check_firing_order(firing_order)
+    return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band)
 
 
 def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int:
@@ -95,21 +97,11 @@ def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int
 class StripeStream:
     """One scan under way; made by `acquire`."""
 
-    def __init__(
-        self,
-        board: LaserBoard,
-        camera: Camera,
-        firing_order: tuple[PlannedStripe, ...],
-        options: AcquireOptions,
-        band: RowRangeOf | None,
-        should_stop: Callable[[], bool] | None,
-    ) -> None:
+    def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
         """Prepare; see `acquire`."""
-        self._board, self._band = board, band
-        self._firing_order = firing_order
-        kind = ScanWorker if options.sweep is None else SweepWorker
-        self._worker: ScanWorker | SweepWorker = kind(board, camera, self._firing_order, options, should_stop)
-        self._proof = StripeProof(options.limits)
+        self._task, self._band = task, band
+        self._worker = ScanWorker(task) if task.options.sweep is None else SweepWorker(task)
+        self._proof = StripeProof(task.options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
         self._waiting: deque[StripeCapture] = deque()
@@ -122,9 +114,9 @@ class StripeStream:
             MirrorOutOfRange: an angle is outside the board's travel.
             BoardError: the board cannot work.
         """
-        for stripe in self._firing_order:
-            self._board.step_at(stripe.mirror_angle)
-        self._board.ensure_ready()
+        for stripe in self._task.firing_order:
+            self._task.board.step_at(stripe.mirror_angle)
+        self._task.board.ensure_ready()
         self._entered = True
         self._worker.start()
         return self
@@ -132,7 +124,7 @@ class StripeStream:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Put the laser out and end the scan."""
+        """Turn the laser off and end the scan."""
         try:
             self._worker.cancel()
         except DriverError as failure:
@@ -169,7 +161,21 @@ class StripeStream:
     @property
     def report(self) -> ScanReport:
         """The result of the scan, so far or at its end."""
-        return write_report(self._firing_order, self._worker, tuple(self._verdicts))
+        worker, grabber, verdicts = self._worker, self._worker.grabber, tuple(self._verdicts)
+        return ScanReport(
+            planned=tuple(stripe.index for stripe in self._task.firing_order),
+            fired=tuple(worker.fired),
+            verdicts=verdicts,
+            stopped_early=worker.stopped_early,
+            failure=None if worker.failure is None else str(worker.failure),
+            frames_used=grabber.used,
+            frames_skipped=grabber.skipped,
+            frames_dropped=grabber.dropped,
+            frames_repeated=grabber.repeated,
+            duration=max(0.0, grabber.last_stamp - worker.begun),
+            problems=tuple(_problems(worker, verdicts)),
+            notes=tuple(worker.notes),
+        )
 
     def _await_group(self) -> bool:
         """Wait for stripes when none are waiting; False at the end of the scan."""
@@ -222,35 +228,6 @@ class StripeStream:
         return verdict, evidence
 
 
-def write_report(
-    firing_order: tuple[PlannedStripe, ...],
-    worker: ScanWorker | SweepWorker,
-    verdicts: tuple[tuple[int, StripeVerdict], ...],
-) -> ScanReport:
-    """The report.
-
-    Args:
-        firing_order: what was planned.
-        worker: the scan's thread, alive or not.
-        verdicts: (index, verdict) of each stripe handed out, in order.
-    """
-    grabber = worker.grabber
-    return ScanReport(
-        planned=tuple(stripe.index for stripe in firing_order),
-        fired=tuple(worker.fired),
-        verdicts=verdicts,
-        stopped_early=worker.stopped_early,
-        failure=None if worker.failure is None else str(worker.failure),
-        frames_used=grabber.used,
-        frames_skipped=grabber.skipped,
-        frames_dropped=grabber.dropped,
-        frames_repeated=grabber.repeated,
-        duration=max(0.0, grabber.last_stamp - worker.begun),
-        problems=tuple(_problems(worker, verdicts)),
-        notes=tuple(worker.notes),
-    )
-
-
 def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, StripeVerdict], ...]) -> list[str]:
     counts = Counter(verdict for _, verdict in verdicts)
     problems = [
@@ -261,7 +238,7 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
     if worker.switch.interruptions:
-        problems.append(f"the board put the laser out {worker.switch.interruptions} times during the scan")
+        problems.append(f"the board turned the laser off {worker.switch.interruptions} times during the scan")
     if worker.off_frames_lost:
         problems.append(f"{worker.off_frames_lost} off frames did not come")
     if worker.grabber.dropped:

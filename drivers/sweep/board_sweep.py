@@ -1,4 +1,4 @@
-"""The board's own sweep as the host sees it: fill the table, begin, receive a record of every frame."""
+"""Board's own sweep: its table of steps, its beginning, and the clock of its records."""
 
 from __future__ import annotations
 
@@ -11,11 +11,6 @@ from drivers.board.sweep_records import StripeRecord
 from drivers.errors import BoardTooOld
 from drivers.sweep.options import OffFrames
 
-OFF_FRAMES = {
-    OffFrames.NONE: SweepOffFrames.NONE,
-    OffFrames.ONE: SweepOffFrames.ONE,
-    OffFrames.PER_STRIPE: SweepOffFrames.PER_STRIPE,
-}
 NUMBERS = 128
 CLOCK_WRAP = (1 << 32) * 1e-6
 
@@ -42,36 +37,36 @@ class BoardSweep:
         self._first_clock: float | None = None
 
     def prepare(self, flash: float, period: float, off: OffFrames) -> None:
-        """Set what holds for all sweeps of a scan.
+        """Set the options of all sweeps of a scan.
 
         Args:
-            flash: how long the laser shines for a stripe at most [s].
+            flash: longest time of light for a stripe [s].
             period: shortest time between two triggers [s].
-            off: which frames are taken in the dark.
+            off: off frames that are taken.
         """
         self._board.command(Request.SWEEP_FLASH, round(flash * 1e6))
         self._board.command(Request.SWEEP_PERIOD, round(period * 1e6))
         self.set_off_frames(off)
 
     def set_off_frames(self, off: OffFrames) -> None:
-        """Set which frames are taken in the dark."""
-        self._board.command(Request.SWEEP_OFF_FRAMES, int(OFF_FRAMES[off]))
+        """Set the off frames that are taken."""
+        self._board.command(Request.SWEEP_OFF_FRAMES, SweepOffFrames[off.name])
 
     def begin(self, steps: Sequence[int], waits: Sequence[int], first: int = 0) -> BoardStatus:
         """Fill the table and begin; return the status, whose `motion` marks this sweep's records.
 
         Args:
-            steps: mirror's motor steps of the stripes, in order, at most 256.
-            waits: wait before each stripe's trigger, in units of 0.5 ms.
-            first: place of the table where they begin; what stands there already is not sent again.
+            steps: motor steps of the stripes, in order, at most 256.
+            waits: wait before the trigger of each stripe, in units of 0.5 ms.
+            first: place of the first stripe in the table; entries that are there already are not sent again.
 
         Raises:
             BoardError: the board refuses.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
-            raise ValueError(f"{len(steps)} stripes with {len(waits)} waits, allowed are 1 ... {SWEEP_STRIPES} of each")
+            raise ValueError(f"{len(steps)} stripes with {len(waits)} waits; allowed: 1 ... {SWEEP_STRIPES} of each")
         if not all(0 <= wait <= WAIT_UNITS for wait in waits):
-            raise ValueError(f"waits {min(waits)} ... {max(waits)}, allowed are 0 ... {WAIT_UNITS}")
+            raise ValueError(f"waits {min(waits)} ... {max(waits)}; allowed: 0 ... {WAIT_UNITS}")
         table = self._board.sweep_table
         for place, (step, wait) in enumerate(zip(steps, waits, strict=True), first):
             argument = _signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF)
@@ -85,7 +80,7 @@ class BoardSweep:
         return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
 
     def clock_of(self, record: StripeRecord) -> float:
-        """Return the trigger's time [s] since this object's first record, past the wrap of the board's clock."""
+        """Time of a record's trigger since the first record [s], past the wrap of the board's clock."""
         if self._first_clock is None:
             self._first_clock = record.clock
         return (record.clock - self._first_clock + 0.5 * CLOCK_WRAP) % CLOCK_WRAP - 0.5 * CLOCK_WRAP

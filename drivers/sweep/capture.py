@@ -1,4 +1,4 @@
-"""What a scan brings: each stripe with its frames, and the report at the end."""
+"""Results of a scan: each stripe with its frames, and the report at the end."""
 
 from __future__ import annotations
 
@@ -12,31 +12,36 @@ from drivers.sweep.firing_order import PlannedStripe
 
 
 class StripeVerdict(enum.Enum):
-    """Whether laser, mirror and frame of a stripe were in step."""
+    """Verdict about laser, mirror and frame of a stripe.
+
+    Attributes:
+        OK: they were in step.
+        UNPROVED: there is nothing to compare with: the first stripe of a scan without off frames.
+        AMBIENT_CHANGED: in step, but the light or the exposure changed between the on and the off frame.
+        DARK: the laser was on, yet hardly a column shows it: a ground that swallows it, or a laser that failed.
+        LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
+        NOT_MOVED: the stripe is where the one before was: the mirror did not turn, or the frame is older than the
+            command.
+        OUT_OF_BAND: the stripe is outside the rows where it can be.
+        REPEATED: the frame equals the one before in every pixel, although laser or mirror changed.
+        RESIZED: the frame has another size or type than those before.
+        LOST: no frame came.
+    """
 
     OK = "ok"
     UNPROVED = "unproved"
-    """Nothing to compare with: the first stripe of a scan without off frames."""
     AMBIENT_CHANGED = "ambient changed"
-    """In step, but the light or the exposure changed between the on and the off frame."""
     DARK = "dark"
-    """The laser was on, yet hardly a column shows it: a ground that swallows it, or a laser that failed."""
     LEAK = "leak"
-    """The off frame shows a stripe: the laser was not off, or the frame is older than the command."""
     NOT_MOVED = "not moved"
-    """The stripe is where the one before was: the mirror did not turn, or the frame is older than the command."""
     OUT_OF_BAND = "out of band"
-    """The stripe lies outside the rows where it can be."""
     REPEATED = "repeated"
-    """The frame is the one before again, pixel by pixel, although laser or mirror changed."""
     RESIZED = "resized"
-    """The frame has another size or type than those before."""
     LOST = "lost"
-    """No frame came."""
 
     @property
     def in_step(self) -> bool:
-        """Whether the frames show what was commanded; a dark stripe is no proof of the contrary."""
+        """True unless the frames contradict what was commanded, which a dark stripe does not."""
         return self in IN_STEP
 
 
@@ -45,7 +50,7 @@ IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMB
 
 @dataclass(frozen=True, slots=True)
 class StripeEvidence:
-    """What was measured to reach the verdict.
+    """Measurements behind a verdict.
 
     Attributes:
         lit_fraction: share of the sampled columns that show the laser, 0 ... 1.
@@ -69,7 +74,7 @@ class StripeEvidence:
 
 @dataclass(frozen=True, slots=True)
 class StripeCapture:
-    """One stripe: made by the scan's thread, judged when it is handed over.
+    """One stripe, made by the scan's thread and judged when it is handed over.
 
     Attributes:
         index: index of the stripe in the standard pattern.
@@ -79,7 +84,7 @@ class StripeCapture:
         off: frame with the laser off; None when there is none.
         on_stamp: time of the on frame on the monotonic clock [s], NaN without one.
         off_stamp: time of the off frame on the monotonic clock [s], NaN without one.
-        verdict: whether laser, mirror and frame were in step.
+        verdict: verdict about laser, mirror and frame.
         evidence: the measurements behind the verdict; None without a frame.
     """
 
@@ -120,11 +125,11 @@ class ScanReport:
         stopped_early: whether `should_stop` ended it.
         failure: the error that ended it, or None.
         frames_used: frames handed out, shared off frames once.
-        frames_skipped: frames thrown away because they were exposed before a command had taken effect.
+        frames_skipped: frames dropped because they were exposed before a command had taken effect.
         frames_dropped: frames that the camera counted but did not deliver, while one was awaited.
         frames_repeated: frames delivered twice.
         duration: time from the first command to the arrival of the last frame [s].
-        problems: what is wrong; empty for a good scan.
+        problems: sentences about problems; empty for a good scan.
         notes: remarks on how it was taken.
     """
 
@@ -149,6 +154,6 @@ class ScanReport:
 
     @property
     def in_step(self) -> bool:
-        """Whether laser, mirror and frames were proved to be in step: some stripe OK, none out of step."""
+        """True if some stripe is OK and none is out of step."""
         kinds = [verdict for _, verdict in self.verdicts]
         return StripeVerdict.OK in kinds and all(kind.in_step for kind in kinds)

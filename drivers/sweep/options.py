@@ -1,4 +1,4 @@
-"""Options of a scan: which off frames, how long to wait, how much to buffer; how the board sweeps by itself."""
+"""Options of a scan: off frames, time limits, buffers, and the board's own sweep."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from drivers.sweep.proof import ProofLimits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepOptions:
-    """Options of a sweep with a triggered camera; checks itself.
+    """Options of a sweep with a triggered camera.
 
     Attributes:
-        flash: how long the laser shines for a stripe at most [s].
+        flash: longest time of light for a stripe [s].
         period: shortest time between two triggers that the camera accepts [s].
-        tolerance: by how much differences of trigger times and of the camera's own times may disagree [s].
-        repeats: how often stripes that could not be proved are taken again.
+        tolerance: allowed disagreement between differences of trigger times and of the camera's own times [s].
+        repeats: number of further sweeps for stripes that could not be proved.
 
     Raises:
         ValueError: a value outside what is allowed.
@@ -43,24 +43,28 @@ class SweepOptions:
 
 
 class OffFrames(enum.Enum):
-    """Frames with the laser off, against which the others are compared."""
+    """Frames with the laser off, against which the others are compared.
+
+    Attributes:
+        PER_STRIPE: one after each on frame, while the mirror turns: safe in changing light, twice the frames.
+        ONE: one before the first stripe, shared by all: for light that does not change during a scan.
+        NONE: no off frame.
+    """
 
     PER_STRIPE = "per stripe"
-    """One after each on frame, while the mirror turns: safe in changing light, twice the frames."""
     ONE = "one"
-    """One before the first stripe, shared by all: for light that does not change during a scan."""
     NONE = "none"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcquireOptions:
-    """Options of `acquire`; checks itself.
+    """Options of `acquire`.
 
     Attributes:
-        off: which off frames are taken.
-        frame_timeout: how long to wait for a frame of a stripe before it counts as lost [s].
+        off: off frames that are taken.
+        frame_timeout: a frame of a stripe that takes longer counts as lost [s].
         max_lost: lost frames in a row that end the scan.
-        flush_frames: frames thrown away after every change of laser or mirror when the camera's `lag` is unknown.
+        flush_frames: frames dropped after every change of laser or mirror when the camera's `lag` is unknown.
         queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when the queue is
             full, the scan waits with the laser off.
         together: stripes that are handed to the caller in one group, once the last of them has come. Towards the end
@@ -68,7 +72,7 @@ class AcquireOptions:
             comes alone: it need not wait if the caller takes at most half a frame's time for a stripe. Work in bursts
             finds its code and data in the processor's caches: on a machine that is idle between frames it takes over
             a third less time. Each stripe costs the memory of a frame.
-        limits: when a difference between frames counts.
+        limits: thresholds for differences between frames.
         sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
             mirror and the camera runs freely. A sweep does not wait for a slow caller: all of its frames may queue up.
 

@@ -1,4 +1,4 @@
-"""The thread of a scan: turns the mirror, switches the laser, takes the frames, hands the stripes over."""
+"""Thread of a scan by the host: it turns the mirror, switches the laser, takes the frames, hands over the stripes."""
 
 from __future__ import annotations
 
@@ -6,42 +6,31 @@ import queue
 from collections.abc import Callable
 
 from drivers import timing
-from drivers.board.laser_board import LaserBoard
-from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.capture import StripeCapture
-from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.frame_grabber import FrameGrabber
-from drivers.sweep.options import AcquireOptions, OffFrames
-from drivers.sweep.stripe_worker import StripeWorker
+from drivers.sweep.options import OffFrames
+from drivers.sweep.stripe_worker import ScanTask, StripeWorker
 
-# Seconds between two checks whether to stop, while the caller is slow.
+# [s] Between two checks of a request to stop, while the caller is slow.
 QUEUE_SLICE = 0.05
 
 
 class ScanWorker(StripeWorker):
-    """Takes one scan stripe by stripe, with a camera that runs freely; the queue to the caller is bounded.
+    """Thread that takes a scan stripe by stripe with a camera that runs freely; the queue to the caller is bounded.
 
     Attributes:
-        grabber: takes the frames from the camera, and counts them.
+        grabber: source of the frames, with their counts.
     """
 
-    def __init__(
-        self,
-        board: LaserBoard,
-        camera: Camera,
-        firing_order: tuple[PlannedStripe, ...],
-        options: AcquireOptions,
-        should_stop: Callable[[], bool] | None,
-    ) -> None:
+    def __init__(self, task: ScanTask) -> None:
         """Prepare; `start` begins."""
-        groups = -(-options.queue_size // options.together)
-        super().__init__("scan", board, camera, firing_order, options, should_stop, groups)
+        super().__init__(task, groups=-(-task.options.queue_size // task.options.together))
         self._lost_in_row = 0
         self._group: list[StripeCapture] = []
         self._steps: list[int] = []
-        self.grabber = FrameGrabber(camera, board, options, self._check)
+        self.grabber = FrameGrabber(task.camera, task.board, task.options, self._check)
 
     def _take(self) -> None:
         self.grabber.restart()

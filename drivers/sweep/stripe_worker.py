@@ -1,4 +1,4 @@
-"""The common part of the threads of a scan, whether host or board turns the mirror: `StripeWorker`, `LaserSwitch`."""
+"""Common part of the threads of a scan, whether the host or the board turns the mirror."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import queue
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivers import timing
 from drivers.board.laser_board import LaserBoard
@@ -19,15 +20,26 @@ from drivers.sweep.options import AcquireOptions
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True, slots=True)
+class ScanTask:
+    """Arguments of `drivers.acquire` that the thread of a scan needs."""
+
+    board: LaserBoard
+    camera: Camera
+    firing_order: tuple[PlannedStripe, ...]
+    options: AcquireOptions
+    should_stop: Callable[[], bool] | None = None
+
+
 class ScanStopped(Exception):  # noqa: N818 - not an error: the scan was asked to end
-    """Unwinds the scan's thread after it was asked to end."""
+    """Raised within the scan's thread once the scan was asked to end."""
 
 
 class LaserSwitch:
-    """Switches the laser until it is closed; after that it stays off, whatever the scan's thread still tries.
+    """Switch of the laser; once it is closed the laser stays off, whatever the scan's thread still tries.
 
     Attributes:
-        interruptions: how often the board itself had put the laser out (watchdog, time limit).
+        interruptions: number of times that the board itself turned the laser off (watchdog, time limit).
     """
 
     def __init__(self, board: LaserBoard) -> None:
@@ -40,12 +52,12 @@ class LaserSwitch:
 
     @property
     def lit(self) -> bool:
-        """Whether the laser was commanded on."""
+        """True if the laser was commanded on."""
         return self._lit_since is not None
 
     @property
     def may_stay_on(self) -> bool:
-        """Whether the laser was commanded on, and is far from the board's time limit."""
+        """True if the laser was commanded on, and is far from the board's time limit."""
         since = self._lit_since
         return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
@@ -54,7 +66,7 @@ class LaserSwitch:
 
         Raises:
             ScanStopped: the switch was closed.
-            LaserRefused: the fault's cause is still there.
+            LaserRefused: the cause of the fault persists.
         """
         with self._lock:
             if self._closed:
@@ -83,7 +95,7 @@ class LaserSwitch:
             shines: whether the laser is on by the board's last status.
         """
         if self._lit_since is not None and not shines:
-            logger.warning("the board put the laser out during the scan")
+            logger.warning("the board turned the laser off during the scan")
             self.off()
         if self.lit and not self.may_stay_on:
             self.off()
@@ -92,7 +104,7 @@ class LaserSwitch:
             self.on()
 
     def close(self) -> None:
-        """Put the laser out for good."""
+        """Turn the laser off for good."""
         with self._lock:
             self._closed = True
             self._lit_since = None
@@ -100,41 +112,31 @@ class LaserSwitch:
 
 
 class StripeWorker(threading.Thread, ABC):
-    """Takes one scan. `items` carries stripes in groups, see `AcquireOptions.together`, and at the end None.
+    """Thread that takes one scan.
 
     Attributes:
-        items: the queue to the caller.
+        items: queue to the caller: stripes in groups (see `AcquireOptions.together`), and None at the end.
         switch: switch of the laser.
         fired: indices for which the laser was on.
         failure: the error that ended the scan, or None.
         stopped_early: whether `should_stop` ended it.
         off_frames_lost: off frames that did not come; their stripes are compared with the one before.
         notes: further remarks for the report.
-        begun: when the scan began [s].
+        begun: time at which the scan began [s].
     """
 
-    def __init__(
-        self,
-        name: str,
-        board: LaserBoard,
-        camera: Camera,
-        firing_order: tuple[PlannedStripe, ...],
-        options: AcquireOptions,
-        should_stop: Callable[[], bool] | None,
-        groups: int,
-    ) -> None:
+    def __init__(self, task: ScanTask, groups: int) -> None:
         """Prepare; `start` begins.
 
         Args:
-            name: name of the thread.
-            board, camera, firing_order, options, should_stop: as in `drivers.acquire`.
+            task: scan to be taken.
             groups: number of groups that may wait for the caller; 0 for any number.
         """
-        super().__init__(name=name, daemon=True)
-        self._board, self._camera, self._firing_order, self._options = board, camera, firing_order, options
-        self._should_stop = should_stop
+        super().__init__(name="scan", daemon=True)
+        self._board, self._camera, self._options = task.board, task.camera, task.options
+        self._firing_order, self._should_stop = task.firing_order, task.should_stop
         self._cancelled = threading.Event()
-        self.switch = LaserSwitch(board)
+        self.switch = LaserSwitch(task.board)
         self.items: queue.Queue[tuple[StripeCapture, ...] | None] = queue.Queue(groups)
         self.fired: list[int] = []
         self.failure: Exception | None = None
@@ -144,12 +146,12 @@ class StripeWorker(threading.Thread, ABC):
         self.begun = timing.monotonic()
 
     def cancel(self) -> None:
-        """Put the laser out now and end the thread soon; what has not been handed over is forgotten."""
+        """Turn the laser off now and end the thread soon; stripes that were not handed over are dropped."""
         self._cancelled.set()
         self.switch.close()
 
     def run(self) -> None:
-        """Take the scan; the laser is out when this ends, however it ends."""
+        """Take the scan; the laser is off afterwards, however it ends."""
         self.begun = timing.monotonic()
         try:
             self._take()
@@ -165,11 +167,11 @@ class StripeWorker(threading.Thread, ABC):
 
     @abstractmethod
     def _take(self) -> None:
-        """Take the scan, ask `_check` often."""
+        """Take the scan, with frequent calls of `_check`."""
 
     @abstractmethod
     def _end(self) -> None:
-        """Hand over what is left, and None."""
+        """Hand over the stripes that are left, and None."""
 
     def _check(self) -> None:
         if self._cancelled.is_set():

@@ -1,33 +1,31 @@
-"""The thread of a scan that the board sweeps by itself: reads records, takes frames, hands over proved stripes."""
+"""Thread of a scan by the board's own sweep: it reads records, takes frames, hands over proved stripes."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from drivers import timing
 from drivers.arrays import Float
-from drivers.board.laser_board import LaserBoard
 from drivers.board.protocol import SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.board.sweep_records import StripeRecord
-from drivers.cameras.camera import Camera
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
 from drivers.sweep.board_sweep import BoardSweep
 from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
-from drivers.sweep.options import AcquireOptions, OffFrames, SweepOptions
-from drivers.sweep.stripe_worker import StripeWorker
+from drivers.sweep.options import OffFrames, SweepOptions
+from drivers.sweep.stripe_worker import ScanTask, StripeWorker
 from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
 logger = logging.getLogger(__name__)
-# Seconds for a frame, for a report, and between two questions that feed the board's watchdog.
+# [s] Wait for a frame, wait for a report, and time between two commands that feed the board's watchdog.
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
-# Seconds after the last trigger in which frames may still arrive.
+# [s] Frames may arrive this long after the last trigger.
 LAST_FRAMES = 0.1
 NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 
@@ -58,30 +56,23 @@ class Sweep:
 
     @property
     def complete(self) -> bool:
-        """Whether every stripe was handed over."""
+        """True once every stripe was handed over."""
         return len(self.done) == len(self.stripes)
 
 
 class SweepWorker(StripeWorker):
-    """Takes one scan as `ScanWorker` does, with the same attributes; a frame that is not proved is a lost stripe."""
+    """Thread with the attributes of `ScanWorker`; a stripe without a proved frame is lost."""
 
-    def __init__(
-        self,
-        board: LaserBoard,
-        camera: Camera,
-        firing_order: tuple[PlannedStripe, ...],
-        options: AcquireOptions,
-        should_stop: Callable[[], bool] | None,
-    ) -> None:
+    def __init__(self, task: ScanTask) -> None:
         """Prepare; `start` begins."""
         # A sweep waits for nobody, so the queue has no bound but the number of stripes.
-        super().__init__("sweep", board, camera, firing_order, options, should_stop, 0)
-        self._sweep_options = options.sweep or SweepOptions()
+        super().__init__(task, groups=0)
+        self._sweep_options = task.options.sweep or SweepOptions()
         self._match = ClockMatch(self._sweep_options.tolerance)
         self._counted = False
         self._period = 0.0
         self._off: Frame | None = None
-        self._off_settled = options.off is not OffFrames.ONE
+        self._off_settled = task.options.off is not OffFrames.ONE
         self._fed = 0.0
         self._last_counter: int | None = None
         self.grabber = FrameCounts(last_stamp=timing.monotonic())
@@ -102,7 +93,7 @@ class SweepWorker(StripeWorker):
         missing: Sequence[PlannedStripe] = self._firing_order
         for attempt in range(1 + self._sweep_options.repeats):
             if attempt:
-                logger.warning("%d stripes were not proved and are taken again", len(missing))
+                logger.warning("repeating %d stripes whose frames could not be verified", len(missing))
                 self.notes.append(f"{len(missing)} stripes were taken again")
                 if self._off is not None:
                     sweeps.set_off_frames(OffFrames.NONE)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TypeVar
 
+from transport.links.recent import Recent
 from transport.messages.regions_message import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, Status, whole_number
 from transport.messages.summary_message import SummaryMessage
@@ -188,19 +189,19 @@ class Evidence:
         self._robot = robot
         self._lock = threading.Lock()
         self._run = ""
-        self._over: dict[str, None] = {}
+        self._over: Recent[str, None] = Recent(REMEMBERED)
         self._sequences: dict[str, int] = {}
-        self._steps: dict[str, int] = {}
+        self._steps: Recent[str, int] = Recent(REMEMBERED)
         self.live: frozenset[str] = frozenset()
-        self._seen: dict[str, None] = {}
+        self._seen: Recent[str, None] = Recent(REMEMBERED)
         self.word: Word | None = None
 
     def tokens(self, live: frozenset[str]) -> None:
         """Record the runs whose tokens are there."""
         with self._lock:
             lost, self.live = self.live - live, live
-            self._seen.update(dict.fromkeys(live))
-            _forget(self._seen)
+            for run in live:
+                self._seen[run] = None
             # What the gait said meanwhile was not heard here: the node has to speak again.
             if self.word is not None and self.word.run in lost:
                 self.word = replace(self.word, heard=-math.inf)
@@ -241,8 +242,7 @@ class Evidence:
         with self._lock:
             refusal = self._refused_run(grid.run) or (self._refused_order(grid) if is_newest else "")
             if not refusal and grid.run:
-                self._steps[grid.epoch] = max(grid.step, self._steps.pop(grid.epoch, grid.step))
-                _forget(self._steps)
+                self._steps[grid.epoch] = max(grid.step, self._steps.get(grid.epoch, grid.step))
             return refusal
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
@@ -265,8 +265,8 @@ class Evidence:
             return f"it is of run {run!r}, and run {self._run!r} lives too: two nodes have the name {self._robot!r}"
         if self._run:
             self._over[self._run] = None
-            _forget(self._over)
-        self._run, self._sequences, self._steps = run, {}, {}
+        self._run, self._sequences = run, {}
+        self._steps.clear()
         return ""
 
     def _refused_order(self, grid: Grid) -> str:
@@ -277,9 +277,3 @@ class Evidence:
             # A sender that announces no run may have started again: its sequences mean nothing.
             self._sequences[grid.extent] = grid.sequence
         return ""
-
-
-def _forget(remembered: dict[str, None] | dict[str, int]) -> None:
-    """Drop the oldest entries beyond `REMEMBERED`."""
-    while len(remembered) > REMEMBERED:
-        del remembered[next(iter(remembered))]

@@ -96,21 +96,14 @@ class GridPublishers:
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
         """Send occupancy and grid map of a footprint; `bridge` also publishes them for ROS 2."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
-
-        def make_occupancy() -> bytearray:
-            return encode(occupancy_message(occupancy, *geometry))
-
-        def make_grid_map() -> bytearray:
-            layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-            return encode(grid_map_message(layers, *geometry))
-
+        layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
         # Made only for a subscriber: planners do not read them.
-        sent = (
-            (self._occupancy, MadeOnce(make_occupancy), "occupancy", OCCUPANCY),
-            (self._grid_map, MadeOnce(make_grid_map), "grid_map", GRID_MAP),
-        )
-        for publisher, made, name, kind in sent:
-            self._outbox.post(publisher.key, partial(_send, publisher, made, bridge, name, kind), lane=terrain.extent)
+        for publisher, name, kind, make in (
+            (self._occupancy, "occupancy", OCCUPANCY, lambda: encode(occupancy_message(occupancy, *geometry))),
+            (self._grid_map, "grid_map", GRID_MAP, lambda: encode(grid_map_message(layers, *geometry))),
+        ):
+            send = partial(_send, publisher, MadeOnce(make), bridge, name, kind)
+            self._outbox.post(publisher.key, send, lane=terrain.extent)
 
 
 def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:

@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from transport import clock
+from transport.grids.evidence import read_word
 from transport.keys import status_key
+from transport.links.recent import Recent
 from transport.links.session import Session
-from transport.messages.status_message import STATUS_NAME, Status, decode_status
+from transport.messages.status_message import Status, decode_status
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
 logger = logging.getLogger(__name__)
@@ -47,7 +49,7 @@ class NodeClock(RemoteClock):
     def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:
         """Begin to ask on a thread of its own; `report` gets each answer and the instant of the question [s]."""
         self._lock = threading.Lock()
-        self._bounds: dict[str, ClockBound] = {}
+        self._bounds: Recent[str, ClockBound] = Recent(8)
         self._report = report
         self.offset: ClockOffset | None = None
         self._jumps = 0
@@ -76,21 +78,13 @@ class NodeClock(RemoteClock):
         if self._report(status, asked):
             # Of a run that is over, or of another node.
             return False
-        item = status.item(STATUS_NAME)
-        values = {} if item is None else item.values
-        try:
-            run, reading = values["run"], float(values["clock_s"])
-        except (KeyError, ValueError):
+        word = read_word(status, asked)
+        if word is None or not (word.run and word.clock):
             return True
-        # Every age by a clock of NaN would be 0.
-        if not math.isfinite(reading):
-            return True
-        bound = ClockBound(reading, asked, answered)
+        bound = ClockBound(word.clock, asked, answered)
         with self._lock:
-            before = self._bounds.pop(run, None)
-            self._bounds[run] = bound if before is None else before.after(bound)
-            while len(self._bounds) > 8:
-                del self._bounds[next(iter(self._bounds))]
+            before = self._bounds.get(word.run)
+            self._bounds[word.run] = bound if before is None else before.after(bound)
         self._compare_wall_clocks(status.stamp, wall, answered - asked)
         return True
 

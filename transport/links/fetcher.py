@@ -11,6 +11,7 @@ from typing import Any
 from transport import zenoh_api
 from transport.exceptions import SessionClosed, TransportError
 from transport.links.last_message import MAXIMUM_PIECE, PIECE, announcement_key, pieces_key
+from transport.links.recent import Recent
 from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
@@ -90,14 +91,13 @@ class Fetcher:
         self._subscribe, self._is_subscribed = subscribe, True
         self._changed = threading.Condition()
         self._delivery = threading.Lock()
-        self._newest: dict[str, int] = {}
-        self._announced: dict[str, int] = {}
+        self._newest: Recent[str, int] = Recent(REMEMBERED)
+        # Number that each publisher announced last, and when it was first heard.
+        self._announced: Recent[str, tuple[int, float]] = Recent(REMEMBERED)
         self._is_closed = False
         self._size = FIRST_PIECE
         self.fetched = 0
         self._patience = Patience()
-        # When the number of each publisher was announced that has not come yet.
-        self._heard: dict[str, tuple[int, float]] = {}
         self._raw = zenoh_api.declare_subscriber(session.raw, announcement_key(key), self._on_announcement)
         self._thread = session.thread(f"transport-fetch {key}", self._run)
         self._thread.start()
@@ -105,7 +105,7 @@ class Fetcher:
     def take(self, source: str, number: int, payload: bytes) -> None:
         """Hand over a message that came by itself, unless a later one of its publisher came before."""
         with self._changed:
-            announced, heard_at = self._heard.get(source, (-1, 0.0))
+            announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)
         self._hand_over(source, number, payload)
 
@@ -118,11 +118,9 @@ class Fetcher:
 
     def _is_new(self, source: str, number: int) -> bool:
         with self._changed:
-            before = self._newest.pop(source, None)
+            before = self._newest.get(source)
             is_new = before is None or number > before
             self._newest[source] = number if before is None else max(before, number)
-            while len(self._newest) > REMEMBERED:
-                del self._newest[next(iter(self._newest))]
         if before is not None and number > before + 1:
             self._on_lost(number - before - 1)
         return is_new
@@ -143,19 +141,14 @@ class Fetcher:
 
     def _announce(self, source: str, number: int) -> None:
         with self._changed:
-            if self._announced.get(source) != number:
-                self._heard[source] = (number, time.monotonic())
-            self._announced[source] = number
-            while len(self._heard) > REMEMBERED:
-                del self._heard[next(iter(self._heard))]
-            while len(self._announced) > REMEMBERED:
-                del self._announced[next(iter(self._announced))]
+            announced, heard_at = self._announced.get(source, (-1, 0.0))
+            self._announced[source] = number, heard_at if announced == number else time.monotonic()
             # Most announcements repeat what is known: the thread need not wake for them.
             if number > self._newest.get(source, -1):
                 self._changed.notify_all()
 
     def _wanted(self) -> tuple[str, int] | None:
-        for source, number in self._announced.items():
+        for source, (number, _) in self._announced.items():
             if number > self._newest.get(source, -1):
                 return source, number
         return None
@@ -163,7 +156,7 @@ class Fetcher:
     def _left(self) -> float:
         """[s] until what is wanted counts as lost."""
         wanted = self._wanted()
-        _, heard_at = (0, 0.0) if wanted is None else self._heard.get(wanted[0], (0, 0.0))
+        _, heard_at = (0, 0.0) if wanted is None else self._announced[wanted[0]]
         return max(0.0, heard_at + self._patience.grace - time.monotonic())
 
     def _run(self) -> None:

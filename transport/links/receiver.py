@@ -20,7 +20,6 @@ logger = logging.getLogger(__name__)
 CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
-Refused = Callable[[MessageError], None]
 
 
 class NewestReceiver(Resource, Generic[T]):
@@ -202,26 +201,22 @@ class NewestReceiver(Resource, Generic[T]):
         if self.is_closed:
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
 
-    def on_newest(self, callback: Callable[[Received[T]], None], *, on_refused: Refused | None = None) -> None:
+    def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
         """Call `callback` with the newest message, again and again, on a thread of its own.
 
-        What arrives while it works is skipped but for the newest. An error that it raises is logged, and
-        it is called again with the next message.
-
-        Args:
-            callback: called with each newest message.
-            on_refused: called, on the same thread, when the newest sample is no valid message.
+        Of what arrives meanwhile it gets the newest alone. An error that it raises is logged, and it is called again
+        with the next message.
 
         Raises:
             SessionClosed: the receiver is closed.
         """
         self._check_open()
         # A daemon: a callback that never returns must not keep the interpreter from ending.
-        thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback, on_refused))
+        thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback))
         self._threads.append(thread)
         thread.start()
 
-    def _dispatch(self, callback: Callable[[Received[T]], None], on_refused: Refused | None) -> None:
+    def _dispatch(self, callback: Callable[[Received[T]], None]) -> None:
         number = 0
         while True:
             try:
@@ -232,21 +227,11 @@ class NewestReceiver(Resource, Generic[T]):
                 continue
             number = sample.number
             try:
-                self._hand_over(sample, callback, on_refused)
+                callback(self._open(sample))
+            except MessageError as error:
+                self._refusals.log("message on %s refused: %s", self.key, error)
             except Exception as error:
                 report(f"callback for {self.key}", error)
-
-    def _hand_over(
-        self, sample: Sample[T], callback: Callable[[Received[T]], None], on_refused: Refused | None
-    ) -> None:
-        try:
-            received = self._open(sample)
-        except MessageError as error:
-            self._refusals.log("message on %s refused: %s", self.key, error)
-            if on_refused is not None:
-                on_refused(error)
-            return
-        callback(received)
 
     def _release(self) -> None:
         with self._changed:

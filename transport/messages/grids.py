@@ -14,8 +14,8 @@ from transport.messages.submessage_codec import make_point
 from transport.messages.submessages import checked_origin, finite
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, make_message, message_class
 
-# A GridMap cell is valid where all of these are known.
-BASIC_LAYERS = ("elevation",)
+# Layer that says where a cell of a GridMap is known.
+BASIC_LAYER = "elevation"
 
 
 def _geometry(resolution: float, origin: Sequence[float]) -> tuple[float, float, float]:
@@ -63,8 +63,6 @@ def grid_map_message(
     origin: Sequence[float],
     frame_id: str,
     stamp: int,
-    *,
-    basic_layers: Sequence[str] = BASIC_LAYERS,
 ) -> Any:
     """A grid_map_msgs/GridMap message object.
 
@@ -72,15 +70,15 @@ def grid_map_message(
     them column-major. Data of `a[iy, ix]`, x fastest, are therefore `a[::-1, ::-1].ravel()`.
 
     Args:
-        layers: (ny, nx) arrays by name, all of one shape; converted to float32, the only type of a GridMap.
+        layers: (ny, nx) arrays by name, all of one shape, "elevation" among them; converted to float32, the only type
+            of a GridMap.
         resolution: [m] edge of a cell.
         origin: [m] (x, y) of the corner of cell (0, 0), at minimum x and y.
         frame_id: frame of the grid.
         stamp: [ns] since the epoch.
-        basic_layers: names of the layers that must be known for a cell to count as known.
 
     Raises:
-        MessageError: no layer, shapes that differ, an unknown basic layer, or geometry that is not finite.
+        MessageError: shapes that differ, no layer "elevation", or geometry that is not finite.
     """
     edge, x, y = _geometry(resolution, origin)
     shapes = {np.shape(array) for array in layers.values()}
@@ -88,9 +86,8 @@ def grid_map_message(
     if len(shape) != 2 or 0 in shape:
         given = ", ".join(f"{name} {np.shape(array)}" for name, array in layers.items()) or "none"
         raise MessageError(f"layers given: {given}; allowed: one shape (ny, nx) for all")
-    unknown = [name for name in basic_layers if name not in layers]
-    if unknown:
-        raise MessageError(f"basic layers {unknown} are not among the layers {', '.join(layers)}")
+    if BASIC_LAYER not in layers:
+        raise MessageError(f"layers given: {', '.join(layers)}; allowed: {BASIC_LAYER!r} and others")
     ny, nx = shape
     dimension = message_class("std_msgs/msg/MultiArrayDimension")
     layout = message_class("std_msgs/msg/MultiArrayLayout")(
@@ -102,4 +99,4 @@ def grid_map_message(
     info = message_class("grid_map_msgs/msg/GridMapInfo")(
         edge, nx * edge, ny * edge, _make_pose(x + 0.5 * nx * edge, y + 0.5 * ny * edge)
     )
-    return message_class(GRID_MAP)(make_header(stamp, frame_id), info, list(layers), list(basic_layers), data, 0, 0)
+    return message_class(GRID_MAP)(make_header(stamp, frame_id), info, list(layers), [BASIC_LAYER], data, 0, 0)

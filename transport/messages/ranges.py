@@ -201,12 +201,12 @@ def _checks(type_name: str) -> tuple[Check, ...]:
         allowed = ranges(type_name).get(field)
         if allowed is not None:
             made.append(_field_check(f"{field} of {type_name.rpartition('/')[2]}", field, allowed))
-        if _inner_type(kind, details):
+        if inner_type(kind, details):
             made.append(_submessages_check(field, is_list=kind != SUBMESSAGE))
     return tuple(made)
 
 
-def _inner_type(kind: int, details: Any) -> str:
+def inner_type(kind: int, details: Any) -> str:
     """Type of the submessages in a field, empty when it holds none."""
     inner, name = details[0] if kind in ARRAYS else (kind, details)
     return name if inner == SUBMESSAGE else ""
@@ -259,32 +259,3 @@ def _check_number(what: str, allowed: Range, value: float) -> None:
     if not allowed.low <= value <= allowed.high and not (allowed.nan and value != value):
         shown = value if isinstance(value, int) else f"{value:.6g}"
         raise MessageError(f"{what} is {shown}; allowed: {allowed}")
-
-
-def checked_types() -> list[str]:
-    """`TYPES`, each followed by the types of its submessages that have not come before."""
-    found: dict[str, None] = {}
-
-    def add(type_name: str) -> None:
-        if type_name and type_name not in found:
-            found[type_name] = None
-            for _, (kind, details) in typestore().get_msgdef(type_name).fields:
-                add(_inner_type(kind, details))
-
-    for type_name in TYPES:
-        add(type_name)
-    return list(found)
-
-
-def range_rows() -> list[str]:
-    """Rows of the table of ranges in the documentation, one for each type."""
-    rows = []
-    for type_name in checked_types():
-        parts: dict[str, list[str]] = {}
-        for field, allowed in ranges(type_name).items():
-            if str(allowed):
-                parts.setdefault(str(allowed), []).append(f"`{field}`")
-        text = "; ".join(f"{', '.join(names)}: {allowed}" for allowed, names in parts.items())
-        if text:
-            rows.append(f"| `{type_name.replace('guara_msgs/msg/', '')}` | {text} |")
-    return rows

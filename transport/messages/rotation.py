@@ -10,6 +10,8 @@ from transport.arrays import Float
 from transport.exceptions import MessageError
 
 Quaternion = tuple[float, float, float, float]
+# Signs of the diagonal elements of a rotation in 4 x^2, 4 y^2, 4 z^2 and 4 w^2.
+SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0]])
 
 
 def quaternion_from_matrix(rotation: Float) -> Quaternion:
@@ -18,24 +20,14 @@ def quaternion_from_matrix(rotation: Float) -> Quaternion:
     The component of largest magnitude is computed first, so that no division is by a small number
     (Shepperd's method).
     """
-    r = rotation
-    squares = np.array(
-        [
-            1.0 + r[0, 0] - r[1, 1] - r[2, 2],
-            1.0 - r[0, 0] + r[1, 1] - r[2, 2],
-            1.0 - r[0, 0] - r[1, 1] + r[2, 2],
-            1.0 + r[0, 0] + r[1, 1] + r[2, 2],
-        ]
-    )
-    products = np.array(
-        [
-            [squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
-        ]
-    )
-    row = products[int(np.argmax(squares))]
+    # Four times the products of the components, 4 q q^T: x, y, z with one another and with w, and the squares.
+    products = np.empty((4, 4))
+    products[:3, :3] = rotation + rotation.T
+    turn = rotation - rotation.T
+    products[3, :3] = products[:3, 3] = turn[2, 1], turn[0, 2], turn[1, 0]
+    a, b, c = np.diag(rotation)
+    np.fill_diagonal(products, 1.0 + a * SIGNS[0] + b * SIGNS[1] + c * SIGNS[2])
+    row = products[int(np.argmax(np.diag(products)))]
     row = row / np.linalg.norm(row)
     x, y, z, w = (row if row[3] >= 0.0 else -row).tolist()
     return x, y, z, w

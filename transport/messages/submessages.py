@@ -18,6 +18,8 @@ from transport.messages.ranges import GROUND_PATCH, check_gravity, check_value
 Point = tuple[float, float, float]
 
 IDENTITY = np.eye(3)
+# Largest grid; the default map has 44,800 cells.
+MAXIMUM_CELLS = 4_000_000
 
 
 def set_fields(message: Any, **values: Any) -> None:
@@ -32,6 +34,18 @@ def frozen(array: Array) -> Array:
     result = array if is_frozen else np.array(array, order="C")
     result.setflags(write=False)
     return result
+
+
+def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
+    """`shape` as (ny, nx), if it is that of a grid.
+
+    Raises:
+        MessageError: it is not.
+    """
+    if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
+        cells = " x ".join(map(str, shape))
+        raise MessageError(f"{what} of {cells} cells; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
+    return int(shape[0]), int(shape[1])
 
 
 def checked_origin(origin: Sequence[float]) -> tuple[float, float]:

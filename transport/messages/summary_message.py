@@ -15,8 +15,7 @@ from transport.messages.map_origin import MapOrigin, check_version
 from transport.messages.ranges import check_value
 from transport.messages.shuffle import compress, decompress
 from transport.messages.submessage_codec import from_ros, to_ros
-from transport.messages.submessages import checked_origin, finite, frozen, set_fields
-from transport.messages.terrain_message import MAXIMUM_CELLS
+from transport.messages.submessages import checked_origin, checked_shape, finite, frozen, set_fields
 from transport.messages.typestore import SUMMARY
 
 # Stands in `heights` [mm] where the height is not known.
@@ -55,9 +54,7 @@ class SummaryMessage(MapOrigin):
         """Check what others rely on, and make the arrays read-only."""
         # Without arguments `super` would look in the class that `slots` replaced.
         super(SummaryMessage, self).__post_init__()
-        shape = self.heights.shape
-        if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-            raise MessageError(f"summary has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells")
+        shape = checked_shape(self.heights.shape, "summary")
         for name, dtype in LAYERS.items():
             array = getattr(self, name)
             if array.shape != shape or array.dtype != dtype:
@@ -99,9 +96,7 @@ def decode_summary(payload: bytes | bytearray | memoryview) -> SummaryMessage:
     """
     message = decode(payload, SUMMARY)
     check_version(message, "summary")
-    shape = (int(message.ny), int(message.nx))
-    if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-        raise MessageError(f"summary of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
+    shape = checked_shape((message.ny, message.nx), "summary")
     layers: dict[str, Any] = {
         name: _unpack(getattr(message, name), name, dtype, shape) for name, dtype in LAYERS.items()
     }

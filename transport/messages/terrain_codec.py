@@ -12,7 +12,8 @@ from transport.messages.codec import decode, encode
 from transport.messages.map_origin import check_version
 from transport.messages.shuffle import FRAME_MAGIC, decompress
 from transport.messages.submessage_codec import from_ros, to_ros
-from transport.messages.terrain_message import LAYERS, MAXIMUM_CELLS, VERSION_MAJOR, Health, TerrainMessage
+from transport.messages.submessages import checked_shape
+from transport.messages.terrain_message import LAYERS, VERSION_MAJOR, Health, TerrainMessage
 from transport.messages.typestore import TERRAIN, message_class
 
 FIELDS = ("float32_values", "uint16_values", "uint8_values")
@@ -64,9 +65,7 @@ def make_terrain(terrain: TerrainMessage) -> Any:
 
 
 def _read_layers(message: Any) -> dict[str, Array]:
-    shape = (int(message.ny), int(message.nx))
-    if 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-        raise MessageError(f"grid of {shape[0]} x {shape[1]} cells; allowed: 1 to {MAXIMUM_CELLS} cells")
+    shape = checked_shape((message.ny, message.nx), "grid")
     layers: dict[str, Array] = {}
     for layer in message.layers:
         if layer.name not in LAYERS:

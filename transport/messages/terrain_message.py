@@ -20,6 +20,7 @@ from transport.messages.submessages import (
     StanceMessage,
     TransformMessage,
     checked_origin,
+    checked_shape,
     finite,
     frozen,
     set_fields,
@@ -34,8 +35,6 @@ MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # Characters of the identity of a walk or of a run.
 MAXIMUM_IDENTITY = 100
-# Largest grid; the default map has 44,800 cells.
-MAXIMUM_CELLS = 4_000_000
 
 
 class LayerKind(NamedTuple):
@@ -192,12 +191,8 @@ class TerrainMessage:
         missing = [name for name in LAYERS if name not in self.layers]
         if missing:
             raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
-        shape = np.shape(self.layers["elevation"])
-        if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
-            raise MessageError(
-                f"layer 'elevation' has shape {shape}; allowed: (ny, nx) with 1 to {MAXIMUM_CELLS} cells"
-            )
-        layers = {name: _check_layer(name, self.layers[name], (shape[0], shape[1])) for name in LAYERS}
+        shape = checked_shape(np.shape(self.layers["elevation"]), "layer 'elevation'")
+        layers = {name: _check_layer(name, self.layers[name], shape) for name in LAYERS}
         set_fields(self, resolution=resolution, origin=origin, layers=MappingProxyType(layers))
 
     def _freeze_details(self) -> None:

@@ -24,6 +24,7 @@ class Answer:
     """One event of an open query.
 
     Attributes:
+        key: key of a reply; access rules judge it, so that it says whose reply it is.
         payload: payload of a reply, or None.
         error: payload of an error reply, or None.
         timed_out: the deadline passed.
@@ -31,6 +32,7 @@ class Answer:
         ended: no more replies will come.
     """
 
+    key: str = ""
     payload: bytes | None = None
     error: bytes | None = None
     timed_out: bool = False
@@ -67,7 +69,7 @@ def ask(
 
     def on_reply(reply: zenoh_api.Reply) -> None:
         is_late = reply.error == ZENOH_TIMEOUT
-        answers.put(Answer(timed_out=True) if is_late else Answer(payload=reply.payload, error=reply.error))
+        answers.put(Answer(timed_out=True) if is_late else Answer(reply.key, reply.payload, reply.error))
 
     deadline = time.monotonic() + timeout + GRACE
     session.attempt(

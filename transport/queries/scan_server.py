@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from transport.exceptions import MessageError, ScanFailed
 from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.links.answerer import Answerer, refuse
+from transport.links.recent import Recent
 from transport.links.session import Session
 from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
@@ -100,7 +100,7 @@ class ScanServer(Answerer):
         self._lock = threading.Lock()
         self._work: _Work | None = None
         self._thread: threading.Thread | None = None
-        self._finished: OrderedDict[str, ScanReply] = OrderedDict()
+        self._finished: Recent[str, ScanReply] = Recent(REMEMBERED)
         self._is_stopped = False
         super().__init__(session, scan_key(robot), self._admit, in_order=True)
 
@@ -213,8 +213,6 @@ class ScanServer(Answerer):
                 return
             work.last = last
             self._finished[last.id] = last
-            while len(self._finished) > REMEMBERED:
-                self._finished.popitem(last=False)
             queries, work.queries = work.queries, []
             for query in queries:
                 self._reply(query, last)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -36,15 +37,6 @@ class Recovery:
     was_whole: bool
 
 
-class _Counts:
-    """Running figures of a recovery."""
-
-    def __init__(self) -> None:
-        self.messages = self.attachments = self.damaged = 0
-        self.position = 0
-        self.ended = False
-
-
 def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     """Copy all intact records of `source` into the new file `destination`.
 
@@ -57,7 +49,8 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     if new.exists():
         raise RecordingError(f"{new} exists; give another name, or remove it first")
     partial = new.with_name(f".{new.name}.part")
-    counts = _Counts()
+    # Number of messages, attachments and damaged chunks, position in the file, and whether its end was reached.
+    counts = Counter[str]()
     try:
         size = old.stat().st_size
         with closing(BoundedFile(old)) as stream, partial.open("wb") as output:
@@ -74,12 +67,12 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     except RecordingError:
         partial.unlink(missing_ok=True)
         raise
-    lost = 0 if counts.ended else size - counts.position
-    whole = counts.ended and not counts.damaged
-    return Recovery(counts.messages, counts.attachments, counts.damaged, lost, whole)
+    has_ended, damaged = bool(counts["ended"]), counts["damaged"]
+    lost = 0 if has_ended else size - counts["position"]
+    return Recovery(counts["messages"], counts["attachments"], damaged, lost, has_ended and not damaged)
 
 
-def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
+def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
     """Records in the order of the file, those of a chunk one by one; ends silently where the file is cut."""
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
@@ -93,12 +86,12 @@ def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
         except StopIteration:
             return
         except Exception as error:  # EndOfFile, struct.error and whatever else cut bytes provoke
-            if counts.position == 0:
+            if counts["position"] == 0:
                 raise RecordingError(f"{path} is no MCAP file ({error})") from error
             return
-        counts.position = stream.tell()
+        counts["position"] = stream.tell()
         if isinstance(record, DataEnd):
-            counts.ended = True
+            counts["ended"] = 1
             return
         if not isinstance(record, Chunk):
             yield record
@@ -107,12 +100,12 @@ def _records(stream: Any, counts: _Counts, path: Path) -> Iterator[Any]:
         try:
             inner = list(unpacker.records(record))
         except Exception:  # the decompressor has errors of its own kind
-            counts.damaged += 1
+            counts["damaged"] += 1
             continue
         yield from inner
 
 
-def _copy(records: Iterator[Any], writer: Any, counts: _Counts) -> None:
+def _copy(records: Iterator[Any], writer: Any, counts: Counter[str]) -> None:
     from mcap.records import Attachment, Channel, Message, Schema
 
     schemas: dict[int, int] = {}
@@ -128,14 +121,9 @@ def _copy(records: Iterator[Any], writer: Any, counts: _Counts) -> None:
                 )
         elif isinstance(record, Message):
             if record.channel_id in channels:
-                writer.add_message(
-                    channels[record.channel_id],
-                    record.log_time,
-                    record.data,
-                    record.publish_time,
-                    record.sequence,
-                )
-                counts.messages += 1
+                channel = channels[record.channel_id]
+                writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+                counts["messages"] += 1
         elif isinstance(record, Attachment):
             writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-            counts.attachments += 1
+            counts["attachments"] += 1

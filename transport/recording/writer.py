@@ -82,12 +82,6 @@ class RecordingWriter:
         with self._lock:
             return self._file.size
 
-    def add_calibration(self, text: bytes) -> None:
-        """Attach the text of a `calibration.json`; the last one counts."""
-        with self._lock:
-            self._file.attach(CALIBRATION_NAME, "application/json", text)
-            self._file.flush()
-
     @property
     def is_scan_open(self) -> bool:
         """True between `begin_scan` and `end_scan`."""

@@ -76,7 +76,7 @@ def test_no_damaged_byte_passes(index: int, change: int) -> None:
 
 def test_short_record_is_refused_with_both_lengths() -> None:
     """The message says how many bytes came and how many were due."""
-    with pytest.raises(BadReply, match="13 bytes, 26 are due"):
+    with pytest.raises(BadReply, match="13 bytes; allowed: 26"):
         BoardStatus.unpack(status().pack()[:13])
 
 

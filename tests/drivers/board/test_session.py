@@ -24,7 +24,7 @@ TRANSIENT = [
     (FaultKind.TIMEOUT, BoardTimeout, "did not answer the command STATUS within 50 ms"),
     (FaultKind.TIMEOUT_AFTER, BoardTimeout, "did not answer the command STATUS within 50 ms"),
     (FaultKind.STALL, BoardStalled, "stalled the command STATUS"),
-    (FaultKind.SHORT_READ, BadReply, "13 bytes, 26 are due"),
+    (FaultKind.SHORT_READ, BadReply, "13 bytes; allowed: 26"),
     (FaultKind.GARBAGE, BadReply, "damaged"),
 ]
 
@@ -208,7 +208,7 @@ def test_laser_stuck_on_is_reported_while_closing(eventually) -> None:
     emulated = EmulatedBoard()
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board = LaserBoard(backend=emulated_backend(emulated))
-    with pytest.raises(LaserStuckOn, match="did not go out on command"), board:
+    with pytest.raises(LaserStuckOn, match="did not go off on command"), board:
         board.laser_on()
     eventually(lambda: not emulated.view().laser_on)
 

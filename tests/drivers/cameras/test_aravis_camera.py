@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers import AravisCamera, CameraSettings
-from drivers.cameras import aravis_library, setting_changes
+from drivers.cameras import aravis_library
 from drivers.cameras.aravis_camera import BAYER, SHORT_IDS
 from drivers.cameras.aravis_library import find_aravis_cameras
 from drivers.cameras.bayer import mosaic
+from drivers.cameras.camera import setting_changes
 from drivers.errors import (
     CameraBackendMissing,
     CameraNotFound,

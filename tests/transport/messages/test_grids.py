@@ -81,7 +81,7 @@ def test_grid_map_index_rule_finds_each_cell() -> None:
 
 def test_grid_map_layers_become_float32() -> None:
     """Integer layers are converted: a GridMap holds nothing else."""
-    message = grid_map_message({"hazard": VALUES.astype(np.uint16)}, 1, (0, 0), "f", 0, basic_layers=())
+    message = grid_map_message({"elevation": VALUES.astype(np.uint16)}, 1, (0, 0), "f", 0)
     assert message.data[0].data.dtype == np.float32
 
 
@@ -114,11 +114,11 @@ def test_wrong_geometry_is_refused() -> None:
 
 
 def test_wrong_layers_are_refused() -> None:
-    """A GridMap needs layers of one shape and basic layers among them."""
+    """A GridMap needs layers of one shape, the elevation among them."""
     a, b = np.zeros((2, 3), np.float32), np.zeros((3, 2), np.float32)
     with pytest.raises(MessageError, match=r"a \(2, 3\), b \(3, 2\); allowed: one shape"):
         grid_map_message({"a": a, "b": b}, 0.1, (0, 0), "f", 0)
     with pytest.raises(MessageError, match="layers given: none"):
         grid_map_message({}, 0.1, (0, 0), "f", 0)
-    with pytest.raises(MessageError, match=r"basic layers \['elevation'\] are not among the layers a"):
+    with pytest.raises(MessageError, match="layers given: a; allowed: 'elevation' and others"):
         grid_map_message({"a": a}, 0.1, (0, 0), "f", 0)

@@ -54,7 +54,7 @@ def test_a_layer_of_another_dtype_shape_or_number_is_refused(peer) -> None:
         "layer 'age' has shape": good | {"age": np.zeros((3, 2), np.uint8)},
         "layers slope are missing": {n: a for n, a in good.items() if n != "slope"},
         "1 to 4000000 cells": good | {"elevation": np.broadcast_to(np.float32(0.0), (2001, 2000))},
-        "layer 'elevation' has shape": good | {"elevation": np.zeros((0, 3), np.float32)},
+        "layer 'elevation' of 0 x 3 cells": good | {"elevation": np.zeros((0, 3), np.float32)},
     }
     for expected_text, layers in bad.items():
         with pytest.raises(MessageError, match=expected_text):
