@@ -14,7 +14,7 @@ PROGRAMS = {
     "light": "effects, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",
     "node": "a running node: sweep, latency, processor time, memory",
     "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",
-    "photographs": "stripes on photographs of real laser lines beside peers, on a board, and drawn",
+    "photographs": "stripes on photographs of real laser lines beside peers, and drawn",
     "record_restarts": "nodes that record, killed again and again: how many come up, which files open",
     "restarts": "grids handed out against the truth, over restarts of node, router and links",
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",

@@ -1,4 +1,4 @@
-"""What the gait's messages cost a running node: HOLD at 100 Hz and more, and floods of messages that are not for it.
+"""Cost of the gait's messages for a running node: HOLD at 100 Hz and more, and floods of messages for others.
 
 Usage: python -m benchmarks transport announcements [--seconds 5]
 
@@ -44,7 +44,7 @@ ALLOWED_LINES = 1.0
 
 @dataclass(slots=True)
 class Cost:
-    """What one kind of message costs the node.
+    """Cost of one kind of message for the node.
 
     Attributes:
         sent: number of messages sent, in all rounds.
@@ -137,30 +137,30 @@ def measure(seconds: float) -> dict[str, Cost]:
     threshold = root.level
     root.addHandler(counter)
     root.setLevel(logging.INFO)
-    spent: dict[str, list[float]] = {}
-    lines: dict[str, list[float]] = {}
-    sent: dict[str, int] = {}
+    rounds: dict[str, list[tuple[int, float, float]]] = {}
     try:
         with standing_node() as (gait, status):
             for kinds in (HOLDS, FLOODS):
                 for _ in range(ROUNDS):
                     for kind, rate in kinds:
                         name = f"{kind} at {rate:g} Hz"
-                        before = time.process_time()
+                        begun = time.process_time()
                         time.sleep(seconds)
-                        silence, before, lines_before = time.process_time() - before, time.process_time(), counter.lines
+                        silence, lines = time.process_time() - begun, counter.lines
                         gait.tell(kind=kind, rate=rate, seconds=seconds)
                         count = gait.hear()["sent"]
-                        spent.setdefault(name, []).append(1e3 * (time.process_time() - before - silence) / count)
-                        lines.setdefault(name, []).append((counter.lines - lines_before) / seconds)
-                        sent[name] = sent.get(name, 0) + count
+                        spent = 1e3 * (time.process_time() - begun - 2 * silence) / count
+                        rounds.setdefault(name, []).append((count, spent, (counter.lines - lines) / seconds))
                 (scanner,) = [item for item in status.items() if item.name == "scanner"]
                 if scanner.values["provisional"] != "false":
                     raise SystemExit("HOLD did not confirm the grid: the scanner's status still says provisional")
     finally:
         root.removeHandler(counter)
         root.setLevel(threshold)
-    return {name: Cost(sent[name], statistics.median(spent[name]), max(lines[name])) for name in spent}
+    columns = {name: tuple(zip(*each, strict=True)) for name, each in rounds.items()}
+    return {
+        name: Cost(sum(sent), statistics.median(spent), max(lines)) for name, (sent, spent, lines) in columns.items()
+    }
 
 
 def main() -> None:

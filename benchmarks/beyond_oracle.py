@@ -1,4 +1,4 @@
-"""Why cells are free in a grid and not by the oracle: which true hazard lies under the sole, and how far it exceeds."""
+"""True hazards under the sole of cells that are free in a grid and not by the oracle."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoa
 
 
 def bound_of(driver: LaserBoard, firing_order: list[tuple[int, float]], flash: float) -> float:
-    """How long moves, settling and flashes take at least, by the board's own motion profile [s]."""
+    """Least duration of moves, settling and flashes, by the board's own motion profile [s]."""
     motion_profile = driver.motion_profile()
     steps = [driver.step_at(angle) for _, angle in firing_order]
     moves = sum(motion_profile.time(after - before) for before, after in zip(steps, steps[1:], strict=False))

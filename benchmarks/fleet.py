@@ -5,7 +5,7 @@ Usage: python -m benchmarks transport fleet [--sizes 1,5,20,50,100] [--seconds 1
 Each robot publishes what a node does, footprint and fused map among it, every 3 s from a random instant on; each
 planner receives both extents of its own robot. All over TCP on one machine, without shared memory; each process holds
 up to ten robots or planners. A delay is from the call that publishes to the grid in the planner's callback. Below each
-line of the table stands the processor time: while nobody publishes (idle), and what one pause costs beyond that. Then
+line of the table is the processor time: while nobody publishes (idle), and what one pause costs beyond that. Then
 follow bursts in which 20 robots publish at the same instant, their router killed and started again, and 20 robots over
 mutual TLS, with the configuration that `guara security router` writes.
 """
@@ -163,7 +163,7 @@ class Fleet:
         return sum(int(peer.hear()["published"]) for peer in self.robots)
 
     def arrived(self) -> dict[str, Any]:
-        """What arrived at the planners since the last call: delays by extent, newest instants, bytes and counts."""
+        """Figures of the grids that arrived since the last call: delays by extent, newest instants, bytes, counts."""
         for peer in self.planners:
             peer.tell()
         reports = [peer.hear() for peer in self.planners]

@@ -1,4 +1,4 @@
-"""How the cost grows with stripes, pixels and cells: exponents fitted to the measured CPU times."""
+"""Growth of the cost with stripes, pixels and cells: exponents fitted to the measured CPU times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each effect of real light does to a scan: stripes found, wrong and made up, and the error of the heights.
+"""Effects of real light on a scan: stripes found, wrong and made up, and errors of the heights.
 
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is

@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
-    """What remains to do after the last frame: the footprint's grid, the wide one, and bringing each into a map."""
+    """Times of the work after the last frame: the footprint's grid, the wide one, and the update of a map by each."""
     recorded, calibration = gp.open_scan(data / "scans" / "paper"), truth_calibration(data)
     processor = gp.ScanProcessor(calibration, robot, recorded.stance, recorded.mode)
     for stripe, on, off in recorded.frames():

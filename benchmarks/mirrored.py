@@ -96,7 +96,7 @@ def _outcome(case: str, calibration: gp.Calibration, scan: gp.Scan, robot: Robot
 
 
 def main() -> None:
-    """What is said of mirrored and turned pictures of DATA ... [--scan NAME]."""
+    """Verdicts about mirrored and turned pictures of DATA ... [--scan NAME]."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
     parser.add_argument("--scan", default="paper", help="name of the scan")

@@ -1,4 +1,4 @@
-"""What misplaced crosses do to the grid: a session calibrated again with wrong positions, one scan with each result.
+"""Effect of misplaced crosses on the grid: a session calibrated with wrong positions, one scan with each result.
 
 `python -m benchmarks calibration crosses [SESSION SCAN]`; without arguments: the session and the scan of the tests.
 """
@@ -50,7 +50,7 @@ CASES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a wrong calibration does to a scan.
+    """Effect of a wrong calibration on a scan.
 
     Attributes:
         near, far: how far two points of the area move: the centre of its near edge and its far left corner [m].

@@ -1,4 +1,4 @@
-"""What a Bayer camera costs: scans from mosaics as they are, their red pixels, red filled in, demosaiced; grey; colour.
+"""Scans of Bayer mosaics (as they are, red pixels, red filled in, demosaiced) beside grey and colour pictures.
 
 `python -m benchmarks light mosaics`: one rendered scan of the demo's world in each form, its errors against that world.
 """

@@ -1,4 +1,4 @@
-"""What the paper does after triangulation, with scipy: range image by griddata, eqs. 20 and 21, slope, step height."""
+"""The paper's steps after triangulation, with scipy: range image by griddata, eqs. 20 and 21, slope, step height."""
 
 from __future__ import annotations
 

@@ -19,7 +19,6 @@ import threading
 import time
 import uuid
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -63,29 +62,6 @@ CASES = (
 QUICK = (CASES[0], CASES[5], CASES[6])
 # Between two pauses the robot swings a leg [s]; the Guará takes 2.6 s and more.
 SWING = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Outcome of the pauses of one case.
-
-    Attributes:
-        announced, gait, late: as in `CASES`.
-        arrived: pauses of which a grid came before END, or confirmed after it.
-        coarse_first: pauses of which a coarse grid came before its refinement.
-        confirmed: pauses whose grid was confirmed.
-        stripes: stripes of the confirmed grids, median.
-        withdrawn: pauses whose grid was withdrawn.
-    """
-
-    announced: float
-    gait: str
-    late: float
-    arrived: int
-    coarse_first: int
-    confirmed: int
-    stripes: float
-    withdrawn: int
 
 
 def run_node(endpoint: str) -> None:
@@ -180,9 +156,9 @@ def run_holding_gait(*arguments: str) -> None:
     run_gait(*arguments, holds=True)
 
 
-def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[Row]:
+def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[dict[str, Any]]:
     """Pauses of each case with one node, one planner and two busy processes beside them."""
-    rows: list[Row] = []
+    rows: list[dict[str, Any]] = []
     heard: list[dict[str, Any]] = []
     endpoint = free_endpoint()
     with ExitStack() as stack:
@@ -215,28 +191,32 @@ def _listen(planner: Peer, heard: list[dict[str, Any]]) -> None:
         heard.append(grid)
 
 
-def _row(case: tuple[float, str, float], grids: list[dict[str, Any]]) -> Row:
-    def steps(key: str, *, good: bool = True) -> set[int]:
-        return {grid["step"] for grid in grids if grid[key] and not (good and grid["withdrawn"])}
+def _row(case: tuple[float, str, float], grids: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of one case: numbers of pauses, and the median number of stripes of the confirmed grids.
 
-    confirmed = steps("confirmed")
-    stripes = [grid["stripes"] for grid in grids if grid["confirmed"] and not grid["withdrawn"]]
-    return Row(
-        *case,
-        arrived=len({grid["step"] for grid in grids if not grid["withdrawn"]}),
-        coarse_first=len(steps("follows")),
-        confirmed=len(confirmed),
-        stripes=statistics.median(stripes) if stripes else 0.0,
-        withdrawn=len(steps("withdrawn", good=False)),
-    )
+    A pause has arrived if a grid came before END, or confirmed after it; coarse first if a coarse grid came before its
+    refinement.
+    """
+    good = [grid for grid in grids if not grid["withdrawn"]]
+    confirmed = [grid for grid in good if grid["confirmed"]]
+    pauses = {
+        "arrived": good,
+        "coarse_first": [grid for grid in good if grid["follows"]],
+        "confirmed": confirmed,
+        "withdrawn": [grid for grid in grids if grid["withdrawn"]],
+    }
+    return {
+        **dict(zip(("announced", "gait", "late"), case, strict=True)),
+        **{name: len({grid["step"] for grid in those}) for name, those in pauses.items()},
+        "stripes": statistics.median([grid["stripes"] for grid in confirmed] or [0]),
+    }
 
 
-def _line(row: Row, pauses: int) -> str:
-    case = f"announced {row.announced:g} s, {row.gait:<8} END {1e3 * row.late:3.0f} ms late"
+def _line(row: dict[str, Any], pauses: int) -> str:
     return (
-        f"{case}: {row.confirmed:2d} of {pauses} confirmed, {row.arrived:2d} arrived, {row.coarse_first:2d} coarse "
-        f"first, {row.withdrawn:2d} withdrawn, {row.stripes:g} stripes"
-    )
+        "announced {announced:g} s, {gait:<8} END {late_ms:3.0f} ms late: {confirmed:2d} of {pauses} confirmed, "
+        "{arrived:2d} arrived, {coarse_first:2d} coarse first, {withdrawn:2d} withdrawn, {stripes:g} stripes"
+    ).format(**row, late_ms=1e3 * row["late"], pauses=pauses)
 
 
 def main() -> None:
@@ -255,7 +235,7 @@ def main() -> None:
     )
     rows = measure(min(options.pauses, 100), QUICK if options.quick else CASES)
     if options.json:
-        print(json.dumps({"moved": dataclasses.asdict(moved), "rows": [dataclasses.asdict(row) for row in rows]}))
+        print(json.dumps({"moved": dataclasses.asdict(moved), "rows": rows}))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Stripe extraction on photographs of real laser lines, beside what a user would write instead.
 
-`python -m benchmarks.photographs FOLDER [--pictures OUT | --board]`: FOLDER holds index.json (set, name, on, off,
+`python -m benchmarks.photographs FOLDER [--pictures OUT]`: FOLDER holds index.json (set, name, on, off,
 along, colour) and truth.npz, per picture where a stripe is seen (must), where one may be returned (may) and where none
 may be (gap). Families of one camera, laser and scene count alike, whatever their number of pictures.
 """
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks import board_photographs, stripe_pictures
+from benchmarks import stripe_pictures
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
 
@@ -35,7 +35,7 @@ BAND_PIXELS = 640 * 160
 
 @dataclass
 class Counts:
-    """What was counted in the pictures of one family."""
+    """Counts over the pictures of one family."""
 
     seen: int = 0
     right: int = 0
@@ -147,13 +147,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.photographs", description=__doc__)
     parser.add_argument("folder", type=Path, help="folder with index.json, truth.npz and the pictures")
     parser.add_argument("--pictures", type=Path, metavar="OUT", help="draw found stripes into OUT instead")
-    parser.add_argument("--board", action="store_true", help="judge depths: the folder holds a board in 12 poses")
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     if arguments.pictures is not None:
         stripe_pictures.write(arguments.folder, arguments.pictures)
-    elif arguments.board:
-        board_photographs.report(arguments.folder)
     elif (arguments.folder / "index.json").is_file():
         report(arguments.folder)
     else:

@@ -22,6 +22,11 @@ class Ratio:
     low: float
     high: float
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """As numbers by name."""
+        return {"ratio": self.median, "low": self.low, "high": self.high}
+
     def __str__(self) -> str:
         """As in the tables: median [min max]."""
         return f"{number(self.median)} [{number(self.low)} {number(self.high)}]"
@@ -44,7 +49,7 @@ class Timings:
         return 1e3 * float(np.median(list(self.seconds[name].values()))) / per
 
     def ratio(self, name: str, to: str) -> Ratio:
-        """How many times as long as another contender, in the rounds of both."""
+        """Ratio of the seconds to those of another contender, in the rounds of both."""
         own, other = self.seconds[name], self.seconds[to]
         ratios = [own[round_number] / max(other[round_number], 1e-9) for round_number in own if round_number in other]
         return Ratio(float(np.median(ratios)), min(ratios), max(ratios))

@@ -119,9 +119,7 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         for name in runs:
             ratio, speed = timings.ratio(name, REFERENCE), timings.ratio(name, precise)
             error = None if name == REFERENCE or scan.truth is None else grid_errors(timings.results[name], scan.truth)
-            figures[scan.name][name] = {
-                "ratio": ratio.median, "low": ratio.low, "high": ratio.high, "to_precise": speed.median, **(error or {})
-            }  # fmt: skip
+            figures[scan.name][name] = {**ratio.figures, "to_precise": speed.median, **(error or {})}
             cells = ("-",) * 4 if error is None else (
                 f"{error['mean']:.3f}", f"{error['p95']:.2f}", f"{error['missed']:.2f}", f"{error['false']:.2f}"
             )  # fmt: skip
@@ -179,7 +177,7 @@ def stages(scan: ScanInMemory, effort: Effort) -> Section:
         figures[stage] = {"ratio": ratio.median, "share": float(np.median(times / total))}
         rows.append((stage, f"{np.median(times) * 1e3:.1f}", str(ratio), f"{np.median(times / total):.0%}"))
     latency = _ratio(np.array(seconds["last frame to grid"]) / lasts)
-    figures["latency"] = {"ratio": latency.median, "low": latency.low, "high": latency.high}
+    figures["latency"] = latency.figures
     rows.append(
         ("last frame to grid", f"{np.median(seconds['last frame to grid']) * 1e3:.1f}")
         + (f"{latency} of one frame", "")

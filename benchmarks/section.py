@@ -1,4 +1,4 @@
-"""What one comparison of the suite yields: a table, its description, and the same as plain numbers."""
+"""Result of one comparison of the suite: a table, its description, and the same as plain numbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is measured.
+    """Amount of measurement.
 
     Attributes:
         rounds: number of rounds of every comparison.

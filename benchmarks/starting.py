@@ -1,4 +1,4 @@
-"""What a new process costs: imports, a first scan, and the memory that a scan adds."""
+"""Cost of a new process: imports, a first scan, and the memory that a scan adds."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def memory(scan: ScanInMemory) -> Section:
 
 
 def _growth(folder: str, scan: ScanInMemory, together: int) -> tuple[float, float, float]:
-    """What `memory_peer` prints, in a process of its own [MB]."""
+    """Output of `memory_peer` in a process of its own [MB]."""
     code = f"from benchmarks.memory_peer import main; main({folder!r}, {len(scan.frames)}, {together})"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     first, second, frames = (float(word) for word in done.stdout.split())

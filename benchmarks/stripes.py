@@ -34,7 +34,7 @@ def synthetic(effort: Effort) -> Section:
         for name, extract in extractors().items():
             error = stripe_errors([extract(on, off) for on, off in pairs], [centre for _, _, centre in frames])
             ratio = timings.ratio(name, REFERENCE)
-            figures[case.name][name] = {"ratio": ratio.median, "low": ratio.low, "high": ratio.high, **error}
+            figures[case.name][name] = {**ratio.figures, **error}
             rows.append(
                 (case.name, name, str(ratio), number(timings.ratio(name, FLOOR).median))
                 + tuple(f"{error[key]:.3f}" for key in ("mean", "p95"))

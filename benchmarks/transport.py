@@ -186,7 +186,7 @@ def slow_link(count: int) -> None:
 
 
 def deaths(count: int) -> None:
-    """How soon a planner sees that a node was killed, or hangs."""
+    """Time until a planner sees that a node was killed, or hangs."""
     for signal_number, limit, outcome in ((signal.SIGKILL, 0.5, "killed"), (signal.SIGSTOP, 2.5, "hung")):
         times = []
         for _ in range(count):

@@ -50,7 +50,7 @@ class TrueGround:
 
     @staticmethod
     def under(scan: Path) -> TrueGround:
-        """What lay under a rendered scan (`truth.npz` in its folder), in its base_footprint."""
+        """Ground under a rendered scan (`truth.npz` in its folder), in its base_footprint."""
         with np.load(scan / "truth.npz", allow_pickle=False) as truth:
             x, y = (float(truth[axis][0]) - CELL_M / 2 for axis in ("x", "y"))
             return TrueGround((x, y), truth["elevation"], truth["dark"])

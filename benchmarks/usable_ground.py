@@ -1,4 +1,4 @@
-"""How much of the truly safe ground planners get, whether anything truly bad is among it, and bounds of unknown ground.
+"""Share of the truly safe ground that planners get, dangerous ground among it, and bounds of unknown ground.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
 With --rendered single scans of rendered pictures in place of walks.

@@ -9,15 +9,15 @@ a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each li
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import random
 import sys
 import tempfile
 import time
+from collections import Counter
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from transport.security.folder import init_security
 RATES = (0.0, 2.0, 5.0, 20.0)
 # Rows and columns of the fused map: 2.3 MB with all layers.
 MAP_SHAPE = ("240", "260")
+EXTENTS = ("footprint", "map")
+Delays = dict[str, Any]
 # Number of scans before the viewer changes: it joins, asks for what it missed, stays and leaves.
 SCANS_PER_VIEWER = 10
 # Time between two scans, and time limit of a request [s].
@@ -38,71 +40,59 @@ PERIOD, PATIENCE = 0.4, 20.0
 ALLOWED_MS = 50.0
 
 
-@dataclass(slots=True)
-class Delays:
-    """What the planner saw beside one kind of viewer.
-
-    Attributes:
-        footprint_ms, map_ms: times from the end of each scan to the arrival of its grid [ms].
-        failed: number of requests that failed.
-    """
-
-    footprint_ms: list[float] = field(default_factory=list)
-    map_ms: list[float] = field(default_factory=list)
-    failed: int = 0
-
-
 def run_planner(endpoint: str, security: str) -> None:
-    """A planner; asks for as many scans as each line says, and prints the delays."""
+    """Planner that asks for as many scans as each line says, and prints the delays of their grids [ms]."""
     session = transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
     with transport.PerceptionClient(session) as client:
         client.receiver("map")
         say(ready=True)
         for line in sys.stdin:
-            found = Delays()
+            found = nothing_seen()
             for _ in range(json.loads(line)["scans"]):
                 time.sleep(PERIOD)
                 try:
                     sequence = client.request_scan(timeout=PATIENCE).sequence
-                    for extent, delays in (("footprint", found.footprint_ms), ("map", found.map_ms)):
+                    for extent in EXTENTS:
                         received = client.receive(
                             lambda grid, n=sequence: grid.sequence == n,  # type: ignore[misc]
                             extent=extent,
                             timeout=PATIENCE,
                         )
-                        delays.append((received.arrival_stamp - received.message.scan_end) * 1e-6)
+                        found[extent].append((received.arrival_stamp - received.message.scan_end) * 1e-6)
                 except transport.TransportError as error:
                     print(f"failed: {error}", file=sys.stderr, flush=True)
-                    found.failed += 1
-            say(**dataclasses.asdict(found))
+                    found["failed"] += 1
+            say(**found)
 
 
 def run_viewer(_: str, security: str) -> None:
-    """A viewer; joins at each endpoint that it reads, and leaves when it reads an empty one."""
-    counts = {"received": 0, "missed": 0}
+    """Viewer that joins at each endpoint that it reads, and leaves when it reads an empty one."""
+    counts = Counter(received=0, missed=0)
     client: transport.PerceptionClient | None = None
     say(ready=True)
     for line in sys.stdin:
-        endpoint = json.loads(line)["endpoint"]
         if client is not None:
-            for extent in ("footprint", "map"):
-                receiver = client.receiver(extent)
-                counts["received"] += receiver.received
-                counts["missed"] += receiver.missed
+            for receiver in map(client.receiver, EXTENTS):
+                counts.update(received=receiver.received, missed=receiver.missed)
             client.close()
             client = None
+        endpoint = json.loads(line)["endpoint"]
         if endpoint:
-            client = transport.PerceptionClient(
-                transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
-            )
-            for extent in ("footprint", "map"):
+            session = transport.open_client(endpoint, security=security or None, timeout=PATIENCE)
+            client = transport.PerceptionClient(session)
+            for extent in EXTENTS:
                 client.receiver(extent)
         say(**counts)
 
 
+def nothing_seen() -> Delays:
+    """Delays of the grids by extent [ms] and number of failed requests, before the first scan."""
+    return {"footprint": [], "map": [], "failed": 0}
+
+
 def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], dict[float, dict[str, int]]]:
     """Delays and the viewer's counts by the rate of its link [Mbit/s]; `folders` of the roles, empty without TLS."""
-    found = {rate: Delays() for rate in RATES}
+    found = {rate: nothing_seen() for rate in RATES}
     seen = {rate: {"received": 0, "missed": 0} for rate in RATES if rate}
     chance = random.Random(0)
     endpoint = free_endpoint()
@@ -126,10 +116,8 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
                     viewers[rate].tell(endpoint=links[rate].endpoint)
                     viewers[rate].hear()
                 planner.tell(scans=count)
-                report = planner.hear()
-                found[rate].footprint_ms += report["footprint_ms"]
-                found[rate].map_ms += report["map_ms"]
-                found[rate].failed += report["failed"]
+                for name, value in planner.hear().items():
+                    found[rate][name] += value
                 if rate:
                     viewers[rate].tell(endpoint="")
                     seen[rate] = viewers[rate].hear()
@@ -138,11 +126,11 @@ def measure(scans: int, folders: dict[str, str]) -> tuple[dict[float, Delays], d
 
 def summary(delays: Delays) -> dict[str, float]:
     """Figures of one row."""
-    figures: dict[str, float] = {"scans": len(delays.footprint_ms), "failed": delays.failed}
-    for name, values in (("footprint", delays.footprint_ms), ("map", delays.map_ms)):
-        median, high = np.percentile(values, (50, 95)) if values else (np.inf, np.inf)
-        figures |= {f"{name}_p50_ms": round(float(median), 1), f"{name}_p95_ms": round(float(high), 1)}
-        figures[f"{name}_worst_ms"] = round(max(values, default=np.inf), 1)
+    figures: dict[str, float] = {"scans": len(delays["footprint"]), "failed": delays["failed"]}
+    for extent in EXTENTS:
+        for name, percent in (("p50", 50), ("p95", 95), ("worst", 100)):
+            values = delays[extent] or [np.inf]
+            figures[f"{extent}_{name}_ms"] = round(float(np.percentile(values, percent)), 1)
     return figures
 
 

@@ -69,11 +69,11 @@ class LaserRefused(BoardError, RuntimeError):
 
 
 class LaserStuckOn(BoardError, RuntimeError):
-    """The laser still shines after it was switched off: cut its power by hand."""
+    """The laser is still on after it was switched off: cut its power by hand."""
 
 
 class LaserDead(BoardError, RuntimeError):
-    """The laser does not shine although it was switched on."""
+    """The laser is dark although it was switched on."""
 
 
 class MirrorNotHomed(BoardError, RuntimeError):
@@ -101,7 +101,7 @@ class CameraNotFound(CameraError, FileNotFoundError):
 
 
 class CameraBackendMissing(CameraError, ValueError):
-    """What the camera needs is not installed: Aravis, or the backend of OpenCV (FireWire, GStreamer)."""
+    """A library of the camera is missing: Aravis, or the backend of OpenCV (FireWire, GStreamer)."""
 
 
 class CameraNotOpen(CameraError, RuntimeError):

@@ -1,4 +1,4 @@
-"""The monotonic clock of all devices. For emulated devices it can be an emulated one: then nothing really waits."""
+"""Monotonic clock of all devices; an emulated one lets emulated devices run without waiting."""
 
 from __future__ import annotations
 
@@ -13,22 +13,17 @@ class Clock(Protocol):
     """A clock on which one can wait."""
 
     def monotonic(self) -> float:
-        """Return the time [s]."""
+        """Time [s]."""
 
-    def sleep(self, seconds: float) -> None:
-        """Return when this much time has passed."""
-
-
-class _MachineClock:
-    monotonic = staticmethod(time.monotonic)
-    sleep = staticmethod(time.sleep)
+    def sleep(self, seconds: float, /) -> None:
+        """Wait."""
 
 
-_clock: Clock = _MachineClock()
+_clock: Clock = time
 
 
 def monotonic() -> float:
-    """Return the time [s] on the clock in use."""
+    """Time on the clock in use [s]."""
     return _clock.monotonic()
 
 
@@ -57,7 +52,7 @@ class EmulatedClock:
         self._lock = threading.Lock()
 
     def monotonic(self) -> float:
-        """Return the time [s]."""
+        """Time [s]."""
         with self._lock:
             return self._now
 

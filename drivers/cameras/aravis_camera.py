@@ -12,8 +12,8 @@ from drivers import timing
 from drivers.cameras.aravis_library import glib_error, load_aravis
 from drivers.cameras.aravis_settings import held_settings, lock_settings
 from drivers.cameras.bayer import PATTERNS, red_pixels
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
-from drivers.errors import CameraEnded, CameraNotFound, CameraNotOpen, CameraSettingRefused, CameraTimeout
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.errors import CameraEnded, CameraNotFound, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
@@ -32,11 +32,13 @@ READ_OUT = 0.0002
 class AravisCamera(Camera):
     """A camera of the GenICam family. Its frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
 
-    The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone; filling in
-    what lies between, or making colour, costs more work and gives larger errors (`python -m benchmarks light mosaics`).
+    The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone;
+    interpolation between them takes more work and gives larger errors (`python -m benchmarks light mosaics`).
 
-    Frames arrive in the order of exposure, none is skipped; one whose packets did not all come shows as a gap in the
-    counter.
+    Frames arrive in the order of exposure, none is skipped; one with lost packets shows as a gap in the counter.
+
+    Attributes:
+        pixel_format: pixel format of the frames; empty before `open`.
     """
 
     counts_frames = True
@@ -84,7 +86,6 @@ class AravisCamera(Camera):
         self._exposure = 0.0
         self._counter, self._last_id = -1, 0
         self.pixel_format = ""
-        """Pixel format of the frames; empty before `open`."""
 
     def open(self) -> None:
         """Find the camera, set it up and begin to take pictures; does nothing when open.
@@ -108,7 +109,7 @@ class AravisCamera(Camera):
             raise
 
     def close(self) -> None:
-        """Stop and give the camera back."""
+        """Stop and release the camera."""
         camera, self._camera = self._camera, None
         if camera is not None and self._stream is not None:
             try:
@@ -174,9 +175,7 @@ class AravisCamera(Camera):
             self._stream.push_buffer(buffer)
 
     def _opened(self) -> Any:
-        if self._camera is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        return self._camera
+        return opened(self._camera, self)
 
     def _find(self) -> Any:
         self._aravis.update_device_list()
@@ -267,7 +266,7 @@ class AravisCamera(Camera):
         camera.start_acquisition()
 
     def _is_gone(self) -> bool:
-        """Whether a network camera does not answer its heartbeat any more."""
+        """True if a network camera no longer answers its heartbeat."""
         # Aravis' own signal comes on a thread that closing joins while it holds Python's lock.
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 

@@ -19,7 +19,7 @@ INSTALL = f"apt install gir1.2-aravis-{API} python3-gi"
 
 
 def load_aravis() -> Any:
-    """Return the module `Aravis`.
+    """The module `Aravis`.
 
     `gi` is taken from the environment where it is, otherwise the system's; nothing else of the system's packages
     becomes visible.
@@ -32,7 +32,7 @@ def load_aravis() -> Any:
 
 
 def glib_error() -> type[Exception]:
-    """Return the type of the errors that Aravis raises; `load_aravis` must have been called."""
+    """Type of the errors that Aravis raises; `load_aravis` must have been called."""
     error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
     return error
 

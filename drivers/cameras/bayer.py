@@ -17,7 +17,7 @@ PATTERNS = {
 
 
 def mosaic(picture: Image, pattern: str) -> Image:
-    """What a sensor behind a Bayer filter sees of a picture.
+    """Mosaic of a picture by a sensor behind a Bayer filter.
 
     Args:
         picture: image of shape (height, width, 3), BGR.

@@ -1,4 +1,4 @@
-"""Interface of a camera in a scan: open, lock its settings, grab a frame, flush, close; changes of locked settings."""
+"""Interface of a camera in a scan, and changes of its locked settings."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
+from drivers.errors import CameraNotOpen
 from drivers.frame import Frame
 
+T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
 # Relative; what is read is the camera's own rounding of what was locked, so it should come back as it was.
 TOLERANCE = 0.02
@@ -50,7 +52,7 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldSettings:
-    """What a camera holds at one instant.
+    """Camera settings read back from the device.
 
     Attributes:
         values: what the camera reports, by the names and in the units of `CameraSettings`.
@@ -62,14 +64,14 @@ class HeldSettings:
 
 
 class Camera(ABC):
-    """Base class of all cameras, a context manager. To wire another camera, write these five methods.
+    """Base class of all cameras, a context manager. Another camera implements its five abstract methods.
 
     A sixth, `held`, lets every scan check that the camera still holds what was locked.
 
     Attributes:
-        name: what the camera is called in messages.
+        name: name of the camera in messages.
         lag: a frame stamped t shows nothing older than t - lag [s]: exposure, read-out and transfer together.
-            None when unknown: acquisition then throws frames away after every change instead. `measure_lag`
+            None when unknown: acquisition then drops frames after every change instead. `measure_lag`
             measures it.
         triggered: exposes at each pulse on its trigger line and at no other time, and gives `Frame.device_time`.
         trigger_period: shortest time between two triggers that it accepts at its present exposure [s].
@@ -107,7 +109,7 @@ class Camera(ABC):
 
     @abstractmethod
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Fix the settings, read them back and return what the camera really holds.
+        """Fix the settings, read them back and return the values that the camera holds.
 
         Raises:
             CameraSettingRefused: the camera did not take one.
@@ -115,7 +117,7 @@ class Camera(ABC):
         """
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """What the camera holds now of the settings that are not None in `locked`; nothing is set.
+        """Read the settings that are not None in `locked` back from the camera; nothing is set.
 
         This default, for a camera that cannot be read, reports nothing.
 
@@ -140,8 +142,19 @@ class Camera(ABC):
         """Forget frames that have already arrived, so that the next one grabbed arrives after this call."""
 
 
+def opened(device: T | None, camera: Camera) -> T:
+    """The device of a camera that is open.
+
+    Raises:
+        CameraNotOpen: there is none.
+    """
+    if device is None:
+        raise CameraNotOpen(f"{camera.name} is not open: use `with camera:`")
+    return device
+
+
 def evidence_of(camera: Camera) -> str:
-    """Say how a scan with this camera is taken, and what proves that a frame is the right one."""
+    """Text on how a scan with this camera is taken, and what proves that a frame is the right one."""
     if camera.triggered:
         return "waits for the board's trigger: a stripe is proved by the camera's clock, a lost frame is found"
     if camera.counts_frames:
@@ -150,7 +163,7 @@ def evidence_of(camera: Camera) -> str:
 
 
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
-    """Which settings are not as they were locked, each in one sentence with what to do; empty when all are.
+    """Changes of locked settings, each in one sentence with what to do; empty when there are none.
 
     A setting that the camera does not report is taken to be held.
 

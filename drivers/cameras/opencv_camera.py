@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from drivers import timing
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
     CameraNotFound,
-    CameraNotOpen,
     CameraSettingRefused,
     CameraTimeout,
 )
@@ -32,10 +31,16 @@ FIREWIRE_HELP = (
     "this OpenCV has no FireWire backend (no pip wheel has one): see docs/drivers.md, 'FireWire cameras', "
     "for the ways around"
 )
-# Unit of V4L2's control exposure_time_absolute [s].
-V4L2_EXPOSURE_UNIT = 1e-4
 V4L2_MANUAL_EXPOSURE = 1.0
-# Relative difference allowed between what was asked for and what the driver rounds it to.
+# Setting -> its property, the property's unit, its name in messages, the property that switches its automatic, and the
+# value that switches it off.
+CONTROLS = {
+    "exposure": ("CAP_PROP_EXPOSURE", 1e-4, "exposure [100 us]", "CAP_PROP_AUTO_EXPOSURE", V4L2_MANUAL_EXPOSURE),
+    "gain": ("CAP_PROP_GAIN", 1.0, "gain", "", 0.0),
+    "white_balance": ("CAP_PROP_WB_TEMPERATURE", 1.0, "white balance [K]", "CAP_PROP_AUTO_WB", 0.0),
+    "gamma": ("CAP_PROP_GAMMA", 1.0, "gamma", "", 0.0),
+}
+# Allowed relative difference between a value and the driver's rounding of it.
 TOLERANCE = 0.02
 EXPOSURE_TOLERANCE = 0.05
 
@@ -119,7 +124,7 @@ class OpenCvCamera(Camera):
             self._reader.start()
 
     def close(self) -> None:
-        """Stop reading and give the source back."""
+        """Stop reading and release the source."""
         self._stop.set()
         if self._reader is not None:
             self._reader.join(LONGEST_READ)
@@ -140,7 +145,7 @@ class OpenCvCamera(Camera):
         return lock_settings(capture, settings, self.name)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """What the camera holds now; see `held_settings`."""
+        """Read the settings back; see `held_settings`."""
         return held_settings(self._opened(), locked)
 
     def grab(self, timeout: float) -> Frame:
@@ -168,9 +173,7 @@ class OpenCvCamera(Camera):
             self._newest = None
 
     def _opened(self) -> Any:
-        if self._capture is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        return self._capture
+        return opened(self._capture, self)
 
     def _read(self, capture: Any) -> Frame | None:
         if not capture.grab():
@@ -190,7 +193,7 @@ class OpenCvCamera(Camera):
         while not self._stop.is_set():
             try:
                 frame = self._read(capture)
-            except BaseException:  # whoever grabs must be told, whatever ends this thread
+            except BaseException:  # grab() must raise, whatever ends this thread
                 logger.exception("%s: OpenCV failed to read", self.name)
                 frame = None
             with self._changed:
@@ -255,56 +258,44 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
     Raises:
         CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.
     """
-    import cv2
-
     held = {}
-    if settings.exposure is not None:
-        _set(capture, cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL_EXPOSURE, "manual exposure", name)
-        wanted = settings.exposure / V4L2_EXPOSURE_UNIT
-        got = _set(capture, cv2.CAP_PROP_EXPOSURE, wanted, "exposure [100 us]", name, EXPOSURE_TOLERANCE)
-        held["exposure"] = got * V4L2_EXPOSURE_UNIT
-    if settings.gain is not None:
-        held["gain"] = _set(capture, cv2.CAP_PROP_GAIN, settings.gain, "gain", name)
-    if settings.white_balance is not None:
-        _set(capture, cv2.CAP_PROP_AUTO_WB, 0.0, "manual white balance", name)
-        held["white_balance"] = _set(
-            capture, cv2.CAP_PROP_WB_TEMPERATURE, settings.white_balance, "white balance [K]", name
-        )
-    if settings.gamma is not None:
-        held["gamma"] = _set(capture, cv2.CAP_PROP_GAMMA, settings.gamma, "gamma", name)
+    for setting, (prop, unit, what, switch, manual) in CONTROLS.items():
+        wanted = getattr(settings, setting)
+        if wanted is None:
+            continue
+        if switch:
+            _set(capture, switch, manual, f"manual {what.partition(' [')[0]}", name)
+        tolerance = EXPOSURE_TOLERANCE if setting == "exposure" else TOLERANCE
+        held[setting] = _set(capture, prop, wanted / unit, what, name, tolerance) * unit
     return CameraSettings(**held)
 
 
 def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
-    """Read what the camera holds of the settings that were locked; values that it does not report (0, -1) are left out.
+    """Read locked settings back from the camera; values that it does not report (0, -1) are left out.
 
     Args:
         capture: an open capture.
-        locked: settings to read; None entries are not asked for.
+        locked: settings to read; None entries are not read.
     """
     import cv2
 
-    asked = {
-        "exposure": (cv2.CAP_PROP_EXPOSURE, V4L2_EXPOSURE_UNIT, cv2.CAP_PROP_AUTO_EXPOSURE, V4L2_MANUAL_EXPOSURE),
-        "gain": (cv2.CAP_PROP_GAIN, 1.0, None, 0.0),
-        "white_balance": (cv2.CAP_PROP_WB_TEMPERATURE, 1.0, cv2.CAP_PROP_AUTO_WB, 0.0),
-        "gamma": (cv2.CAP_PROP_GAMMA, 1.0, None, 0.0),
-    }
     values, automatic = {}, []
-    for name, (prop, unit, switch, off) in asked.items():
-        if getattr(locked, name) is None:
+    for setting, (prop, unit, _, switch, manual) in CONTROLS.items():
+        if getattr(locked, setting) is None:
             continue
-        got = capture.get(prop)
-        if got > 0 or (name == "gain" and got == 0):
-            values[name] = got * unit
-        if switch is not None and capture.get(switch) != off:
-            automatic.append(name)
+        got = capture.get(getattr(cv2, prop))
+        if got > 0 or (setting == "gain" and got == 0):
+            values[setting] = got * unit
+        if switch and capture.get(getattr(cv2, switch)) != manual:
+            automatic.append(setting)
     return HeldSettings(values=values, automatic=tuple(automatic))
 
 
-def _set(capture: Capture, prop: int, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:
-    taken = capture.set(prop, value)
-    got = capture.get(prop)
+def _set(capture: Capture, prop: str, value: float, what: str, name: str, tolerance: float = TOLERANCE) -> float:
+    import cv2
+
+    taken = capture.set(getattr(cv2, prop), value)
+    got = capture.get(getattr(cv2, prop))
     if not taken:
         raise CameraSettingRefused(
             f"{name} has no setting {what} (asked for {value:g}): set it with the maker's tool (`v4l2-ctl -L`), "

@@ -1,4 +1,4 @@
-"""A camera that plays the frames of any iterable, one after the other: of a scan, a recording, a generator."""
+"""Camera that plays the frames of an iterable: of a scan, a recording, a generator."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.cameras.camera import Camera, CameraSettings
-from drivers.errors import CameraEnded, CameraNotOpen, CameraSettingRefused, CameraTimeout
+from drivers.cameras.camera import Camera, CameraSettings, opened
+from drivers.errors import CameraEnded, CameraSettingRefused, CameraTimeout
 from drivers.frame import Frame, read_only
 
 
@@ -70,8 +70,7 @@ class ReplayCamera(Camera):
             CameraEnded: there is no further frame.
             CameraNotOpen: the camera is not open.
         """
-        if self._iterator is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
+        frames = opened(self._iterator, self)
         wait = self._due - timing.monotonic()
         if wait > timeout:
             timing.sleep(timeout)
@@ -79,7 +78,7 @@ class ReplayCamera(Camera):
         if wait > 0:
             timing.sleep(wait)
         try:
-            item = next(self._iterator)
+            item = next(frames)
         except StopIteration:
             raise CameraEnded(f"{self.name} has no frame after the {self._counter} it played") from None
         self._due = max(self._due + self._period, timing.monotonic() - self._period)

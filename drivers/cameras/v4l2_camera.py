@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
     CameraNotFound,
-    CameraNotOpen,
     CameraSettingRefused,
     CameraTimeout,
 )
@@ -167,9 +166,7 @@ class V4l2Camera(Camera):
             capture.buffer.raw_read()
 
     def _opened(self) -> Any:
-        if self._capture is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        return self._capture
+        return opened(self._capture, self)
 
     def _ended(self, error: OSError) -> CameraEnded:
         return CameraEnded(f"{self.name} is gone ({error.strerror}): check its cable, then open it again")

@@ -1,4 +1,4 @@
-"""The emulated board's firmware: answers the commands of `PROTOCOL.md` and shows what a camera would see."""
+"""Emulated board: it answers the commands of `PROTOCOL.md`, and cameras see its laser and mirror."""
 
 from __future__ import annotations
 
@@ -22,17 +22,23 @@ REPORTS_KEPT = 4
 
 
 class EmulatedBoard:
-    """A laser board made of software; thread-safe.
+    """Laser board in software; thread-safe.
 
-    Nothing runs in the background: at the next call, timers take effect as of the instant at which they were due.
+    Nothing runs in the background: at each call, timers take effect as of the instants at which they were due.
+
+    Attributes:
+        config: configuration.
+        clock: function that gives the time [s].
+        plan: faults that wait.
+        shutter: shutter of the camera that waits for this board's trigger.
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
         """Power up, with the mirror at the centre of its travel and its home unknown.
 
         Args:
-            config: what kind of board; None for the defaults.
-            clock: gives the time [s].
+            config: configuration; None for the defaults.
+            clock: function that gives the time [s].
         """
         self.config = config or EmulatorConfig()
         self.clock = clock
@@ -43,21 +49,20 @@ class EmulatedBoard:
         self._mirror = MirrorUnit(self.config, self.plan, now)
         self._light = LightUnit(self.config.identity, self.plan, self.config.temperature, now)
         self.shutter = Shutter()
-        """Shutter of the camera that waits for this board's trigger."""
         self._sweep = SweepUnit(self._mirror, self._light, self.shutter)
         self._power_on(now)
 
     def inject(self, fault: Fault) -> None:
-        """Let a fault wait for its turn, or hold from now on; see `FaultKind`."""
+        """Add a fault to the plan; see `FaultKind`."""
         self.plan.add(fault)
 
     def mend(self) -> None:
-        """Forget every injected fault; fault bits already set stay until the host clears them."""
+        """Remove every injected fault; fault bits already set stay until the host clears them."""
         self.plan.clear()
 
     @property
     def plugged(self) -> bool:
-        """Whether the board is on the bus."""
+        """True while the board is on the bus."""
         return self._plugged
 
     def unplug(self) -> None:
@@ -101,12 +106,12 @@ class EmulatedBoard:
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
-        """When the present motion ends and has settled [s]."""
+        """End of the present motion, settling included [s]."""
         with self._lock:
             return self._mirror.still_at
 
     def view(self, at: float | None = None) -> BoardView:
-        """What the board was like at a time [s] of its clock; None for now."""
+        """State of the board at a time [s] of its clock; None for now."""
         with self._lock:
             now = self._advance()
             instant = now if at is None else at
@@ -122,7 +127,7 @@ class EmulatedBoard:
             )
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """What a camera that exposed from `start` to `end` [s], both past, saw of the board."""
+        """View of the board by an exposure from `start` to `end` [s], both past."""
         with self._lock:
             self._advance()
             angle = self._mirror.true_angle
@@ -135,19 +140,19 @@ class EmulatedBoard:
             )
 
     def triggers(self) -> tuple[float, ...]:
-        """When the camera was triggered [s], oldest first."""
+        """Times of the triggers [s], oldest first."""
         with self._lock:
             self._advance()
             return tuple(self._sweep.triggers)
 
     def openings(self, first: int = 0) -> tuple[Opening, ...]:
-        """When the shutter of the triggered camera opened and closed [s], from opening number `first` on."""
+        """Openings of the triggered camera's shutter (start, end) [s], from number `first` on."""
         with self._lock:
             self._advance()
             return tuple(self._sweep.openings[first:])
 
     def switchings(self) -> tuple[Switching, ...]:
-        """When the laser really went on and off, oldest first (the last few thousand)."""
+        """Changes of the laser, oldest first (the last few thousand)."""
         with self._lock:
             self._advance()
             return self._light.laser.switchings()

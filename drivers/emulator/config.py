@@ -1,4 +1,4 @@
-"""What kind of board is emulated: geometry and speed of the mirror, limits of the laser, delay of the bus."""
+"""Configuration of the emulated board: mirror, limits of the laser, delay of the bus."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class EmulatorConfig:
     """Configuration of an `EmulatedBoard`.
 
     Attributes:
-        identity: what the board reports of itself, with the limits that it obeys.
+        identity: identity that the board reports, with the limits that it obeys.
         serial: serial number.
         mirror_speed: speed of the mirror [rad/s]; 7 rad/s is a stepper at a leisurely 220 full steps a second.
         settle: rest after a motion before the mirror is still [s].

@@ -1,4 +1,4 @@
-"""A free-running camera that looks at an emulated board: it asks what each exposure saw and has that rendered."""
+"""Free-running camera that looks at an emulated board and renders each exposure."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
 from drivers.emulator.views import ExposureView
-from drivers.errors import CameraNotOpen, CameraTimeout
+from drivers.errors import CameraTimeout
 from drivers.frame import Frame, read_only
 
 
 class Exposes(Protocol):
-    """A board that can say what an exposure saw: `EmulatedBoard` or `RemoteBoard`."""
+    """Board that is seen by exposures: `EmulatedBoard` or `RemoteBoard`."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """What a camera that exposed from `start` to `end` [s] saw."""
+        """View of an exposure from `start` to `end` [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFault:
-    """Something wrong with the frames `first` ... `first + count - 1` of an `EmulatedCamera`.
+    """Fault of the frames `first` ... `first + count - 1` of an `EmulatedCamera`.
 
     Attributes:
         kind: "drop" (the frame never arrives), "repeat" (the frame before comes again, with its number), "freeze" (the
             picture before comes again, with a new number), "silence" (no frame while it lasts), "resize" (half the
             size), "brighten" (twice the exposure).
-        first: number of the first frame concerned.
-        count: how many frames.
+        first: number of the first frame.
+        count: number of frames.
 
     Raises:
         ValueError: unknown kind.
@@ -46,7 +46,7 @@ class CameraFault:
             raise ValueError(f"unknown camera fault {self.kind!r}, allowed: {', '.join(KINDS)}")
 
     def holds(self, number: int) -> bool:
-        """Whether frame `number` is concerned."""
+        """True if frame `number` has the fault."""
         return self.first <= number < self.first + self.count
 
 
@@ -57,6 +57,10 @@ class EmulatedCamera(Camera):
     """Exposes at a fixed rate, whether anybody reads or not; a slow reader gets only the newest frame.
 
     Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
+
+    Attributes:
+        faults: faults of its frames.
+        automatic: settings that another program has switched to automatic again; only `held` reports them.
     """
 
     def __init__(
@@ -95,7 +99,6 @@ class EmulatedCamera(Camera):
         self.lag = self._delay
         self.faults: list[CameraFault] = []
         self.automatic: set[str] = set()
-        """Settings that another program has switched to automatic again; only `held` reports them."""
         self._start: float | None = None
         self._next = 0
         self._last: Frame | None = None
@@ -112,8 +115,7 @@ class EmulatedCamera(Camera):
     def lock(self, settings: CameraSettings) -> CameraSettings:
         """Take every setting; an exposure longer than a frame is cut to the frame, as real cameras do."""
         self._started()
-        given = {name: getattr(settings, name) for name in ("exposure", "gain", "white_balance", "gamma")}
-        given = {name: value for name, value in given.items() if value is not None}
+        given = {name: value for name, value in asdict(settings).items() if value is not None}
         if "exposure" in given:
             given["exposure"] = self._exposure = min(given["exposure"], self._period)
             self._delay = self._exposure + self._latency
@@ -155,9 +157,7 @@ class EmulatedCamera(Camera):
         self._next = max(self._next, self._arrived(timing.monotonic()) + 1)
 
     def _started(self) -> float:
-        if self._start is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        return self._start
+        return opened(self._start, self)
 
     def _arrived(self, now: float) -> int:
         return max(0, int((now - self._started() - self._delay) / self._period))

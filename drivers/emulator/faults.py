@@ -1,4 +1,4 @@
-"""The faults that can be injected into the emulated board, and the plan that says when each strikes."""
+"""Faults of the emulated board, and the plan of when each strikes."""
 
 from __future__ import annotations
 
@@ -11,37 +11,44 @@ from drivers.board.protocol import Request
 
 
 class FaultKind(enum.Enum):
-    """What goes wrong; the first group on the bus, the second in the device."""
+    """Kinds of faults: the first nine strike on the bus, the others in the device.
+
+    Attributes:
+        UNPLUG: the device leaves the bus before the transfer does anything.
+        UNPLUG_AFTER: the command is carried out, then the device leaves the bus in the middle of the answer.
+        STALL: the transfer stalls.
+        TIMEOUT: the command is lost.
+        TIMEOUT_AFTER: the command is carried out but its answer is lost.
+        SHORT_READ: half of the answer is missing.
+        GARBAGE: the answer is random.
+        NO_PERMISSION: opening fails for want of permission.
+        BUSY: claiming fails because another program holds the interface.
+        LOST_STEP: the motor misses `amount` steps in its next motion, unnoticed by the firmware.
+        LASER_STUCK_ON, LASER_STUCK_OFF: the laser does not follow its command.
+        BLIND_SENSOR: the photodiode repeats the command, so that only a camera can tell.
+        HOT: the temperature becomes `amount` degrees Celsius.
+        WRONG_VERSION: the firmware speaks protocol `amount` (major x 256 + minor).
+        NO_HOME_SWITCH: the mirror never meets its home switch.
+        JAMMED: the mirror never reports to be still.
+    """
 
     UNPLUG = "unplug"
-    """The device leaves the bus before the transfer does anything."""
     UNPLUG_AFTER = "unplug_after"
-    """The command is carried out, then the device leaves the bus in the middle of the answer."""
     STALL = "stall"
     TIMEOUT = "timeout"
-    """The command is lost."""
     TIMEOUT_AFTER = "timeout_after"
-    """The command is carried out but its answer is lost."""
     SHORT_READ = "short_read"
     GARBAGE = "garbage"
     NO_PERMISSION = "no_permission"
-    """Opening fails for want of permission."""
     BUSY = "busy"
-    """Claiming fails because another program holds the interface."""
-
     LOST_STEP = "lost_step"
-    """The motor misses `amount` steps in its next motion, unnoticed by the firmware."""
     LASER_STUCK_ON = "laser_stuck_on"
     LASER_STUCK_OFF = "laser_stuck_off"
     BLIND_SENSOR = "blind_sensor"
-    """The photodiode repeats the command instead of what it sees, so that only a camera finds out."""
     HOT = "hot"
-    """The temperature becomes `amount` degrees Celsius."""
     WRONG_VERSION = "wrong_version"
-    """The firmware speaks protocol `amount` (major x 256 + minor)."""
     NO_HOME_SWITCH = "no_home_switch"
     JAMMED = "jammed"
-    """The mirror never reports to be still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +56,11 @@ class Fault:
     """One fault.
 
     Attributes:
-        kind: what goes wrong.
-        request: strike only at this command (or `"report"`, `"open"`, `"claim"`); None for any command.
-        skip: let this many matching transfers pass first.
-        count: strike this often.
-        amount: steps, degrees or version, where the kind says so.
+        kind: kind of the fault.
+        request: command (or `"report"`, `"open"`, `"claim"`) at which it strikes; None for any command.
+        skip: number of matching transfers that pass before.
+        count: number of times that it strikes.
+        amount: steps, degrees or version, for the kinds that have one.
     """
 
     kind: FaultKind
@@ -94,7 +101,8 @@ class FaultPlan:
             return None
         with self._lock:
             for number, fault in enumerate(self._waiting):
-                if fault.kind not in kinds or not _matches(fault, at):
+                is_here = isinstance(at, Request) if fault.request is None else fault.request == at
+                if fault.kind not in kinds or not is_here:
                     continue
                 if fault.skip > 0:
                     self._waiting[number] = replace(fault, skip=fault.skip - 1)
@@ -105,9 +113,3 @@ class FaultPlan:
                     del self._waiting[number]
                 return fault
         return None
-
-
-def _matches(fault: Fault, at: Request | str) -> bool:
-    if fault.request is None:
-        return isinstance(at, Request)
-    return fault.request == at

@@ -1,4 +1,4 @@
-"""The emulated laser, and its side of the firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
+"""Emulated laser, and its firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from drivers.board.protocol import BoardFault, BoardFlag
 from drivers.emulator.faults import FaultKind, FaultPlan
 
 BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
-# Degrees Celsius.
+# [degrees Celsius]
 TOO_HOT, COOL_ENOUGH = 60.0, 55.0
-# Seconds that the firmware waits for the photodiode before it opens the supply.
+# [s] The firmware waits this long for the photodiode before it opens the supply.
 SENSE_DELAY = 0.005
 
 
@@ -26,7 +26,7 @@ class Switching:
 
 
 class Laser:
-    """The laser. The caller says when it is switched; cameras ask for its past, which is kept."""
+    """Laser with its past, which cameras ask for."""
 
     def __init__(self, now: float) -> None:
         """Begin dark."""
@@ -34,12 +34,12 @@ class Laser:
 
     @property
     def on(self) -> bool:
-        """Whether it shines now."""
+        """True while it is on."""
         return self._log[-1].on
 
     @property
     def since(self) -> float:
-        """When it last changed [s]."""
+        """Time of its last change [s]."""
         return self._log[-1].time
 
     def switch(self, on: bool, now: float) -> None:
@@ -52,14 +52,14 @@ class Laser:
         return tuple(self._log)
 
     def at(self, time: float) -> bool:
-        """Whether it shone at `time`."""
+        """True if it was on at `time`."""
         for event in reversed(self._log):
             if event.time <= time:
                 return event.on
         return False
 
     def fraction(self, start: float, end: float) -> float:
-        """The share of the interval `start` ... `end` during which it shone (0 ... 1)."""
+        """Share of the interval `start` ... `end` during which it was on, 0 ... 1."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
         # From the newest change back: a camera asks for an interval just past, and the log may be long.
@@ -126,12 +126,12 @@ class LightUnit:
 
     @property
     def may_shine(self) -> bool:
-        """Whether no fault forbids the laser."""
+        """True if no fault forbids the laser."""
         return not self.faults & BLOCKING
 
     @property
     def silent_at(self) -> float:
-        """When the watchdog is due if nobody feeds it [s]."""
+        """Time at which the watchdog acts unless it is fed before [s]."""
         return self._fed + self._identity.watchdog
 
     def flash(self, now: float, goes_on: bool) -> bool:
@@ -188,16 +188,16 @@ class LightUnit:
         return self._temperature if hot is None else float(hot.amount)
 
     def time_on(self, now: float) -> float:
-        """How long the laser has been on without a rest [s]."""
+        """Time that the laser has been on without a rest [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property
     def sensed(self) -> bool:
-        """Whether the photodiode sees the laser."""
+        """True if the photodiode sees the laser."""
         return self._commanded if self._plan.holds(FaultKind.BLIND_SENSOR) else self.laser.on
 
     def cut(self, fault: BoardFault, now: float) -> None:
-        """Set a fault, put the laser out and open its supply."""
+        """Set a fault, turn the laser off and open its supply."""
         self.faults |= fault
         self._supply = self._commanded = False
         self._update(now)

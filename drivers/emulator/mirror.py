@@ -1,4 +1,4 @@
-"""The emulated motor, and the mirror's side of the firmware: homing, going to a step, range, lost steps."""
+"""Emulated motor, and the firmware of the mirror: homing, motion to a step, range, lost steps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,14 @@ class Segment:
 
 
 class Motor:
-    """A stepper that moves at constant speed, in segments; keeps the last few thousand to answer for the past."""
+    """Stepper that moves at constant speed, in segments, of which it keeps the last few thousand.
+
+    Attributes:
+        speed: speed of the motor [steps/s].
+        settle: time after a motion before the mirror is still [s].
+        still_at: end of the present motion, settling included [s].
+        lost: true position minus the firmware's belief [steps].
+    """
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
         """Stand still.
@@ -52,7 +59,6 @@ class Motor:
         self._segments: deque[Segment] = deque([Segment(now, now, position, position)], maxlen=4096)
         self.still_at = now
         self.lost = 0.0
-        """True position minus what the firmware believes [steps]."""
 
     def move(self, target: float, now: float) -> None:
         """Begin a motion to the believed position `target`, from wherever the motor is now."""
@@ -68,10 +74,6 @@ class Motor:
         last = self._segments[-1]
         self.still_at = self._add(last.end, last.target, target + self.lost) + self.settle
 
-    def lose(self, steps: float) -> None:
-        """Let the motions to come fall short by `steps`, unknown to the firmware."""
-        self.lost -= steps
-
     def halt(self, now: float) -> None:
         """Stop where the motor is."""
         position = self.true_position(now)
@@ -80,14 +82,14 @@ class Motor:
         self.still_at = now + self.settle
 
     def true_position(self, time: float) -> float:
-        """Where the mirror really is at `time` [steps from the home switch]."""
+        """True position of the mirror at `time` [steps from the home switch]."""
         for segment in reversed(self._segments):
             if segment.start <= time:
                 return segment.at(time)
         return self._segments[0].origin
 
     def believed_position(self, time: float) -> float:
-        """Where the firmware believes the mirror to be [steps]."""
+        """Position in which the firmware believes [steps]."""
         return self.true_position(time) - self.lost
 
     def _add(self, start: float, origin: float, target: float) -> float:
@@ -102,7 +104,14 @@ class Motor:
 
 
 class MirrorUnit:
-    """Motor, home switch, and what the firmware believes of both."""
+    """Motor, home switch, and the firmware's belief about both.
+
+    Attributes:
+        faults: faults that are set.
+        motions: number of motions begun.
+        home_error: error of the count of steps when the home switch was last met.
+        homed: whether the home is known.
+    """
 
     def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
         """Stand somewhere in the travel, home unknown."""
@@ -119,13 +128,13 @@ class MirrorUnit:
         self.faults = BoardFault(0)
         self.motions = 0
         self.home_error = 0
-        self._homed = self._homing = False
+        self.homed = self._homing = False
         self._target: int | None = None
         self._under_way = False
 
     @property
     def motion_profile(self) -> MotionProfile:
-        """How the motor moves: it starts at its top speed."""
+        """Motion profile of a motor that starts at its top speed."""
         return MotionProfile(self._motor.speed, self._motor.speed, FREE, self._motor.settle, self._config.overshoot)
 
     def reset_motion(self) -> None:
@@ -146,7 +155,7 @@ class MirrorUnit:
         return Result.OK
 
     def ended(self, now: float) -> float | None:
-        """When the motion last begun had ended and settled [s], once; None at all other times."""
+        """End of the motion last begun, settling included [s], once; None at all other times."""
         if not self._under_way or self.moving(now):
             return None
         self._under_way = False
@@ -160,7 +169,7 @@ class MirrorUnit:
         if self._plan.holds(FaultKind.NO_HOME_SWITCH):
             self.faults |= BoardFault.HOME_NOT_FOUND
             return
-        self._homed = True
+        self.homed = True
         if abs(self.home_error) > 1:
             self.faults |= BoardFault.LOST_STEPS
 
@@ -168,9 +177,9 @@ class MirrorUnit:
         """Begin to look for the home switch."""
         if self._homing:
             return Result.BUSY
-        self.home_error = round(-self._motor.lost) if self._homed else 0
+        self.home_error = round(-self._motor.lost) if self.homed else 0
         self._motor.lost = 0.0
-        self._homed, self._homing = False, True
+        self.homed, self._homing = False, True
         self._begin(self._identity.min_step)
         self._motor.move(0.0, now)
         self._motor.move_on(self._identity.min_step)
@@ -180,15 +189,15 @@ class MirrorUnit:
         """Begin to move to `step`."""
         if self._homing:
             return Result.BUSY
-        if not self._homed:
+        if not self.homed:
             return Result.NOT_HOMED
-        if not self._identity.min_step <= step <= self._identity.max_step:
+        if not self.reaches(step):
             return Result.OUT_OF_RANGE
         if step == self._target:
             return Result.OK
         loss = self._plan.strike(Request.GO_TO, (FaultKind.LOST_STEP,))
         if loss is not None:
-            self._motor.lose(loss.amount)
+            self._motor.lost -= loss.amount
         self._begin(step)
         self._motor.move(step, now)
         return Result.OK
@@ -209,13 +218,8 @@ class MirrorUnit:
         self.halt(now)
 
     def reaches(self, step: int) -> bool:
-        """Whether a step lies in the travel."""
+        """True if a step is within the travel."""
         return self._identity.min_step <= step <= self._identity.max_step
-
-    @property
-    def homed(self) -> bool:
-        """Whether the home is known."""
-        return self._homed
 
     def halt(self, now: float) -> None:
         """Stop where the mirror is."""
@@ -225,32 +229,32 @@ class MirrorUnit:
         self._homing = False
 
     def moving(self, instant: float) -> bool:
-        """Whether the mirror moved or settled at an instant [s]."""
+        """True if the mirror moved or settled at an instant [s]."""
         jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
         return jammed or instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
-        """When the present motion ends and has settled [s]."""
+        """End of the present motion, settling included [s]."""
         return self._motor.still_at
 
     def step(self, instant: float) -> int:
-        """The step the firmware believes in."""
+        """Step in which the firmware believes."""
         return round(self._motor.believed_position(instant))
 
     def flags(self, instant: float) -> int:
         """The mirror's bits of the status flags."""
         flags = int(BoardFlag.MOVING) if self.moving(instant) else 0
-        return flags | (int(BoardFlag.HOMED) if self._homed else 0)
+        return flags | (int(BoardFlag.HOMED) if self.homed else 0)
 
     def true_angle(self, instant: float) -> float:
-        """Where the mirror really was [rad]."""
+        """True mirror angle [rad]."""
         position = self._motor.true_position(instant)
         wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
 
     def believed_angle(self, instant: float) -> float:
-        """Where the firmware believed the mirror to be [rad]."""
+        """Mirror angle in which the firmware believed [rad]."""
         position = self._motor.believed_position(instant)
         return self._identity.angle_of(0) + position * self._identity.step_angle
 

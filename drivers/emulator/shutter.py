@@ -1,17 +1,17 @@
-"""The shutter of an emulated camera that waits for its trigger: when it opens, and how it fails to."""
+"""Shutter of an emulated camera that waits for its trigger, and its failures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+# Times at which a shutter opens and closes [s].
 Opening = tuple[float, float]
-"""When a shutter opens and closes [s]."""
 
 
 @dataclass(slots=True)
 class Shutter:
-    """How the camera on the board's TRIGGER behaves; may be changed at any time.
+    """Behaviour of the camera on the board's TRIGGER; may be changed at any time.
 
     Attributes:
         wired: its EXPOSURE_ACTIVE is connected to the board.
@@ -30,7 +30,7 @@ class Shutter:
     late: Mapping[int, float] = field(default_factory=dict)
 
     def openings(self, number: int, trigger: float, closed_since: float) -> tuple[Opening, ...]:
-        """Return when the shutter opens for a trigger.
+        """Openings of the shutter for a trigger.
 
         Args:
             number: number of the trigger, from 0.

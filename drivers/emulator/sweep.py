@@ -31,7 +31,7 @@ SEEN_AFTER = 0.0002
 
 
 class Phase(enum.Enum):
-    """What is due next."""
+    """Next event of a sweep."""
 
     IDLE = 0
     FIRE = 1
@@ -42,7 +42,7 @@ class Phase(enum.Enum):
 
 
 class SweepUnit:
-    """The board's own sweep. `due` is when `act` must be called; the caller must not miss it."""
+    """Board's own sweep; the caller must call `act` at the time `due`."""
 
     def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
         """Prepare, with nothing set."""
@@ -68,7 +68,7 @@ class SweepUnit:
 
     @property
     def running(self) -> bool:
-        """Whether a sweep is under way."""
+        """True while a sweep runs."""
         return self._phase is not Phase.IDLE
 
     def set_step(self, place: int, wait: int, step: int) -> Result:
@@ -134,7 +134,7 @@ class SweepUnit:
             self._finish(now)
 
     def act(self) -> None:
-        """Do what is due, at its time."""
+        """Carry out the next event, at its time."""
         now = self.due
         match self._phase:
             case Phase.FIRE:

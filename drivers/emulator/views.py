@@ -1,4 +1,4 @@
-"""What the emulated board looks like from outside: at one instant, and over the exposure of a camera."""
+"""State of the emulated board at one instant, and over the exposure of a camera."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """What the emulated board was like at one instant.
+    """State of the emulated board at one instant.
 
     Attributes:
         time: that instant on the monotonic clock [s].
         plugged: whether the board is on the bus now.
-        laser_on: whether the laser really shone.
-        laser_since: when the laser last changed [s].
-        mirror_angle: where the mirror really was [rad].
-        mirror_angle_commanded: where the firmware believed it to be [rad].
+        laser_on: whether the laser was on.
+        laser_since: time of the last change of the laser [s].
+        mirror_angle: true mirror angle [rad].
+        mirror_angle_commanded: mirror angle in which the firmware believed [rad].
         moving: whether it moved or settled.
         faults: the fault bits now.
     """
@@ -32,14 +32,14 @@ class BoardView:
 
 @dataclass(frozen=True, slots=True)
 class ExposureView:
-    """What an exposure of a camera saw of the emulated board.
+    """View of the emulated board by an exposure of a camera.
 
     Attributes:
         start: beginning of the exposure [s].
         end: its end [s].
-        laser_fraction: share of the exposure during which the laser shone, 0 ... 1.
+        laser_fraction: share of the exposure during which the laser was on, 0 ... 1.
         mirror_angle: true angle at half of the exposure [rad].
-        mirror_travel: how far the mirror turned during the exposure [rad]; the laser plane turned twice as far.
+        mirror_travel: turn of the mirror during the exposure [rad]; the laser plane turned by twice as much.
     """
 
     start: float

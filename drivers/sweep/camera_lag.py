@@ -105,7 +105,7 @@ def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout
 
 
 class _ShareOfLight:
-    """Says how much of the laser's light a frame holds, 0 ... 1, from a dark and a lit one."""
+    """Share of the laser's light in a frame, 0 ... 1, by a dark and a lit one."""
 
     def __init__(self, dark: Image, lit: Image) -> None:
         self._dark = dark

@@ -1,4 +1,4 @@
-"""Takes from a camera the first frame exposed after a command had taken effect, and counts what goes wrong."""
+"""Source of frames that were exposed after a command had taken effect, with counts of faults."""
 
 from __future__ import annotations
 

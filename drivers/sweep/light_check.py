@@ -1,4 +1,4 @@
-"""Finds light that is clipped or too dark in the first frames that a scan takes anyway."""
+"""Check of a scan's first frames for light that is clipped or too dark."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CLIPPED_STRIPE = 0.85
 DARK_STRIPE = 0.1
 # Stripes to examine until one shows the laser; holes and black ground show none.
 MOST_STRIPES = 4
-WHAT_TO_DO = "(`guara record` meters it; it stands as exposure in devices.toml)"
+WHAT_TO_DO = "(`guara record` meters it and writes it as exposure in devices.toml)"
 
 
 class LightCheck:

@@ -1,4 +1,4 @@
-"""Meters the exposure before a scan: the stripe bright, but not clipped, and says when it cannot be."""
+"""Exposure metering before a scan: the stripe bright, but not clipped."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAMPLES = 160
 
 @dataclass(frozen=True, slots=True)
 class MeteringResult:
-    """What metering found.
+    """Result of metering.
 
     Attributes:
         exposure: the exposure that was set last [s]; None when the camera's exposure cannot be set.
@@ -50,7 +50,7 @@ def meter_exposure(
     levels: tuple[float, float] = (0.5, 0.9),
     max_rounds: int = 8,
 ) -> MeteringResult:
-    """Look at one stripe and set the exposure so that its ridge lies within `levels` of the full scale.
+    """Set the exposure so that the ridge of one stripe is within `levels` of the full scale.
 
     The laser is off afterwards, whatever happens.
 

@@ -1,4 +1,4 @@
-"""Proves from the pictures that laser, mirror and frame are in step: where is light, against what was commanded."""
+"""Proof from the pictures that laser, mirror and frame are in step."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofLimits:
-    """When a difference counts.
+    """Thresholds for differences between frames.
 
     Attributes:
         min_contrast: brightness of a lit pixel above the off frame, share of one channel's full scale.
@@ -108,7 +108,7 @@ class StripeProof:
         return verdict, found[1]
 
     def _background(self, on: Image) -> _Background:
-        """How the whole frame differs from the reference, by one in 128 of the sampled pixels."""
+        """Difference of the whole frame from the reference, by one in 128 of the sampled pixels."""
         sample = self._grid.coarser.light(on) - self._reference_light[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
@@ -184,7 +184,7 @@ class StripeProof:
 
 @dataclass(frozen=True, slots=True)
 class _Background:
-    """How a whole frame differs from the reference, in counts with the channels summed."""
+    """Difference of a whole frame from the reference, in counts with the channels summed."""
 
     offset: float
     noise: float

@@ -1,4 +1,4 @@
-"""Proves which frame of a triggered camera belongs to which trigger of the board, from the two clocks' differences."""
+"""Proof of which frame of a triggered camera belongs to which trigger, from the differences of the two clocks."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ClockMatch:
 
     @property
     def proved(self) -> bool:
-        """Whether the offset is known."""
+        """True once the offset is known."""
         return self._offset is not None
 
     def learn(self, triggers: Float, stamps: Float) -> None:
@@ -81,7 +81,7 @@ class ClockMatch:
             self._offset, self._proved_at = offset, float(triggers[-1])
 
     def frame_of(self, trigger: float, stamps: Float) -> int | None:
-        """Return the number of the frame that was exposed at a trigger, None when none can be proved to be it.
+        """Number of the frame that was exposed at a trigger, None when it cannot be proved.
 
         Args:
             trigger: time of the trigger on the board's clock [s].

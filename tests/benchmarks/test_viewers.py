@@ -13,5 +13,5 @@ def test_every_kind_of_viewer_has_its_scans() -> None:
     assert set(found) == set(RATES) and set(seen) == set(RATES) - {0.0}
     for delays in found.values():
         row = summary(delays)
-        assert (row["scans"], row["failed"], len(delays.map_ms)) == (2, 0, 2)
+        assert (row["scans"], row["failed"], len(delays["map"])) == (2, 0, 2)
         assert row["footprint_p50_ms"] <= row["footprint_p95_ms"] <= row["footprint_worst_ms"]

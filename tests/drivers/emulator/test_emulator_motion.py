@@ -50,7 +50,7 @@ def test_a_move_down_comes_back_from_below() -> None:
 def test_lost_steps_are_not_believed() -> None:
     """The firmware thinks it arrived, the mirror is short by what was lost."""
     device = motor()
-    device.lose(25)
+    device.lost -= 25
     device.move(500, 0.0)
     assert device.believed_position(10.0) == pytest.approx(500)
     assert device.true_position(10.0) == pytest.approx(475)
