@@ -1,4 +1,4 @@
-"""Where every part of a walking robot is, from its joint positions.
+"""Kinematics of walking robots: poses of body, legs and camera from joint positions.
 
 `load_robot` loads and checks a robot folder; a `RobotModel` gives a `RobotState` for joint positions and a
 `StancePose` for a `Stance`. Pinocchio is imported when the first robot is loaded, not with this package.

@@ -1,4 +1,4 @@
-"""Names for the types of arrays, for all of this package, and the way to make one read-only."""
+"""Types of arrays of this package, and read-only arrays."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FrozenArrays:
 
 
 def _is_frozen(array: Array) -> bool:
-    """Whether the array and everything that it is a view of are read-only."""
+    """Test that the array and everything that it is a view of are read-only."""
     memory: Any = array
     while isinstance(memory, np.ndarray):
         if memory.flags.writeable:

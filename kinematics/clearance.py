@@ -1,4 +1,4 @@
-"""How far sole and leg stay clear of the ground when a leg is set on a foothold."""
+"""Clearance of sole and leg over the ground when a leg stands on a foothold."""
 
 from __future__ import annotations
 

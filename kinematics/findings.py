@@ -1,4 +1,4 @@
-"""Collects what is wrong with a file of a robot folder, so that everything is reported at once."""
+"""Errors of a file of a robot folder, collected so that all are reported at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from kinematics.exceptions import RobotFileError
 
 
 class Findings:
-    """What is wrong with one file, and which of its entries are not used.
+    """Errors of one file, and notes on entries that are not used.
 
     Args:
         path: the file's path, for messages.
@@ -35,7 +35,7 @@ class Findings:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether there is an error so far."""
+        """True if there is an error so far."""
         return bool(self._wrong)
 
     @property

@@ -59,7 +59,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footholds:
-    """Where the standing feet are in `odom`.
+    """Positions of the standing feet in `odom`.
 
     Attributes:
         legs: names of the legs, one for each foothold.

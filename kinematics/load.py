@@ -161,23 +161,18 @@ def robot_from_description(text: str) -> RobotModel:
     return _load(Path(SOURCE), texts)
 
 
-def plain_urdf(urdf: Urdf, *, with_shapes: bool = True) -> str:
-    """The text of a URDF that holds what was read of another one, in the same order.
-
-    Args:
-        urdf: what was read.
-        with_shapes: whether to write the collision shapes.
-    """
+def plain_urdf(urdf: Urdf) -> str:
+    """Text of a URDF with all that was read of another one, in the same order."""
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
-        _add_link(root, link, with_shapes=with_shapes)
+        _add_link(root, link)
     for joint in urdf.joints:
         _add_joint(root, joint)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _add_link(root: Element, link: Link, *, with_shapes: bool) -> None:
+def _add_link(root: Element, link: Link) -> None:
     element = SubElement(root, "link", name=link.name)
     if link.mass:
         inertial = SubElement(element, "inertial")
@@ -185,7 +180,7 @@ def _add_link(root: Element, link: Link, *, with_shapes: bool) -> None:
         SubElement(inertial, "mass", value=repr(float(link.mass)))
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = ([repr(float(v)) for v in row] for row in link.inertia)
         SubElement(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
-    for shape in link.shapes if with_shapes else ():
+    for shape in link.shapes:
         collision = SubElement(element, "collision")
         _add_origin(collision, shape.transform_shape_to_link)
         _add_shape(SubElement(collision, "geometry"), shape)

@@ -1,4 +1,4 @@
-"""A robot: its folder loaded, checked, and answering from joint positions where every part of it is."""
+"""`RobotModel`: a robot folder, loaded and checked, and the states and poses of the robot."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RobotModel:
 
     @property
     def config(self) -> RobotToml:
-        """What robot.toml says."""
+        """Content of robot.toml."""
         return self.tree.config
 
     @property
@@ -131,7 +131,7 @@ class RobotModel:
         find_unloaded: bool = True,
         noise: StanceNoise | None = None,
     ) -> StancePose:
-        """Where the body stands at a pause; see `kinematics.stance_pose` for arguments and errors."""
+        """Pose of the body at a pause; see `kinematics.stance_pose` for arguments and errors."""
         for foot in stance.support_feet:
             self.tree.leg(foot)
         return stance_pose(
@@ -151,5 +151,5 @@ class RobotModel:
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:
-        """Which points (..., 3) in `base_link` [m] a leg's sole reaches within its joint limits, (...)."""
+        """Mask (...) of the points (..., 3) in `base_link` [m] that a leg's sole reaches within its joint limits."""
         return self.reach(leg, soles_in_base, sole_pitch).is_reachable

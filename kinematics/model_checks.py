@@ -121,7 +121,7 @@ def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]
 
 
 def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:
-    """How far a shape, turned by `rotation` (3, 3), reaches from its centre along a unit vector (3,) [m]."""
+    """Reach of a shape, turned by `rotation` (3, 3), from its centre along a unit vector (3,) [m]."""
     along = np.abs(rotation.T @ direction)
     if shape.kind == "box":
         return float(along @ np.asarray(shape.size) / 2.0)

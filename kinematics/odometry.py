@@ -224,7 +224,7 @@ class LegOdometry:
         return [common[row] for row in rows]
 
     def _moved(self, pose: StancePose, last: OdometryPose, transform: Float, legs: list[str]) -> dict[str, float]:
-        """How far each of the legs' soles moved in `odom` [m]."""
+        """Distance by which the sole of each of the legs moved in `odom` [m]."""
         here = transform @ pose.transform_base_to_footprint
         now = transform_points(here, pose.state.soles_in_base(legs))
         before = transform_points(last.transform_base_to_odom, last.pose.state.soles_in_base(legs))

@@ -1,4 +1,4 @@
-"""Which positions a leg's sole can be set on, and the joint positions that set it there."""
+"""Reach of a leg: positions for its sole, and the joint positions that set it there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from kinematics.tree import KinematicTree
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """Which sole centres, given as (..., 3), a leg reaches, and with which joint positions; arrays are read-only.
+    """Inverse kinematics of one leg for sole centres (..., 3); arrays are read-only.
 
     Attributes:
         joint_positions: (..., joints of the leg) [rad]; NaN where no solution exists at all.

@@ -31,7 +31,7 @@ class RobotSettings:
 
 @dataclass(frozen=True, slots=True)
 class OdometryLimits:
-    """What counts as a foot that stayed (robot.toml, table [odometry]).
+    """Limits for feet that stayed (robot.toml, table [odometry]).
 
     Attributes:
         slip_sigmas: a foot slipped when its distance from another one changed by more than this many standard
@@ -56,7 +56,7 @@ OPTIONAL = ("time_limit", "grace_share", "grace_least", "grace_most")
 
 @dataclass(frozen=True, slots=True)
 class PauseLimits:
-    """What counts as a pause (robot.toml, table [pause]).
+    """Limits for stance pauses (robot.toml, table [pause]).
 
     Attributes:
         joint_speed_limit: every joint must be slower than this [rad/s].
@@ -99,7 +99,7 @@ class PauseLimits:
 
 @dataclass(frozen=True, slots=True)
 class SelfFilterSettings:
-    """How large the robot's own shapes are taken to be, and which count (robot.toml, table [self_filter]).
+    """Margin and choice of the robot's own shapes (robot.toml, table [self_filter]).
 
     Attributes:
         margin: added to every collision shape on all sides [m].

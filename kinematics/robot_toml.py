@@ -1,4 +1,4 @@
-"""Reads robot.toml, which holds what a robot's URDF has no element for."""
+"""Reader of robot.toml, which holds values that a URDF has no element for."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PostureConfig:
 
 @dataclass(frozen=True, slots=True)
 class RobotToml:
-    """What robot.toml says about kinematics; tables that other packages read are in `root`, unchecked.
+    """Kinematic content of robot.toml; tables that other packages read are in `root`, unchecked.
 
     Attributes:
         path: the file's path.
@@ -86,7 +86,7 @@ class RobotToml:
 
 
 def open_robot_toml(path: Path, text: str | None = None) -> Table:
-    """The whole of robot.toml as a table; its values are not checked here.
+    """Open robot.toml as a table; its values are not checked here.
 
     Args:
         path: the file.
@@ -109,7 +109,7 @@ def open_robot_toml(path: Path, text: str | None = None) -> Table:
 
 
 def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
-    """What robot.toml says about kinematics.
+    """Read the kinematic content of robot.toml.
 
     Args:
         root: the whole file.

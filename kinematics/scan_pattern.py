@@ -1,4 +1,4 @@
-"""Where the laser plane meets the floor for a mirror angle, and the angles that sweep an area.
+"""Line in which the laser plane meets the floor, by mirror angle, and the angles that sweep an area.
 
 The mirror's axis is parallel to y; at angle 0 the laser plane points along -z, a positive angle turns it towards +x, by
 twice the mirror's angle. From a mirror at x_0, h over the floor, it meets the floor at x = x_0 + h tan(2 a).
@@ -27,7 +27,7 @@ def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> f
 
 
 def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | None:
-    """What robot.toml's scan pattern misses of the area to scan; None where it sweeps all of it.
+    """Text on the part of the area that the scan pattern of robot.toml misses; None if it sweeps all of it.
 
     Args:
         root: robot.toml; where table [scan] or [grid.footprint] is absent or malformed, the result is None: the

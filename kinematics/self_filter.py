@@ -1,4 +1,4 @@
-"""Finds the points that lie on the robot itself, and those that it hides from the camera or the laser.
+"""Self-filter: points on the robot itself, and points that it hides from the camera or the laser.
 
 The robot is the collision shapes of its URDF, each grown by a margin, where forward kinematics puts them. What lies
 on them is not terrain; what lies in their shadow was not seen because of the robot, not because of the ground.
@@ -70,7 +70,7 @@ class SelfFilter:
         self._powers = reaches**2 - np.einsum("ni,ni->n", centres, centres) + ROUNDING
 
     def contains(self, points_in_base: npt.ArrayLike) -> Mask:
-        """Which points lie on the robot.
+        """Mask of the points that lie on the robot.
 
         Args:
             points_in_base: (n, 3) in `base_link` [m]; a row with NaN does not lie on the robot.
@@ -108,7 +108,7 @@ class SelfFilter:
         return inside
 
     def blocks(self, origins_in_base: npt.ArrayLike, points_in_base: npt.ArrayLike) -> Mask:
-        """Which segments from camera or laser to points meet the robot on their way.
+        """Mask of the points whose segment from camera or laser meets the robot.
 
         Args:
             origins_in_base: (3,) one origin for all, or (n, 3) one for each point, in `base_link` [m].
@@ -169,7 +169,7 @@ class _Segments:
     origins_squared: Float
 
     def pass_by(self, centre: Float, reach: float) -> Mask:
-        """Which segments may come within `reach` of a centre: some in vain, but none that does is missed."""
+        """Mask of the segments that may come within `reach` of a centre; conservative, so that none is missed."""
         along = self.directions @ centre - self.directions_by_origins
         distance = self.origins_squared - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
         # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
@@ -211,7 +211,7 @@ class PlacedShape:
     reach: float
 
     def contains(self, points_in_base: Float) -> Mask:
-        """Which of the points (n, 3) lie inside."""
+        """Mask of the points (n, 3) that lie inside."""
         local = (points_in_base - self.centre) @ self.rotation
         if self.kind == "box":
             return np.asarray(np.all(np.abs(local) <= self.half, axis=1))
@@ -221,7 +221,7 @@ class PlacedShape:
         return np.asarray(np.einsum("ni,ni->n", local, local) <= self.half[0] ** 2)
 
     def blocks(self, origins: Float, directions: Float) -> Mask:
-        """Which segments it touches, from `origins` (n, 3) or (1, 3) along `directions` (n, 3), in `base_link` [m]."""
+        """Mask of the segments that it touches, from `origins` (n or 1, 3) along `directions` (n, 3) [m]."""
         start, along = (origins - self.centre) @ self.rotation, directions @ self.rotation
         if self.kind == "box":
             enter, leave = _through_slabs(start, along, self.half)
@@ -249,7 +249,7 @@ def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: 
 
 
 def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Float]:
-    """Where rays enter and leave the slabs |x_i| <= half_i of all axes at once, as shares of their length."""
+    """Entry and exit of rays through the slabs |x_i| <= half_i of all axes at once, as shares of their length."""
     direction = np.where(along == 0.0, NO_DIRECTION, along)
     with np.errstate(over="ignore"):
         one, other = (-half - start) / direction, (half - start) / direction
@@ -257,7 +257,7 @@ def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Floa
 
 
 def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> tuple[Float, Float]:
-    """Where rays enter and leave a sphere, or (flat) an endless cylinder about z; enter > leave where they miss."""
+    """Entry and exit of rays through a sphere or, flat, an infinite cylinder about z; entry > exit where they miss."""
     used = slice(0, 2) if flat else slice(0, 3)
     a = np.einsum("ni,ni->n", along[:, used], along[:, used])
     b = np.einsum("ni,ni->n", np.broadcast_to(start, along.shape)[:, used], along[:, used])

@@ -1,4 +1,4 @@
-"""How far the centre of mass is from tipping over the feet that carry it."""
+"""Static stability: margin of the centre of mass in the polygon of the supporting feet."""
 
 from __future__ import annotations
 

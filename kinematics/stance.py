@@ -14,7 +14,7 @@ FIELDS = ("joint_positions", "support_feet", "gravity_in_base")
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """What the gait controller knows of the robot at a pause.
+    """State of the robot at a pause, as the gait controller reports it.
 
     Attributes:
         joint_positions: joint name -> position, an angle [rad], read-only.

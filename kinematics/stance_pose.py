@@ -1,7 +1,12 @@
-"""Where the body stands over the ground at a pause, which way is up, and how well both are known.
+"""Pose of the body over the ground at a pause, with its covariance.
 
-A point measured in `base_link` does not depend on this pose: the pose only says which way is up, and how scans lie to
-one another.
+With u the vertical in `base_link` (variance s^2 per axis, across u), p_i the supporting soles with covariances C_i, and
+A_i, B the derivatives of the transform by the soles and by the vertical (`footprint_jacobians`), its covariance is
+
+    s^2 B (I - u u') B' + sum A_i C_i A_i'.
+
+A point measured in `base_link` does not depend on this pose: it only gives the direction of gravity, and the relative
+pose of scans.
 """
 
 from __future__ import annotations
@@ -32,14 +37,14 @@ ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 # A body tilted by more than 60 degrees has fallen: no pose of a scan.
 LEAST_UP_Z = 0.5
 
-# White noise of a joint where robot.toml does not say [rad]: 0.05 degrees and the step of a 12-bit encoder. Rather too
-# little than too much: a robot with more noise has its scans withdrawn, one with less still finds 1.5 mm.
+# White noise of a joint by default [rad]: 0.05 degrees and the step of a 12-bit encoder. With more noise than stated,
+# scans are withdrawn; with less, motions of 1.5 mm are still found.
 ENCODER_NOISE = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class StanceNoise:
-    """How well a stance is known (robot.toml, table [stance]); standard deviations.
+    """Standard deviations of a stance (robot.toml, table [stance]).
 
     Attributes:
         encoder_sigma: bias of one joint angle [rad], the same in every reading of a pause.

@@ -20,7 +20,7 @@ NAMED = 3
 
 
 class RobotState:
-    """Where every link of the robot is, for one set of joint positions; immutable.
+    """Poses of all links of the robot for one set of joint positions; immutable.
 
     Args:
         tree: the robot's kinematic tree.

@@ -65,7 +65,7 @@ def find_stayed_feet(
 
 
 def _distance_change(now: Float, before: Float, covariances: tuple[Float, Float], turn_limit: float) -> float:
-    """By how many standard deviations the distance of two feet changed; infinite where their line turned too far."""
+    """Change of the distance of two feet in standard deviations; infinite if their line turned too far."""
     line_now, line_before = now[1] - now[0], before[1] - before[0]
     length_now, length_before = np.linalg.norm(line_now), np.linalg.norm(line_before)
     along_now, along_before = line_now / length_now, line_before / length_before

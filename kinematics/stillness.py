@@ -201,7 +201,7 @@ class Stillness:
 
     @property
     def undetectable(self) -> str:
-        """Why motions of 1 mm or 0.1 degrees cannot be told in this pause; empty when they can, or before a reading."""
+        """Text on motions of 1 mm or 0.1 degrees that are not detectable in this pause; empty if they are."""
         window = self._recent()
         scales = np.arange(1.0, 20.05, 0.1)
         if self._feet is None or (seen := self._power(window, WITH_HOLD, scales) >= POWER)[0]:

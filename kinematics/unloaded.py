@@ -1,8 +1,7 @@
-"""Finds the one foot among four that hangs above the plane of the others and may carry no load.
+"""Detection of the one foot among four that hangs above the plane of the others and may carry no load.
 
-Four soles and a plane leave one number: by how far they miss lying in one plane. It says that a foot hangs,
-not which: of the two feet at the ends of the raised diagonal either may be the one. What decides, in this
-order:
+The distance of four soles from one common plane is a single number. It shows that a foot hangs, but not which: either
+of the two feet at the ends of the raised diagonal may be the one. The choice is made by, in this order:
 
 1. where the vertical is known: the three remaining feet are level with each other for one of the two only.
    When they do so for neither, the ground is uneven and nothing says that a foot hangs: all four are kept;
@@ -22,7 +21,7 @@ from kinematics.arrays import Float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FourFeet:
-    """What is known of four feet.
+    """Soles of four feet, with the centre of mass and the vertical.
 
     Attributes:
         soles: (4, 3) sole centres in `base_link` [m].
@@ -77,7 +76,7 @@ def _tilt(three: Float) -> float:
 
 
 def _gaps_in_sigmas(feet: FourFeet) -> Float:
-    """How far each sole lies above the plane of the other three, in standard deviations, (4,)."""
+    """Height of each sole above the plane of the other three, in standard deviations, (4,)."""
     others = feet.soles[OTHERS]
     normals = _normal(others)
     gaps = np.vecdot(normals, feet.soles - others[:, 0])
@@ -91,7 +90,7 @@ def _gaps_in_sigmas(feet: FourFeet) -> Float:
 
 
 def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
-    """Whether the other three stand at one height, as far as soles and vertical are known."""
+    """Test that the other three stand at one height, within the errors of soles and vertical."""
     up = np.asarray(feet.up)
     others, covariances = feet.soles[OTHERS[row]], feet.covariances[OTHERS[row]]
     heights = others @ up
@@ -104,7 +103,7 @@ def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
 
 
 def _balance_away_from(feet: FourFeet, row: int) -> float:
-    """How far [m] the centre of mass lies beyond the diagonal beside a foot, seen from that foot.
+    """Distance [m] of the centre of mass beyond the diagonal beside a foot, seen from that foot.
 
     The vertical is the known one, or what it would be if that foot hung: the normal of the plane of the others.
     """

@@ -81,7 +81,7 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
 
 
 def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Whether the corners are only a part of the board's, or no even grid: both detectors return such things.
+    """Test that the corners are only a part of the board's, or no even grid: both detectors return such results.
 
     Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
     picture by a homography; between its lines, and one line outside, where more corners would be, nothing may look like
@@ -107,7 +107,7 @@ def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
 
 
 def _crossing(grey: Image, homography: Float, points_on_board: Float, radius: float) -> Float:
-    """How much a ring about each point (n, 2) of a grid crosses black, white, black, white; NaN off the picture."""
+    """Strength (n,) of the pattern black, white, black, white on a ring around points (n, 2); NaN off the picture."""
     angle = np.deg2rad(np.arange(0, 360, 15) + 7.5)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
     points = (points_on_board[:, None] + ring[None]).reshape(-1, 1, 2)
@@ -128,7 +128,7 @@ def edge_width(grey: Image, corners: Float, size: tuple[int, int]) -> float:
 
 
 def other_size(picture: Image, board: BoardSpec) -> tuple[int, int] | None:
-    """Which other number of inner corners the board in this picture has, None where it shows no other board.
+    """Other number of inner corners of the board in this picture; None if it shows no other board.
 
     OpenCV grows the smallest pattern to all that it finds around it, so that every size costs the same.
     """

@@ -289,7 +289,7 @@ class DriftWatch:
 
     @property
     def verdict(self) -> str:
-        """Whether two of the last three scans with a floor drift; "unknown" when no scan showed a floor."""
+        """Verdict of the walk: drifting if two of the last three scans with a floor are; unknown before the first."""
         if not self._with_floor:
             return UNKNOWN
         return DRIFTING if sum(drift.verdict == DRIFTING for drift in self._with_floor) >= NEEDED else HOLDS

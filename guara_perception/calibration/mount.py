@@ -1,4 +1,4 @@
-"""Where the camera sits: its pose over the floor from fiducials, and the faults that fiducials show."""
+"""Pose of the camera over the floor from fiducials, and the faults that fiducials show."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MAX_BOARD_LIFT_M = 0.004
 
 @dataclass(frozen=True, slots=True)
 class FloorPose(FrozenArrays):
-    """Where the camera is over the floor, by the fiducials alone.
+    """Pose of the camera over the floor, by the fiducials alone.
 
     Attributes:
         mount: "eq5" or "upright".

@@ -93,6 +93,11 @@ FAULTS = {
         "[pause] minimum_feet is 2.5; a whole number of at least 1",
     ),
     "slip": ("slip_sigmas = 4.5", "slip_sigmas = 0", "[odometry] slip_sigmas is 0; a number above 0 is needed"),
+    "more digits than a float has": (
+        "slip_sigmas = 4.5",
+        f"slip_sigmas = 1{400 * '0'}",
+        "000; a number above 0 is needed",
+    ),
     "margin": ("margin = 0.010", "margin = -0.010", "[self_filter] margin is -0.01; a number of 0 or more is needed"),
     "ignored link": ("ignore = []", 'ignore = ["mast"]', "a list of links ('mast' is no link; allowed: base_link"),
 }

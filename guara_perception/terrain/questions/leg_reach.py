@@ -85,14 +85,14 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     return _soles(_pose_of(terrain, robot), [leg])[0]
 
 
-def standing_soles(terrain: LayeredGrid, robot: RobotLike | None = None) -> tuple[StandingSole, ...]:
+def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
     """The soles that carried the body when the grid was made.
 
     Raises:
         InvalidInput: the grid does not say robot, stance and transform.
         kinematics.KinematicsError: no such robot.
     """
-    pose, noise = _pose_of(terrain, robot), _model_of(terrain, robot).noise
+    pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
     terrain.record.check("support_feet_used")
     legs = [leg for leg in terrain.record.support_feet_used or () if leg in pose.support_feet_used]
     rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
