@@ -65,7 +65,7 @@ class JointLimitWarning(UserWarning):
 
 
 class RobotFileWarning(UserWarning):
-    """Something in a robot folder is not used (one warning names all of it), or is accepted and should be mended."""
+    """Something in a robot folder is not used (one warning names all of it), or is accepted and should be corrected."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:

@@ -36,7 +36,7 @@ class RobotModel:
         pause_limits: what counts as a pause (table [pause]).
         self_filter_settings: how large the robot's own shapes are taken to be (table [self_filter]).
         notes: what in the files is not used or could not be checked.
-        doubts: what is accepted and should be mended, such as a scan pattern that misses a piece of the area.
+        doubts: what is accepted and should be corrected, such as a scan pattern that misses a piece of the area.
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """

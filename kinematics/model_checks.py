@@ -143,7 +143,7 @@ def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) ->
         if size > found + HEIGHT_TOLERANCE:
             findings.wrong(
                 f"sole {name} is {size:g} m, but the collision shapes of the foot of leg {leg.name!r} "
-                f"reach only {found:.4g} m about {leg.sole!r}: state what the foot has, or mend its shape",
+                f"reach only {found:.4g} m about {leg.sole!r}: state what the foot has, or correct its shape",
                 tree.config.root.line("sole"),
             )
 
@@ -160,7 +160,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(twins) != 1:
             findings.wrong(
                 f"[legs.{name}]: its hip is at {_text(hips[name])}; no leg has its hip at the mirror image "
-                f"{_text(image)}: mend the joint that carries it",
+                f"{_text(image)}: correct the joint that carries it",
                 tree.config.root.line(f"legs.{name}"),
             )
             continue
@@ -170,7 +170,7 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
         if len(lengths) != len(twin_lengths) or not np.allclose(lengths, twin_lengths, atol=PAIR_TOLERANCE):
             findings.wrong(
                 f"legs {name!r} and {twins[0]!r} are no mirror images: from joint to joint they measure "
-                f"{_text(lengths)} and {_text(twin_lengths)} m: mend the joints' origins",
+                f"{_text(lengths)} and {_text(twin_lengths)} m: correct the joints' origins",
                 tree.config.root.line(f"legs.{name}"),
             )
         else:
@@ -190,7 +190,7 @@ def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings
             findings.wrong(
                 f"joints {joint!r} and {twin_joint!r} are no mirror images: axis {_text(a.axis)} with limits "
                 f"{a.lower:g} ... {a.upper:g}, axis {_text(b.axis)} with {b.lower:g} ... {b.upper:g}: "
-                "mend limits or axis",
+                "correct limits or axis",
                 tree.config.root.line(f"legs.{leg.name}.joints"),
             )
 
@@ -219,7 +219,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
         if not lower <= value <= upper:
             findings.wrong(
                 f"{where}: joint {joint!r} is at {value:g}, outside its limits {lower:g} ... {upper:g}: "
-                "mend the SRDF, or the limits of the URDF",
+                "correct the SRDF, or the limits of the URDF",
                 line,
             )
     state = RobotState(tree, posture.joint_positions)
@@ -229,7 +229,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
         if abs(sole[2] - floor) > HEIGHT_TOLERANCE:
             findings.wrong(
                 f"{where}: the sole of {leg!r} is {1e3 * (sole[2] - floor):+.1f} mm off the plane of all soles: "
-                "mend its joints in the SRDF",
+                "correct its joints in the SRDF",
                 line,
             )
     if config.name == tree.config.scan_posture:
@@ -272,7 +272,7 @@ def _compare(
     if abs(found - stated) > HEIGHT_TOLERANCE:
         findings.wrong(
             f"[postures.{config.name}]: {what} comes out at {found:.4f} m, but {stated:.4f} m is stated: "
-            "state what is true, or mend the posture",
+            "state what is true, or correct the posture",
             tree.config.root.line(f"postures.{config.name}" + (f".{key}" if key else "")),
         )
 
