@@ -7,6 +7,7 @@ same interface. pyusb and OpenCV are imported when a device is opened.
 from __future__ import annotations
 
 from drivers.arrays import Image
+from drivers.board.board import Board
 from drivers.board.board_config import BoardConfig
 from drivers.board.board_records import BoardIdentity, BoardStatus
 from drivers.board.laser_board import LaserBoard
@@ -32,6 +33,7 @@ __all__ = [
     "AcquireOptions",
     "AcquisitionError",
     "AravisCamera",
+    "Board",
     "BoardConfig",
     "BoardError",
     "BoardFault",

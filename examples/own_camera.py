@@ -2,7 +2,8 @@
 
     python examples/own_camera.py pictures
 
-Name it in devices.toml as `source = "own_camera:FolderCamera"`; every command takes `--devices devices.toml`.
+Put this file beside devices.toml and name it there, `source = "own_camera:FolderCamera"`; every command takes
+`--devices devices.toml`.
 """
 
 import time

@@ -95,7 +95,9 @@ class BoardIdentity:
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """Status of the board: the answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
+    """Status of a board: the answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
+
+    A board of one's own gives `flags`, `faults` and `step`; the others are of the protocol.
 
     Attributes:
         result: whether the command was carried out, or why not.
@@ -111,17 +113,17 @@ class BoardStatus:
         device_time: the board's clock [s] since power-up.
     """
 
-    result: Result
-    request: int
-    sequence: int
-    flags: BoardFlag
-    faults: BoardFault
-    step: int
-    motion: int
-    temperature: float
-    home_error: int
-    laser_time: float
-    device_time: float
+    result: Result = Result.OK
+    request: int = 0
+    sequence: int = 0
+    flags: BoardFlag = BoardFlag(0)
+    faults: BoardFault = BoardFault(0)
+    step: int = 0
+    motion: int = 0
+    temperature: float = 0.0
+    home_error: int = 0
+    laser_time: float = 0.0
+    device_time: float = 0.0
 
     @property
     def laser_commanded(self) -> bool:

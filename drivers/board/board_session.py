@@ -6,11 +6,11 @@ import logging
 import math
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from drivers import timing
 from drivers.board import guard
+from drivers.board.board import Board
 from drivers.board.board_config import BoardConfig
 from drivers.board.board_records import BoardIdentity, BoardStatus
 from drivers.board.protocol import (
@@ -55,7 +55,7 @@ HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
 SEARCH_PERIOD = 0.1
 
 
-class BoardSession:
+class BoardSession(Board):
     """Connection to the laser board, a context manager; thread-safe.
 
     Attributes:
@@ -78,22 +78,6 @@ class BoardSession:
         self._identity: BoardIdentity | None = None
         self.sweep_table: dict[int, int] = {}
         self._lock = threading.RLock()
-
-    def __enter__(self) -> Self:
-        """Open the board."""
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Turn the laser off and close; a failure to do so never hides an error of the block."""
-        try:
-            self.close()
-        except BoardError as failure:
-            if error is None:
-                raise
-            logger.error("while closing after %r: %s", error, failure)
 
     @property
     def identity(self) -> BoardIdentity:

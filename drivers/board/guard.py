@@ -33,6 +33,8 @@ _lock = threading.RLock()
 def watch(device: Closable, handle_signals: bool = True) -> None:
     """Close `device` at the end of the program, unless it is released before."""
     with _lock:
+        if device in _open:
+            return
         if not _open:
             atexit.register(_close_all)
         _open.append(device)

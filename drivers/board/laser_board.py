@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 
 from drivers import timing
 from drivers.board.board_records import BoardStatus
@@ -17,7 +16,6 @@ from drivers.errors import (
     HomeNotFound,
     LaserDead,
     LaserRefused,
-    MirrorOutOfRange,
     MirrorTimeout,
 )
 
@@ -114,36 +112,6 @@ class LaserBoard(BoardSession):
             raise HomeNotFound("the mirror met no home switch in its whole travel: check switch and cable")
         return status.home_error
 
-    def go_to_angle(self, angle: float, *, wait: bool = True) -> float:
-        """Turn the mirror to the step nearest to `angle` [rad], and return the angle of that step.
-
-        Args:
-            angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.
-            wait: return only when the mirror has come to rest.
-
-        Raises:
-            MirrorOutOfRange: outside the travel, or not finite.
-            MirrorNotHomed: home first.
-            MirrorTimeout: it took too long.
-        """
-        return self.go_to_step(self.step_at(angle), wait=wait)
-
-    def step_at(self, angle: float) -> int:
-        """The step nearest to a mirror angle [rad].
-
-        Raises:
-            MirrorOutOfRange: outside the travel, or not finite.
-        """
-        identity = self.identity
-        low, high = identity.angle_of(identity.min_step), identity.angle_of(identity.max_step)
-        half_step = 0.5 * identity.step_angle
-        if not (math.isfinite(angle) and low - half_step <= angle <= high + half_step):
-            raise MirrorOutOfRange(
-                f"mirror angle {math.degrees(angle):.3f} degrees, the board's travel is "
-                f"{math.degrees(low):.3f} ... {math.degrees(high):.3f} degrees"
-            )
-        return min(max(identity.step_of(angle), identity.min_step), identity.max_step)
-
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
         """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
 
@@ -172,17 +140,6 @@ class LaserBoard(BoardSession):
     def halt(self) -> BoardStatus:
         """Stop the mirror where it is."""
         return self._command(Request.HALT)
-
-    def wait_until_still(self, timeout: float | None = None) -> BoardStatus:
-        """Wait until the motion last commanded has ended and settled.
-
-        Args:
-            timeout: longest wait [s]; None for the configured one.
-
-        Raises:
-            MirrorTimeout: it still moves.
-        """
-        return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
         """Wait as `wait_until_still`; returns the status, and an instant before which the motion ended [s, host].

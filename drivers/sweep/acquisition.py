@@ -13,9 +13,10 @@ from types import TracebackType
 import numpy as np
 
 from drivers.arrays import Image
+from drivers.board.board import Board
 from drivers.board.laser_board import LaserBoard
 from drivers.cameras.camera import Camera
-from drivers.errors import AcquisitionNotEntered, DriverError
+from drivers.errors import AcquisitionNotEntered, BoardTooOld, DriverError
 from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRangeOf, check_firing_order
 from drivers.sweep.options import AcquireOptions
@@ -41,7 +42,7 @@ MEANINGS = {
 
 
 def acquire(
-    board: LaserBoard,
+    board: Board,
     camera: Camera,
     firing_order: Iterable[tuple[int, float]],
     options: AcquireOptions | None = None,
@@ -72,12 +73,13 @@ def acquire(
 
     Raises:
         BadFiringOrder: the order is empty, repeats an index, or holds an angle that is not finite.
+        BoardTooOld: sweeps of the board itself are asked of a board of one's own.
     """
     order = check_firing_order(firing_order)
     return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band)
 
 
-def prepare(board: LaserBoard, firing_order: Iterable[tuple[int, float]]) -> int:
+def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
     """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
 
     Returns:
@@ -100,6 +102,11 @@ class StripeStream:
     def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
         """Prepare; see `acquire`."""
         self._task, self._band = task, band
+        if task.options.sweep is not None and not isinstance(task.board, LaserBoard):
+            raise BoardTooOld(
+                f"{type(task.board).__name__} cannot sweep by itself, as a triggered camera needs: let the camera run "
+                "freely"
+            )
         self._worker = ScanWorker(task) if task.options.sweep is None else SweepWorker(task)
         self._proof = StripeProof(task.options.limits)
         self._verdicts: list[tuple[int, StripeVerdict]] = []

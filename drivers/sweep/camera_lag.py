@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers import timing
 from drivers.arrays import Float32, Image
-from drivers.board.laser_board import LaserBoard
+from drivers.board.board import Board
 from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
@@ -43,7 +43,7 @@ class LagMeasurement:
     toggles: int
 
 
-def measure_lag(board: LaserBoard, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
+def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
     """Switch the laser at all phases of the frame and see which frames show it.
 
     The camera is not changed: set its `lag` to the result yourself. The stripe must not be clipped: meter the
@@ -137,7 +137,7 @@ def _flat(image: Image) -> Float32:
     return values.sum(axis=2) if values.ndim == 3 else values
 
 
-def _settled(board: LaserBoard, camera: Camera, timeout: float) -> tuple[Frame, float]:
+def _settled(board: Board, camera: Camera, timeout: float) -> tuple[Frame, float]:
     camera.flush()
     frames = []
     for _ in range(SETTLE_FRAMES):

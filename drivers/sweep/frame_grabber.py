@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers import timing
-from drivers.board.laser_board import LaserBoard
+from drivers.board.board import Board
 from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
@@ -26,7 +26,7 @@ class FrameGrabber:
         last_stamp: stamp of the last frame returned [s].
     """
 
-    def __init__(self, camera: Camera, board: LaserBoard, options: AcquireOptions, check: Callable[[], None]) -> None:
+    def __init__(self, camera: Camera, board: Board, options: AcquireOptions, check: Callable[[], None]) -> None:
         """Prepare.
 
         Args:

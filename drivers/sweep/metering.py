@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.board.laser_board import LaserBoard
+from drivers.board.board import Board
 from drivers.cameras.camera import Camera, CameraSettings
 from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
 from drivers.sweep.frame_grabber import FrameGrabber
@@ -41,7 +41,7 @@ class MeteringResult:
 
 
 def meter_exposure(
-    board: LaserBoard,
+    board: Board,
     camera: Camera,
     mirror_angle: float,
     *,
@@ -115,7 +115,7 @@ class _Brightness:
         return min(4.0, max(0.25, wanted / max(self.ridge, 1e-3)))
 
 
-def _measure(board: LaserBoard, camera: Camera, grabber: FrameGrabber) -> _Brightness:
+def _measure(board: Board, camera: Camera, grabber: FrameGrabber) -> _Brightness:
     board.laser_off()
     grabber.restart()
     off = grabber.after(timing.monotonic())

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers import timing
-from drivers.board.laser_board import LaserBoard
+from drivers.board.board import Board
 from drivers.cameras.camera import Camera
 from drivers.errors import AcquisitionError, LaserRefused
 from drivers.sweep.capture import StripeCapture
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 class ScanTask:
     """Arguments of `drivers.acquire` that the thread of a scan needs."""
 
-    board: LaserBoard
+    board: Board
     camera: Camera
     firing_order: tuple[PlannedStripe, ...]
     options: AcquireOptions
@@ -42,7 +42,7 @@ class LaserSwitch:
         interruptions: number of times that the board itself turned the laser off (watchdog, time limit).
     """
 
-    def __init__(self, board: LaserBoard) -> None:
+    def __init__(self, board: Board) -> None:
         """Take over the laser of an open board."""
         self._board = board
         self._lock = threading.Lock()

@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers import timing
 from drivers.arrays import Float
+from drivers.board.laser_board import LaserBoard
 from drivers.board.protocol import SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.board.sweep_records import StripeRecord
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
@@ -62,6 +63,8 @@ class Sweep:
 
 class SweepWorker(StripeWorker):
     """Thread with the attributes of `ScanWorker`; a stripe without a proved frame is lost."""
+
+    _board: LaserBoard
 
     def __init__(self, task: ScanTask) -> None:
         """Prepare; `start` begins."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields
 from guara_perception.files import read_toml, whole_file
 
 if TYPE_CHECKING:
-    from drivers import BoardConfig, Camera, CameraSettings, SweepOptions
+    from drivers import Board, Camera, CameraSettings, SweepOptions
 
+_Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
 # A file of devices has a dozen lines.
 LARGEST_BYTES = 64 * 1024
@@ -36,7 +38,7 @@ TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
     "camera": {"source", "size", "off_frames", *LINES, *NUMBERS},
-    "board": {"vendor_id", "product_id", "serial"},
+    "board": {"source", "vendor_id", "product_id", "serial"},
 }
 
 
@@ -52,11 +54,13 @@ class Devices:
         fps: frames per second to ask for, or None.
         lag: measured `drivers.Camera.lag` [s], or None.
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
-        board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's.
+        board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's. Or source, the
+            "package.module:Class" of a `drivers.Board`.
         trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
         exposure_output: line of the camera that shows when it exposes, or None.
         pixel_format: pixel format to ask for, or None for the camera's best.
         off_frames: frames with the laser off, one of OFF_FRAMES.
+        folder: folder of devices.toml, where classes of one's own are looked for too.
     """
 
     source: str = "0"
@@ -69,6 +73,7 @@ class Devices:
     exposure_output: str | None = None
     pixel_format: str | None = None
     off_frames: str = "one"
+    folder: Path | None = field(default=None, compare=False)
 
     def camera(self, *, free: bool = False) -> Camera:
         """The camera, not yet open.
@@ -80,7 +85,7 @@ class Devices:
             InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
                 that has none.
         """
-        from drivers import AravisCamera, OpenCvCamera, V4l2Camera
+        from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
         module, between, name = self.source.partition(":")
         asked: dict[str, Any] = {"size": self.size, "fps": self.fps, "lag": self.lag}
@@ -93,7 +98,7 @@ class Devices:
                 }
                 return AravisCamera(name, pixel_format=self.pixel_format, **lines, **asked)
             if between and name.isidentifier() and all(part.isidentifier() for part in module.split(".")):
-                made = _own_camera(module, name)
+                made = _own(Camera, "camera", self.source, self.folder)  # type: ignore[type-abstract]
                 if self.lag is not None:
                     made.lag = self.lag
             elif module == V4L2 and name:
@@ -132,11 +137,17 @@ class Devices:
             return CameraSettings(**{"exposure": TRIGGERED_EXPOSURE_S, **self.settings})
         return CameraSettings(**self.settings)
 
-    def board_config(self) -> BoardConfig:
-        """Ids of the laser board."""
-        from drivers import BoardConfig
+    def laser_board(self) -> Board:
+        """The laser board, not yet open.
 
-        return BoardConfig(**self.board)  # type: ignore[arg-type]
+        Raises:
+            InvalidInput: its class cannot be imported, or is no `drivers.Board`.
+        """
+        from drivers import Board, BoardConfig, LaserBoard
+
+        if "source" in self.board:
+            return _own(Board, "board", str(self.board["source"]), self.folder)  # type: ignore[type-abstract]
+        return LaserBoard(BoardConfig(**self.board))  # type: ignore[arg-type]
 
 
 def devices_of(
@@ -185,8 +196,11 @@ def load_devices(path: str | Path) -> Devices:
     if fields.has("board"):
         ids = fields.sub("board")
         board.update({name: ids.integer(name, 0, 0xFFFF) for name in ("vendor_id", "product_id") if ids.has(name)})
-        if ids.has("serial"):
-            board["serial"] = ids.text("serial")
+        board.update({name: ids.text(name) for name in ("serial", "source") if ids.has(name)})
+        if "source" in board and len(board) > 1:
+            raise FileFormatError(
+                f"{path}: board.source names a class of your own, which knows its ids: leave them out"
+            )
     size = None
     if camera.has("size"):
         width, height = (int(v) for v in camera.array("size", (2,)))
@@ -203,6 +217,7 @@ def load_devices(path: str | Path) -> Devices:
         off_frames=camera.text("off_frames", OFF_FRAMES) if camera.has("off_frames") else "one",
         settings=numbers,
         board=board,
+        folder=path.parent,
     )
 
 
@@ -230,15 +245,24 @@ def save_devices(devices: Devices, path: str | Path) -> None:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def _own_camera(module: str, name: str) -> Camera:
-    from drivers import Camera
-
+def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _Device:
+    """Make a device of a class of one's own, "package.module:Class", also from a file beside devices.toml."""
+    module, _, name = source.partition(":")
+    beside = [] if folder is None else [str(folder.resolve())]
+    sys.path += beside
     try:
+        importlib.invalidate_caches()
         made = getattr(importlib.import_module(module), name)()
-    except (ImportError, AttributeError, TypeError) as error:
-        raise InvalidInput(f"camera source {module}:{name} cannot be made: {error}") from None
-    if not isinstance(made, Camera):
-        raise InvalidInput(f"camera source '{module}:{name}' is no drivers.Camera: derive the class from it")
+    except ModuleNotFoundError as error:
+        looked = f" {' nor '.join(['on the Python path (PYTHONPATH)', *(f'in {each}' for each in beside)])}"
+        raise InvalidInput(f"{what} source {source} cannot be made: {error}: it is not{looked}") from None
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InvalidInput(f"{what} source {source} cannot be made: {error}") from None
+    finally:
+        for each in beside:
+            sys.path.remove(each)
+    if not isinstance(made, kind):
+        raise InvalidInput(f"{what} source {source!r} is no drivers.{kind.__name__}: derive the class from it")
     return made
 
 

@@ -105,8 +105,10 @@ def check_usb() -> Finding:
 
 def check_board(devices: Devices) -> Finding:
     """Check that the laser board is there, may be opened and speaks the protocol."""
-    with LaserBoard(devices.board_config()) as board:
+    with devices.laser_board() as board:
         identity = board.identity
+    if not isinstance(board, LaserBoard):
+        return Finding(OK, f"{devices.board['source']}: {np.degrees(identity.step_angle):.3f} degrees per step")
     firmware, protocol = (".".join(map(str, version)) for version in (identity.firmware, identity.protocol))
     sweeps = "sweeps by itself" if identity.protocol >= SWEEPS_SINCE else "no sweeps of its own"
     return Finding(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from drivers import AcquireOptions, LaserBoard, OffFrames
+from drivers import AcquireOptions, OffFrames
 from guara_perception.app.devices_file import Devices, devices_of
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.app.options import DeviceOptions
@@ -115,11 +115,11 @@ def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
         free: run the camera freely although it has a trigger, as for pictures of a checkerboard.
 
     Raises:
-        InvalidInput: see `Devices.camera` and `Devices.sweep_options`.
+        InvalidInput: see `Devices.camera`, `Devices.laser_board` and `Devices.sweep_options`.
     """
     sweep = None if free else devices.sweep_options()
     return Rangefinder(
-        board=LaserBoard(devices.board_config()),
+        board=devices.laser_board(),
         camera=devices.camera(free=free),
         options=AcquireOptions(off=OffFrames(devices.off_frames), together=STRIPES_TOGETHER, sweep=sweep),
         settings=devices.camera_settings() if devices.settings or sweep is not None else None,

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Self
 
 from drivers import (
     AcquireOptions,
+    Board,
     Camera,
     CameraSettings,
     DriverError,
-    LaserBoard,
     StripeStream,
     acquire,
     prepare,
@@ -46,13 +46,13 @@ class Rangefinder:
             one on which waiting takes no time, so that they miss nothing on a busy machine.
     """
 
-    board: LaserBoard
+    board: Board
     camera: Camera
     options: AcquireOptions | None = None
     settings: CameraSettings | None = None
     clock: Clock | None = None
     _locked: CameraSettings | None = field(default=None, repr=False)
-    _entered: list[LaserBoard | Camera] = field(default_factory=list, repr=False)
+    _entered: list[Board | Camera] = field(default_factory=list, repr=False)
     _clock_held: ExitStack = field(default_factory=ExitStack, repr=False)
 
     def __enter__(self) -> Self:

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import guara_perception as gp
-from drivers import Camera, CameraSettings, OpenCvCamera
+from drivers import Board, Camera, CameraSettings, OpenCvCamera
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
+from guara_perception.app.main import run
 from guara_perception.app.node.devices import rangefinder_of
 
 OWN = """
@@ -106,6 +107,63 @@ def test_classes_that_are_no_cameras_are_refused(own_camera: str, name: str, rep
     """One line that says why."""
     with pytest.raises(gp.InvalidInput, match=reported):
         Devices(f"{own_camera}:{name}").camera()
+
+
+@pytest.fixture
+def devices_toml(tmp_path: Path) -> Path:
+    """Devices whose classes stand in a file beside devices.toml, which is on no path of Python."""
+    folder = tmp_path / "rig"
+    folder.mkdir()
+    (folder / f"{tmp_path.name}_own.py").write_text(
+        "from drivers import LaserBoard\n"
+        "from drivers.cameras.replay_camera import ReplayCamera\n"
+        "from drivers.emulator import EmulatedBoard, emulated_backend\n"
+        "class Eye(ReplayCamera):\n"
+        "    def __init__(self):\n        super().__init__([])\n"
+        "class Arm(LaserBoard):\n"
+        "    def __init__(self):\n        super().__init__(backend=emulated_backend(EmulatedBoard()))\n"
+        "class Neither:\n    pass\n"
+    )
+    path = folder / "devices.toml"
+    path.write_text(
+        f'format = "guara-devices/1"\n[camera]\nsource = "{tmp_path.name}_own:Eye"\n'
+        f'[board]\nsource = "{tmp_path.name}_own:Arm"\n'
+    )
+    return path
+
+
+def test_classes_beside_devices_toml_are_found(devices_toml: Path, capsys: pytest.CaptureFixture[str]):
+    """Camera and board of one's own, by every command that takes --devices; the file's round trip keeps them."""
+    before = list(sys.path)
+    devices = load_devices(devices_toml)
+    assert type(devices.camera()).__name__ == "Eye"
+    board = devices.laser_board()
+    assert type(board).__name__ == "Arm" and isinstance(board, Board)
+    assert sys.path == before
+    save_devices(devices, devices_toml)
+    assert load_devices(devices_toml) == devices
+    assert run(["doctor", "--devices", str(devices_toml), "--only", "board"]) == 0
+    assert "degrees per step" in capsys.readouterr().out
+
+
+def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
+    """One line that says why, and where the file was looked for; ids go with the board of the protocol."""
+    text = devices_toml.read_text()
+    for name, reported in (
+        (f"{devices_toml.parents[1].name}_own:Neither", "is no drivers.Board: derive the class from it"),
+        (f"{devices_toml.parents[1].name}_own:Absent", "cannot be made: .*no attribute 'Absent'"),
+        (
+            "nowhere_at_all:Arm",
+            f"No module named 'nowhere_at_all': it is not on .*PYTHONPATH.* nor in {devices_toml.parent}",
+        ),
+    ):
+        board = text[: text.index("[board]")] + f'[board]\nsource = "{name}"\n'
+        devices_toml.write_text(board)
+        with pytest.raises(gp.InvalidInput, match=reported):
+            load_devices(devices_toml).laser_board()
+    devices_toml.write_text(text + "vendor_id = 7\n")
+    with pytest.raises(gp.FileFormatError, match="knows its ids: leave them out"):
+        load_devices(devices_toml)
 
 
 def test_settings_are_locked_when_the_camera_is_opened(monkeypatch: pytest.MonkeyPatch, own_camera: str):

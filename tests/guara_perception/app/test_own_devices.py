@@ -1,0 +1,67 @@
+"""A scan with a camera and a board of one's own, both classes in a file beside devices.toml."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.main import run
+from guara_perception.simulation.specimen import specimen
+from kinematics import RobotModel
+
+# The board passes on eight members of another, so that the scan can use no more of it.
+OWN = """
+from pathlib import Path
+
+import guara_perception as gp
+from drivers import Board, LaserBoard
+from drivers.emulator import EmulatedBoard, emulated_backend
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import simulated_camera
+from guara_perception.simulation.walk import simulate_walk
+from guara_perception.simulation.world import load_world
+
+robot, world = gp.load_robot("guara"), load_world("demo")
+calibration = gp.load_calibration(Path(__file__).with_name("calibration.json"))
+scene = SimulatedRangefinder(world, calibration, robot)
+pause = next(simulate_walk(world, robot, cycles=0))
+scene.set_pose(pause.transform_base_to_world, pause.joint_positions)
+emulated = EmulatedBoard()
+
+
+def Eye():
+    return simulated_camera(scene, emulated, fps=60.0, latency=0.001)
+
+
+class Arm(Board):
+    def __init__(self):
+        self.within = LaserBoard(backend=emulated_backend(emulated))
+
+    identity = property(lambda self: self.within.identity)
+    open = lambda self: self.within.open()
+    close = lambda self: self.within.close()
+    status = lambda self: self.within.status()
+    laser_on = lambda self: self.within.laser_on()
+    laser_off = lambda self: self.within.laser_off()
+    home = lambda self: self.within.home()
+    go_to_step = lambda self, step, *, wait=True: self.within.go_to_step(step, wait=wait)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
+def test_a_scan_by_devices_of_ones_own(tmp_path: Path, robot: RobotModel, capsys: pytest.CaptureFixture[str]) -> None:
+    """`guara scan --devices` finds both and makes a grid of them."""
+    rig = tmp_path / "rig"
+    rig.mkdir()
+    (rig / "own_rig.py").write_text(OWN)
+    calibration = gp.save_calibration(specimen(robot, (320, 256), 0), rig / "calibration.json")
+    (rig / "devices.toml").write_text(
+        'format = "guara-devices/1"\n[camera]\nsource = "own_rig:Eye"\n[board]\nsource = "own_rig:Arm"\n'
+    )
+    arguments = ["-c", str(rig / "calibration.json"), "--devices", str(rig / "devices.toml"), "--mode", "coarse"]
+    assert run(["scan", str(tmp_path / "scan"), *arguments]) == 0, capsys.readouterr().err
+    scan = gp.open_scan(tmp_path / "scan")
+    terrain = gp.process_scan(scan, calibration, robot)
+    assert len(scan.stripes) == 35 and np.isfinite(terrain.elevation).mean() > 0.7
