@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from guara_perception.app.figures.figures import corrected_image
 from guara_perception.arrays import Image
 from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.calibration.laser import heights_through
 from guara_perception.calibration.plates import level_pixels
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
+from guara_perception.terrain.drawing import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,14 +32,9 @@ FLOOR_LABELS = {"xlabel": "y, left of the robot [m]", "ylabel": "x, ahead of the
 PICTURE_LABELS = {"xlabel": "column [px]", "ylabel": "row [px]"}
 
 
-def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **keywords: Any) -> tuple[Figure, list[Any]]:
-    """A figure without a window, and its axes in a list."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as AggFigure
-
-    figure = AggFigure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, columns, squeeze=False, **keywords)
+def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **options: Any) -> tuple[Figure, list[Any]]:
+    """A figure, and its axes in a list."""
+    figure, axes = style.new_figure(1, columns, size=(width, height), **options)
     return figure, list(axes[0])
 
 
@@ -70,23 +67,15 @@ def board_before_after(result: CalibrationResult) -> bytes:
     ground = next(view for view in result.intrinsics.views if view.name == result.session.ground_board_image)
     before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
     before.set(title="before: as the camera sees it (bent and in perspective)", **PICTURE_LABELS)
-    after.imshow(floor_picture(result, picture), extent=FLOOR_EXTENT)
+    floor = corrected_image(picture, result.fit.camera, result.fit.transform_camera_to_footprint, (AREA_X, AREA_Y))
+    # Far side up, left side left.
+    after.imshow(floor[::-1, ::-1], extent=FLOOR_EXTENT)
     for x in np.arange(AREA_X[0], AREA_X[1] + 1e-9, 0.05):
         after.axhline(x, color=GREEN, linewidth=0.4)
     for y in np.arange(-0.25, 0.26, 0.05):
         after.axvline(y, color=GREEN, linewidth=0.4)
     after.set(title="after: straight from above, lines every 50 mm", **FLOOR_LABELS)
     return to_png(figure)
-
-
-def floor_picture(result: CalibrationResult, picture: Image) -> Image:
-    """A picture rectified to the floor area, far side up, left side left."""
-    x = np.linspace(AREA_X[1], AREA_X[0], 512)
-    y = np.linspace(AREA_Y[1], AREA_Y[0], 640)
-    grid = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
-    pixels = floor_pixels(result.fit.camera, result.fit.transform_camera_to_footprint, grid)
-    maps = np.nan_to_num(pixels, nan=-1.0).astype(np.float32).reshape(x.size, y.size, 2)
-    return np.asarray(cv2.remap(picture, maps[:, :, 0], maps[:, :, 1], cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def corner_residuals(result: CalibrationResult) -> bytes:

@@ -11,6 +11,7 @@ from guara_perception.app.figures.figure_maps import draw_hazards, draw_image, d
 from guara_perception.app.files.range_files import write_range_images
 from guara_perception.arrays import Float, Grey, Image, Interval
 from guara_perception.calibration.calibration import Calibration, CameraModel
+from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan
@@ -110,24 +111,23 @@ def as_grey(frame: Image) -> Grey:
 
 
 def corrected_image(
-    image: Grey, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
-) -> Grey:
+    image: Image, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
+) -> Image:
     """The image as if seen from straight above the floor: distortion and perspective removed.
 
     Args:
-        image: (h, w) grey levels, pixels of the calibrated camera.
+        image: (h, w) or (h, w, 3) picture of the calibrated camera.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
         area: x and y range of the floor [m].
 
     Returns:
-        (512, 640), row along x, column along y, black where the camera does not look.
+        (512, 640) or (512, 640, 3), row along x, column along y, black where the camera does not look.
     """
     (x0, x1), (y0, y1) = area
     x = x0 + (np.arange(ROWS) + 0.5) * (x1 - x0) / ROWS
     y = y0 + (np.arange(COLUMNS) + 0.5) * (y1 - y0) / COLUMNS
-    floor = np.column_stack((np.repeat(x, COLUMNS), np.tile(y, ROWS), np.zeros(ROWS * COLUMNS)))
-    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
-    pixels = camera.project((floor - translation) @ rotation)
+    floor = np.column_stack((np.repeat(x, COLUMNS), np.tile(y, ROWS)))
+    pixels = floor_pixels(camera, transform_camera_to_footprint, floor)
     source = np.nan_to_num(pixels, nan=-1.0).astype(np.float32).reshape(ROWS, COLUMNS, 2)
     return np.asarray(cv2.remap(image, source, None, cv2.INTER_LINEAR), dtype=np.uint8)  # type: ignore[call-overload]
