@@ -16,7 +16,8 @@ import guara_perception as gp
 from benchmarks import drift_check, mirrored, misplaced_crosses, mounting
 from benchmarks.accuracy import scans_with_truth
 from benchmarks.parts import run_part
-from guara_perception.app.calibrate import calibrate_folder
+from guara_perception.app.files.calibration_session import open_session
+from guara_perception.calibration.calibrate import calibrate_session
 from kinematics import load_robot
 from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from testbed.grid_truth import figures
@@ -33,7 +34,7 @@ def report(data: Path, scans: str) -> None:
     robot = load_robot("guara")
     true = truth_calibration(data)
     start = time.perf_counter()
-    result = calibrate_folder(data / "calibration", force=True)
+    result = calibrate_session(open_session(data / "calibration"), robot)
     seconds = time.perf_counter() - start
     estimate = result.calibration
     focal = [100 * (estimate.camera.matrix[i, i] / true.camera.matrix[i, i] - 1) for i in (0, 1)]

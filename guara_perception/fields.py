@@ -12,7 +12,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, MissingFile
-from guara_perception.files import LARGEST_TEXT, read_bounded
+from guara_perception.files import LARGEST_TEXT, existing_file, read_bounded
 
 # Objects in one list: a scan has 70 stripes, a session some hundred pictures.
 MOST_ITEMS = 10_000
@@ -37,9 +37,7 @@ def read_json(path: str | Path) -> Fields:
     path = Path(path)
     if path.is_dir():
         raise MissingFile(f"{path} is a folder; give the file in it")
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
-    return parse_json(read_bounded(path, LARGEST_TEXT), str(path))
+    return parse_json(read_bounded(existing_file(path), LARGEST_TEXT), str(path))
 
 
 def parse_json(content: bytes, source: str) -> Fields:

@@ -167,14 +167,42 @@ def _read_array(file: Any, size: int, source: str) -> Array:
     return array.reshape(shape[::-1]).T if is_fortran else array.reshape(shape)
 
 
-def check_target(path: str | Path) -> Path:
+def existing_file(path: str | Path, remedy: str = "") -> Path:
+    """Path of a file that is there.
+
+    Raises:
+        MissingFile: there is none; the message ends with `remedy`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file{remedy}")
+    return path
+
+
+def check_folder(path: Path) -> None:
+    """Refuse an output folder that is a file, before work is spent on what goes there.
+
+    Raises:
+        InvalidInput: it is a file.
+    """
+    if path.exists() and not path.is_dir():
+        raise InvalidInput(f"{path} is a file, a folder is needed")
+
+
+def check_target(path: str | Path, *endings: str) -> Path:
     """Refuse an output path that cannot be written, before work is spent on what goes there.
+
+    Args:
+        path: file to write.
+        endings: endings that it may have; any if there are none.
 
     Raises:
         MissingFile: the folder of `path` does not exist.
-        InvalidInput: `path` is itself a folder.
+        InvalidInput: another ending, or `path` is itself a folder.
     """
     path = Path(path)
+    if endings and path.suffix.lower() not in endings:
+        raise InvalidInput(f"{path}: it must end in {', '.join(endings)}")
     if path.is_dir():
         raise InvalidInput(f"{path} is a folder, give the name of a file")
     if not path.parent.is_dir():

@@ -9,7 +9,6 @@ from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused
-from guara_perception.progress import Progress
 from guara_perception.settings import RobotLike, robot_model
 
 
@@ -36,31 +35,12 @@ def calibrate(
         MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
         kinematics.KinematicsError: no such robot, or the stance does not fit it.
     """
-    return calibrate_folder(
-        session_folder, robot, distortion=distortion, not_mirrored=not_mirrored, force=force
-    ).calibration
-
-
-def calibrate_folder(
-    session_folder: str | Path,
-    robot: RobotLike | None = None,
-    *,
-    distortion: str = "k1k2",
-    not_mirrored: bool = False,
-    force: bool = False,
-    progress: Progress | None = None,
-) -> CalibrationResult:
-    """Calibrate as `calibrate`; return all the evidence, for reports.
-
-    Raises:
-        See `calibrate`.
-    """
     session = open_session(session_folder)
     model = robot_model(session.robot if robot is None else robot)
-    result = calibrate_session(session, model, distortion=distortion, not_mirrored=not_mirrored, progress=progress)
+    result = calibrate_session(session, model, distortion=distortion, not_mirrored=not_mirrored)
     if not force:
         refuse(result)
-    return result
+    return result.calibration
 
 
 def refuse(result: CalibrationResult) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Self, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 from guara_perception.app.map_summary import MapRegions, TerrainSummary, message_to_regions, message_to_summary
 from guara_perception.app.messages import message_to_terrain
@@ -27,7 +28,7 @@ class AcceptedState(TypedDict, total=False):
     confirmed_only: bool
 
 
-class TerrainClient:
+class TerrainClient(AbstractContextManager["TerrainClient"]):
     """Receiver of the newest terrain of one robot; use it in a `with` block.
 
     Example:
@@ -65,9 +66,6 @@ class TerrainClient:
         session = open_client(endpoint, security=security, timeout=timeout)
         # Each extent is subscribed to on first use: a map is large, and not every client needs it.
         self._client = PerceptionClient(session, robot=robot, encoding=encoding)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

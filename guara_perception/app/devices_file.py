@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
-from guara_perception.files import read_toml, whole_file
+from guara_perception.files import existing_file, read_toml, whole_file
 
 if TYPE_CHECKING:
     from drivers import Board, Camera, CameraSettings, SweepOptions
@@ -180,9 +180,7 @@ def load_devices(path: str | Path) -> Devices:
         MissingFile: no such file.
         FileFormatError: the message names the field, what was given and what is allowed.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file; `guara record` writes one")
+    path = existing_file(path, "; `guara record` writes one")
     data = read_toml(path, LARGEST_BYTES)
     for table, known in KNOWN.items():
         given = data if not table else data.get(table, {})

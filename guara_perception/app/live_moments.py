@@ -6,8 +6,9 @@ import logging
 import math
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -40,7 +41,7 @@ logger = logging.getLogger(__name__)
 ROUTER_TIMEOUT_S = 2.0
 
 
-class LiveMoments:
+class LiveMoments(AbstractContextManager["LiveMoments"]):
     """Receives grids, points and pictures of one robot and shows each pause as far as it is known.
 
     Messages with equal stamps belong together. Once maps arrive, a scan is shown with its map, in odom.
@@ -81,9 +82,6 @@ class LiveMoments:
         points.on_newest(self._take_points)
         pictures = NewestReceiver(session, picture_key(robot), lambda payload: decode(payload, COMPRESSED_IMAGE))
         pictures.on_newest(self._take_picture)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._client.close()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from guara_perception.exceptions import FileFormatError, MissingFile
+from guara_perception.exceptions import FileFormatError
 
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
@@ -143,13 +143,11 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
     Raises:
         MissingFile, FileFormatError: there is no such file, or none of this format.
     """
-    from guara_perception.files import read_toml
+    from guara_perception.files import existing_file, read_toml
 
     if path is None:
         return
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
-    given = read_toml(path, LARGEST_BYTES)
+    given = read_toml(existing_file(path), LARGEST_BYTES)
     if given.pop("format", None) != NODE_FORMAT:
         raise FileFormatError(f"{path}: format must be {NODE_FORMAT!r}")
     options = {

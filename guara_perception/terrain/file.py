@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Array
-from guara_perception.exceptions import FileFormatError, MissingFile, PerceptionError
+from guara_perception.exceptions import FileFormatError, PerceptionError
 from guara_perception.fields import parse_json
-from guara_perception.files import read_arrays
+from guara_perception.files import existing_file, read_arrays
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.layers import LAYERS
@@ -26,9 +26,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
         MissingFile: no such file.
         FileFormatError: not such a file, a layer missing or of another type, or an unsafe grid.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
+    path = existing_file(path)
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
     data: dict[str, Any] = dict(read_arrays(path, [*wanted, *PICTURES]))
     missing = [name for name in wanted if name not in data]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +34,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
     Example:
         with BrowserView(robot, port=8080) as view:
             view.show_recording(moments)
-            view.wait(stop)
+            stop.wait()
     """
 
     def __init__(self, robot: RobotModel, *, host: str = "127.0.0.1", port: int = 8080) -> None:
@@ -63,9 +62,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._controls = Controls(self._server.gui, go_to=self._go_to, play=self._play_or_stop, redraw=self._redraw)
         self._look_from(np.zeros(3))
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     @property

@@ -11,8 +11,7 @@ from guara_perception.app.calibration_report import drawing
 from guara_perception.app.calibration_report.drawing import data_url
 from guara_perception.calibration.quality import Check
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.exceptions import InvalidInput
-from guara_perception.files import whole_file
+from guara_perception.files import check_folder, whole_file
 
 REPORT_FILE = "report.html"
 VERDICT_TEXTS = {
@@ -39,22 +38,12 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
         InvalidInput: `folder` is a file.
     """
     folder = Path(folder)
-    check_report_folder(folder)
+    check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / REPORT_FILE
     with whole_file(path) as temporary:
         temporary.write_text(report_page(result), encoding="utf-8")
     return path
-
-
-def check_report_folder(folder: Path) -> None:
-    """Refuse a path that cannot be a folder, before work is spent on the report.
-
-    Raises:
-        InvalidInput: it is a file.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InvalidInput(f"--report is {folder}, a file; it must be a folder")
 
 
 def report_page(result: CalibrationResult) -> str:

@@ -8,7 +8,6 @@ import click
 
 from guara_perception.app.options import FILE, NOT_MIRRORED
 from guara_perception.app.progress import progress
-from guara_perception.exceptions import InvalidInput
 
 
 @click.command(name="calibrate")
@@ -46,25 +45,21 @@ def command(
       guara calibrate sessions/monday -o calibration.json --report calibration-report
     """
     from guara_perception.app.calibrate import refuse
-    from guara_perception.app.calibration_report.html import check_report_folder, summary, write_report
+    from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.files.camera_info import write_camera_info
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
-    from guara_perception.files import check_target
+    from guara_perception.files import check_folder, check_target
     from guara_perception.settings import Settings
     from kinematics import load_robot
 
-    if out.suffix != ".json":
-        raise InvalidInput(f"--out is {out}, it must end in .json")
-    check_target(out)
+    check_target(out, ".json")
     if camera_info is not None:
-        if camera_info.suffix not in (".yaml", ".yml"):
-            raise InvalidInput(f"--camera-info is {camera_info}, it must end in .yaml or .yml")
-        check_target(camera_info)
+        check_target(camera_info, ".yaml", ".yml")
     if report is not None:
-        check_report_folder(report)
+        check_folder(report)
     opened = open_session(session)
     model = load_robot(robot if robot is not None else opened.robot)
     with progress("Calibrating") as show:

@@ -8,7 +8,7 @@ import click
 
 from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
-from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 
 # Endings of a grid for other tools.
@@ -70,11 +70,10 @@ def export_grid(source: Path, target: Path, step: int | None, extent: str | None
 
 def repair(source: Path, target: Path) -> None:
     """Copy all that is whole in a recording."""
+    from guara_perception.files import existing_file
     from transport.recording import recover_recording
 
-    if not source.is_file():
-        raise MissingFile(f"{source}: no such file")
-    result = recover_recording(source, target)
+    result = recover_recording(existing_file(source), target)
     state = "it was whole" if result.was_whole else f"{result.bytes_lost} bytes at the end were lost"
     damaged = f", {result.damaged_chunks} damaged pieces left out" if result.damaged_chunks else ""
     click.echo(f"{target}: {result.messages} messages, {result.attachments} attachments; {state}{damaged}")

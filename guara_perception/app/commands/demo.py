@@ -9,7 +9,7 @@ import click
 
 from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
-from guara_perception.exceptions import InvalidInput
+from guara_perception.files import check_folder
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 if TYPE_CHECKING:
@@ -38,8 +38,7 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     from guara_perception.app.demo.pictures import draw_demo
     from guara_perception.app.demo.walk import PAUSES_PER_CYCLE, demo_walk, first_recorded
 
-    if out.exists() and not out.is_dir():
-        raise InvalidInput(f"--out is {out}, a file; pictures and recording need a folder")
+    check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
     recording = out / "walk.mcap"
     recording.unlink(missing_ok=True)

@@ -50,18 +50,16 @@ def command(
     from guara_perception.app.files.open_scan import open_scan
     from guara_perception.app.files.scan_calibration import calibration_for
     from guara_perception.app.summary import facts, summary
-    from guara_perception.files import check_target
+    from guara_perception.files import check_folder, check_target
     from guara_perception.scanning.pictures import with_pictures
     from guara_perception.scanning.process import run_scan
     from guara_perception.scanning.stripe_finder import METHODS
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import RobotNotFound, load_robot
 
-    if out.suffix != ".npz":
-        raise InvalidInput(f"--out is {out}, it must end in .npz")
-    check_target(out)
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise InvalidInput(f"--figures is {figures}, a file; the pictures need a folder")
+    check_target(out, ".npz")
+    if figures is not None:
+        check_folder(figures)
     methods = list(dict.fromkeys(name.strip() for name in method.split(",")))
     for name in methods:
         if name not in METHODS:

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from guara_perception.app.options import FILE
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.grid import TerrainGrid
 
 
 @click.command(name="replay")
@@ -55,19 +50,23 @@ def command(
     """
     from guara_perception.app.files.open_scan import open_scans
     from guara_perception.app.files.scan_calibration import calibration_for
+    from guara_perception.app.messages import restamped
     from guara_perception.app.node.walk_map import WalkMap
+    from guara_perception.app.publisher import publish_terrain
     from guara_perception.app.summary import summary
+    from guara_perception.files import check_folder
     from guara_perception.scanning.process import run_scan
     from guara_perception.terrain.layers.layered_grid import EXTENTS
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import load_robot
+    from transport import open_node
 
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
     for name in extents:
         if name not in EXTENTS:
             raise InvalidInput(f"--extent holds {name!r}, allowed: {', '.join(EXTENTS)}, both with a comma between")
-    if out is not None and out.exists() and not out.is_dir():
-        raise InvalidInput(f"--out is {out}, a file; the grids need a folder")
+    if out is not None:
+        check_folder(out)
     if not publish and (listen or connect or security):
         raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
     calibrated = calibration_for(scans[0], calibration)
@@ -83,7 +82,9 @@ def command(
     walk_map = WalkMap(model, calibrated)
     last: int | None = None
     with ExitStack() as stack:
-        send = _publisher(stack, model.name, listen, connect, security) if publish else None
+        session = stack.enter_context(open_node(listen=listen, connect=connect, security=security)) if publish else None
+        if session is not None:
+            click.echo(f"{model.name}: publishing on {', '.join(session.endpoints)}")
         for number, scan in enumerate(walk):
             if last is not None and scan.step <= last:
                 click.echo(f"step {scan.step} after step {last}: another walk, the map starts again")
@@ -93,34 +94,15 @@ def command(
                 processor = run_scan(scan, calibrated, model, method, progress=show)
             fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"))
             grids = {"footprint": processor.finish(), "map": fused}
-            if send is not None and number:
+            if session is not None and number:
                 time.sleep(interval)
             for name in extents:
                 click.echo(f"{name}: {summary(grids[name])}")
                 if out is not None:
                     out.mkdir(parents=True, exist_ok=True)
                     save_terrain(grids[name], out / f"{number:04d}-step{scan.step}-{name}.npz")
-                if send is not None:
-                    send(grids[name])
-        if send is not None:
+                if session is not None:
+                    publish_terrain(session, restamped(grids[name], time.time_ns()), model.name)
+        if session is not None:
             # The last grids must be out before the session closes, also to clients that have only just connected.
             time.sleep(max(interval, 0.5))
-
-
-def _publisher(
-    stack: ExitStack, name: str, listen: str | None, connect: str | None, security: Path | None
-) -> Callable[[TerrainGrid], None]:
-    """Open the node's side of the transport; return a function that sends one grid, stamped now."""
-    from guara_perception.app.messages import restamped
-    from guara_perception.app.publisher import send_terrain
-    from transport import open_node
-    from transport.server import PerceptionServer
-
-    session = stack.enter_context(open_node(listen=listen, connect=connect, security=security))
-    server = PerceptionServer(session, robot=name)
-    click.echo(f"{name}: publishing on {', '.join(session.endpoints)}")
-
-    def send(terrain: TerrainGrid) -> None:
-        send_terrain(server, restamped(terrain, time.time_ns()))
-
-    return send

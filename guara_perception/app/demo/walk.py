@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
+import select
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, cast
 
 from guara_perception.app.client import TerrainClient
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
@@ -27,7 +27,6 @@ from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
-from transport.supervision import supervised
 
 # A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
 GRID_TIMEOUT_S = 60.0
@@ -169,7 +168,7 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-class PlannerProcess:
+class PlannerProcess(AbstractContextManager["PlannerProcess"]):
     """Planner in its own process, as a context manager. Grids reach it over Zenoh, requests over its pipe."""
 
     def __init__(self, endpoint: str, robot: str) -> None:
@@ -184,18 +183,14 @@ class PlannerProcess:
             stdout=subprocess.PIPE,
             text=True,
         )
+        self._stdin, self._stdout = cast("IO[str]", self._process.stdin), cast("IO[str]", self._process.stdout)
         try:
             self._read(START_TIMEOUT_S)
         except BaseException:
             self.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def choose(self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint") -> dict[str, Any]:
@@ -204,41 +199,32 @@ class PlannerProcess:
         Raises:
             PlannerFailed: the process died or does not answer.
         """
-        pipe = self._process.stdin
         request = {"step": step, "leg": leg, "x": x, "y": y, "extent": extent}
         try:
-            if pipe is not None:
-                pipe.write(json.dumps(request) + "\n")
-                pipe.flush()
+            self._stdin.write(json.dumps(request) + "\n")
+            self._stdin.flush()
         except (OSError, ValueError):  # the pipe is broken, or was closed
             raise PlannerFailed(f"the planner process ended (exit code {self._process.poll()})") from None
         return self._read(ANSWER_TIMEOUT_S)
 
     def close(self) -> None:
         """End the process. May be called twice."""
-        if self._process.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._process.stdin.close()
+        with suppress(BrokenPipeError):
+            self._stdin.close()
         try:
             self._process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        lines: list[str] = []
-        stdout = self._process.stdout
-        reader = supervised(
-            "planner's answer", lambda: lines.append(stdout.readline() if stdout else ""), restarts=None
-        )
-        reader.start()
-        reader.join(timeout)
-        if not lines or not lines[0]:
-            if reader.is_alive():
-                self._process.kill()
-                raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")
+        """The next answer: the planner writes a whole line at a time, and one for each request."""
+        if not select.select([self._stdout], [], [], timeout)[0]:
+            self._process.kill()
+            raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")
+        line = self._stdout.readline()
+        if not line:
             raise PlannerFailed(f"the planner process ended (exit code {self._process.wait()})")
-        answer: dict[str, Any] = json.loads(lines[0])
+        answer: dict[str, Any] = json.loads(line)
         return answer

@@ -13,6 +13,7 @@ from guara_perception.arrays import Float, Grey, Image, Interval
 from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.files import check_folder
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scan import Scan
 from guara_perception.scanning.scan_processor import ScanProcessor
@@ -40,8 +41,7 @@ def draw_figures(
     folder = Path(folder)
     if "ortho_image_mm" not in terrain.pictures:
         raise InvalidInput("the grid carries no range images: make them with `with_pictures` before drawing")
-    if folder.exists() and not folder.is_dir():
-        raise InvalidInput(f"{folder} is a file, the pictures need a folder")
+    check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     area = (processor.settings.footprint_x, processor.settings.footprint_y)
     transform = processor.transform_camera_to_footprint

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
-from guara_perception.files import read_bounded, whole_file
+from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
 
@@ -52,9 +52,7 @@ def read_camera_info(path: str | Path) -> CameraModel:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
+    path = existing_file(path)
     try:
         # camera_info of ROS has under 1 kB; YAML's aliases can make a large object of a small file.
         content = YAML(typ="safe").load(read_bounded(path, 64 * 1024).decode())

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from guara_perception.arrays import Array
-from guara_perception.exceptions import InvalidInput
-from guara_perception.files import whole_file
+from guara_perception.files import check_target, whole_file
 from guara_perception.terrain.drawing.style import hazard_picture
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
@@ -33,9 +32,7 @@ def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
         InvalidInput: another ending.
         MissingFile: the folder does not exist.
     """
-    write = WRITERS.get(Path(path).suffix)
-    if write is None:
-        raise InvalidInput(f"{path}: it must end in {', '.join(WRITERS)}")
+    write = WRITERS[check_target(path, *WRITERS).suffix.lower()]
     with whole_file(path) as temporary:
         return write(terrain, temporary)
 

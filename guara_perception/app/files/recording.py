@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Self
 
 from guara_perception.app.files.scan_recording import file_errors, open_recorded_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import parse_calibration
-from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.exceptions import InvalidInput
+from guara_perception.files import existing_file
 from guara_perception.scan import Scan
 from guara_perception.terrain.file import load_terrain
 from guara_perception.terrain.grid import TerrainGrid
@@ -19,7 +20,7 @@ from transport import StancePause
 from transport.recording import open_recording as open_messages
 
 
-class Recording:
+class Recording(AbstractContextManager["Recording"]):
     """Recording (.mcap) that is read piece by piece; use it in a `with` block.
 
     Iterating over it gives its footprint grids, one per pause.
@@ -37,18 +38,13 @@ class Recording:
 
     def __init__(self, path: str | Path) -> None:
         """Open the file; see `open_recording`."""
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise MissingFile(f"{self.path}: no such file")
+        self.path = existing_file(path)
         with file_errors():
             self._messages = open_messages(self.path)
         text = self._messages.calibration
         source = f"{self.path}: calibration.json"
         self.calibration: Calibration | None = None if text is None else parse_calibration(text, source)
         self.scans: tuple[Scan, ...] = tuple(open_recorded_scans(self.path))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

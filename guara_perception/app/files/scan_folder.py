@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import save_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
-from guara_perception.files import LARGEST_PICTURE, decode_picture, read_bounded
+from guara_perception.files import LARGEST_PICTURE, decode_picture, existing_file, read_bounded
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
 from kinematics import KinematicsError, Stance
@@ -91,9 +92,7 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
         MissingFile: no such file.
         FileFormatError: it cannot be decoded.
     """
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
-    return decode_picture(read_bounded(path, LARGEST_PICTURE), str(path))
+    return decode_picture(read_bounded(existing_file(path), LARGEST_PICTURE), str(path))
 
 
 def _stripe(item: Fields) -> ScanStripe:
@@ -108,7 +107,7 @@ def _stripe(item: Fields) -> ScanStripe:
     )
 
 
-class ScanFolderWriter:
+class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
     """Writer of a scan folder; use it in a `with` block and call `finish` when the scan is complete."""
 
     def __init__(self, folder: str | Path) -> None:
@@ -125,9 +124,6 @@ class ScanFolderWriter:
         self._staging = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
         self._stripes: list[dict[str, object]] = []
         self._offs: dict[object, str] = {}
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         """Throw away what was not finished."""

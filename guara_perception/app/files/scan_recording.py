@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_stance
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
-from guara_perception.files import decode_picture
+from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.files import decode_picture, existing_file
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
 from transport import TerrainMessage, TransportError
@@ -34,9 +34,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         MissingFile: no such file.
         FileFormatError: not a recording, cut (then `guara recover` helps), or a scan in it is not valid.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
+    path = existing_file(path)
     with file_errors():
         recording = open_recording(path)
     with file_errors(f"{path}: a recorded grid cannot be read: "):

@@ -7,8 +7,9 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import cv2
 
@@ -36,7 +37,7 @@ MAXIMUM_WAITING = 192 * 1024 * 1024
 CLOSE_TIMEOUT_S = 30.0
 
 
-class ScanRecorder:
+class ScanRecorder(AbstractContextManager["ScanRecorder"]):
     """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
 
     Where the file exists the recording goes on in the next one. In a folder it also does when a file is full, between
@@ -83,10 +84,6 @@ class ScanRecorder:
         self.writer = self._open()
         self._thread = WriterThread("guara-recorder", MAXIMUM_WAITING)
         self._add_later("the robot", self._add_robot)
-
-    def __enter__(self) -> Self:
-        """The recorder itself."""
-        return self
 
     def __exit__(self, *error: object) -> None:
         """Write what is waiting, and the end of the file."""

@@ -16,7 +16,7 @@ from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.exceptions import InvalidInput
 from guara_perception.fields import read_json
-from guara_perception.files import whole_file
+from guara_perception.files import check_folder, whole_file
 
 if TYPE_CHECKING:
     from kinematics import Stance
@@ -64,8 +64,7 @@ class SessionWriter:
             InvalidInput: the folder holds something else, a finished session, or was begun with another plan.
         """
         self.folder, self.plan = Path(folder), plan
-        if self.folder.exists() and not self.folder.is_dir():
-            raise InvalidInput(f"{self.folder} is a file, a session is a folder")
+        check_folder(self.folder)
         if (self.folder / SESSION_FILE).exists():
             raise InvalidInput(f"{self.folder} holds a finished session; give another name, or `guara calibrate` it")
         present = self.folder / PLAN_FILE

@@ -44,11 +44,6 @@ class TrialWalk:
     known: float
     ended: str | None
 
-    @property
-    def is_passed(self) -> bool:
-        """Whether all pauses were walked, and nothing unknown or hazardous was taken for safe."""
-        return self.ended is None and self.unknown_called_safe == 0 and self.feet_on_hazard == 0
-
 
 def trial_world(robot: RobotModel) -> World:
     """Ground for ten pauses: a small box in the left track, a dark patch in the right one, a pit and a box beside."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from guara_perception.app.scene.scene import cloud_field, cloud_points
 from guara_perception.arrays import Float
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError, optional_library
-from guara_perception.files import whole_file
+from guara_perception.exceptions import FileFormatError, InvalidInput, PerceptionError, optional_library
+from guara_perception.files import check_target, existing_file, whole_file
 from kinematics import ODOM
 from transport import TerrainMessage, TransportError
 from transport.recording import Recording, open_recording
@@ -65,10 +65,8 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
         InvalidInput: it holds no scene; `out` is no .rrd file.
     """
     rerun = optional_library("rerun", "rerun", PURPOSE)
-    if out.suffix != ".rrd":
-        raise InvalidInput(f"{out}: it must end in .rrd")
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
+    check_target(out, ".rrd")
+    existing_file(path)
     if path.suffix != ".mcap":
         raise InvalidInput(f"{path}: Rerun shows recordings (.mcap); `guara view {path}` shows grids and scans")
     try:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from guara_perception.app.targets.drawings import calibration_board, crosses, labels, mat, ruler
 from guara_perception.app.targets.sheet import Page, figure_of, pages_of
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.exceptions import InvalidInput
 from guara_perception.files import check_target, whole_file
 
 if TYPE_CHECKING:
@@ -45,9 +44,7 @@ def write_targets(
     """
     from matplotlib.backends.backend_pdf import PdfPages
 
-    if Path(path).suffix.lower() != ".pdf":
-        raise InvalidInput(f"{path}: it must end in .pdf")
-    check_target(path)
+    check_target(path, ".pdf")
     sheets = [ruler(), calibration_board(board), crosses(), mat(robot), labels(plates)]
     pages = [page for sheet in sheets for page in pages_of(sheet, paper)]
     # No date inside: the same options give the same bytes.

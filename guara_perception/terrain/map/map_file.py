@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Array, Float
-from guara_perception.exceptions import FileFormatError, MissingFile
+from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields, parse_json
-from guara_perception.files import read_arrays, whole_file
+from guara_perception.files import existing_file, read_arrays, whole_file
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.support_feet import HeightAnchor
@@ -95,9 +95,7 @@ def read_map(path: str | Path) -> SavedMap:
         MissingFile: no such file.
         FileFormatError: not such a file, or one whose contents are inconsistent.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise MissingFile(f"{path}: no such file")
+    path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY), "map", LARGEST_MAP)
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:

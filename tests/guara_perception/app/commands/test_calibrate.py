@@ -164,9 +164,9 @@ def test_broken_session_file(
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["-o", "c.txt"], "--out is c.txt, it must end in .json"),
+        (["-o", "c.txt"], "c.txt: it must end in .json"),
         (["-o", "nowhere/c.json"], "the folder nowhere does not exist"),
-        (["-o", "c.json", "--camera-info", "lens.xml"], "--camera-info is lens.xml, it must end in .yaml"),
+        (["-o", "c.json", "--camera-info", "lens.xml"], "lens.xml: it must end in .yaml, .yml"),
         (["-o", "c.json", "--distortion", "none"], "distortion is 'none', allowed: k1k2"),
     ],
 )
@@ -204,7 +204,7 @@ def test_report_folder_that_is_a_file(data: Path, tmp_path: Path, capsys: pytest
         str(tmp_path / "report"),
     ]
     assert run(arguments) == 2
-    assert "a file; it must be a folder" in capsys.readouterr().err
+    assert "is a file, a folder is needed" in capsys.readouterr().err
 
 
 def test_camera_info_as_ros_writes_it(tmp_path: Path) -> None:

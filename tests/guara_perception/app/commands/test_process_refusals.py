@@ -113,7 +113,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
         "scan not there": ([folder / "no", "-c", calibration, "-o", out], "no: no such scan"),
         "calibration not there": ([scan, "-c", folder / "no.json", "-o", out], "no.json: no such file"),
         "calibration a folder": ([scan, "-c", folder, "-o", out], "is a folder; give the file in it"),
-        "out of another kind": ([scan, "-c", calibration, "-o", folder / "out.txt"], "out.txt, it must end in .npz"),
+        "out of another kind": ([scan, "-c", calibration, "-o", folder / "out.txt"], "out.txt: it must end in .npz"),
         "out in no folder": (
             [scan, "-c", calibration, "-o", folder / "no" / "out.npz"],
             "no does not exist, create it",
@@ -134,7 +134,7 @@ def bad_options(data: Path, calibration: Path, folder: Path) -> dict[str, tuple[
         ),
         "figures a file": (
             [scan, "-c", calibration, "-o", out, "--figures", calibration],
-            "a file; the pictures need a",
+            "is a file, a folder is needed",
         ),
         "robot unknown": ([scan, "-c", calibration, "-o", out, "--robot", "tapir"], "no robot 'tapir'"),
     }
