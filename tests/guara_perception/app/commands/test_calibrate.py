@@ -88,6 +88,8 @@ def test_refused_session(
         made.append(made[0] if made else calibrate_session(*arguments, **more))
         return made[-1]
 
+    # Loaded before `calibrate_session` is replaced: it would keep the replacement.
+    assert callable(gp.calibrate)
     monkeypatch.setattr(calibrate, "calibrate_session", once)
     # The report's pictures are checked in the test above; here only its text is.
     monkeypatch.setattr(drawing, "to_png", lambda figure: b"")
