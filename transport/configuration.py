@@ -48,13 +48,13 @@ def check_endpoint(endpoint: str) -> str:
     return endpoint
 
 
-def check_tls(endpoint: str) -> str:
-    """`endpoint` if it is one of TLS.
+def check_tls(endpoint: str, *, allows_quic: bool = False) -> str:
+    """`endpoint` if it is encrypted: by TLS, or also by QUIC.
 
     Raises:
         ConfigurationError: it is not.
     """
-    if not check_endpoint(endpoint).startswith("tls/"):
+    if not check_endpoint(endpoint).startswith(("tls/", "quic/") if allows_quic else "tls/"):
         raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
     return endpoint
 
@@ -62,19 +62,6 @@ def check_tls(endpoint: str) -> str:
 def tls_endpoint(host: str, port: str) -> str:
     """TLS endpoint of a host; an IPv6 address is put into brackets."""
     return f"tls/[{host}]:{port}" if ":" in host and not host.startswith("[") else f"tls/{host}:{port}"
-
-
-def check_encrypted(endpoint: str) -> str:
-    """`endpoint` if it is one of TLS or QUIC.
-
-    Raises:
-        ConfigurationError: it is not.
-    """
-    if not check_endpoint(endpoint).startswith(("tls/", "quic/")):
-        raise ConfigurationError(
-            f"endpoint {endpoint!r} is not encrypted although a security folder is given; use tls/host:port"
-        )
-    return endpoint
 
 
 def is_local(endpoint: str) -> bool:

@@ -13,7 +13,7 @@ from transport.exceptions import MessageError, ScannerUnavailable
 from transport.grids.evidence import read_word
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
 from transport.links.session import Session
-from transport.messages.status_message import STATUS_NAME, Status, decode_status, whole_number
+from transport.messages.status_message import STATUS_NAME, Status, decode_status, number, whole_number
 from transport.messages.terrain_message import Health
 from transport.queries.asking import ask
 
@@ -112,16 +112,9 @@ def _state_of(status: Status) -> RobotState | None:
         robot=own.hardware_id,
         step=word.step,
         standing=word.standing,
-        age=_number(own.values.get("last_scan_age_s", "")),
+        age=number(own.values.get("last_scan_age_s", "")),
         health=status.level,
         message="; ".join(wrong),
         links=whole_number(own.values.get("links", "")) or 0,
         run=word.run,
     )
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan

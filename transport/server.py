@@ -41,7 +41,7 @@ from transport.supervision import FailureLog
 logger = logging.getLogger(__name__)
 # [s] How long the final reply to a scan request waits for its terrain message to be sent.
 SEND_TIMEOUT = 2.0
-# [s] How long a jump of the clock stands in the status.
+# [s] A jump of the clock is in the status for this long.
 REPORTED_FOR = 60.0
 
 
@@ -51,7 +51,8 @@ class PerceptionServer(Resource):
     Attributes:
         robot: instance name.
         run: identity of this run of the node, new at each start; in every grid and status.
-        views: sends what only people look at.
+        views: sender of messages that only people look at.
+        follow_status: `StatusReporter.follow`.
     """
 
     def __init__(
@@ -104,6 +105,7 @@ class PerceptionServer(Resource):
         self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
         self._status = StatusReporter(session, self.status_items, robot=robot)
+        self.follow_status = self._status.follow
         if self._bridge is not None:
             bridge = self._bridge
             self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
@@ -178,7 +180,7 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Take back occupancy and grid map: they do not say of which pause they are, and its frame has ended."""
+        """Withdraw occupancy and grid map: they do not tell their pause, and its frame has ended."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
@@ -234,7 +236,7 @@ class PerceptionServer(Resource):
         return self._gait
 
     def begin_step(self, step: int, epoch: str = "") -> None:
-        """Say which stance pause it is now, and of which walk, so that receivers know how many pauses old a grid is."""
+        """Report the present stance pause and its walk, by which receivers know how many pauses old a grid is."""
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
@@ -248,15 +250,11 @@ class PerceptionServer(Resource):
             self._empty(derived)
 
     def end_step(self) -> None:
-        """Say that the pause is over: the robot moves, or nobody knows."""
+        """Report that the pause is over: the robot moves, or its state is not known."""
         with self._lock:
             is_news, self._standing = self._standing is not False, False
         if is_news:
             self._status.changed()
-
-    def follow_status(self, take: Callable[[bytearray], None]) -> None:
-        """Hand the payload of each status that is sent to `take` too, which must be quick."""
-        self._status.follow(take)
 
     def status_changed(self) -> None:
         """Send the status now; returns at once."""

@@ -147,8 +147,7 @@ def checksum(data: bytes) -> int:
 
 def split_argument(argument: int) -> tuple[int, int]:
     """(wValue, wIndex): the low and high half of a signed 32-bit argument."""
-    unsigned = argument & 0xFFFFFFFF
-    return unsigned & 0xFFFF, unsigned >> 16
+    return argument & 0xFFFF, argument >> 16 & 0xFFFF
 
 
 def join_argument(value: int, index: int) -> int:

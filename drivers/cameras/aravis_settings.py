@@ -1,17 +1,17 @@
-"""Locks the settings of a GenICam camera, in its own units, and reads each of them back."""
+"""Settings of a GenICam camera: locked in its own units, and read back."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from drivers.cameras.camera import CameraSettings, HeldSettings
+from drivers.cameras.camera import UNITS, CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
-MICROSECOND = 1e-6
-# Relative; cameras count exposure in rows or in ticks of their clock, gain in fractions of a decibel.
-EXPOSURE_TOLERANCE, GAIN_TOLERANCE = 0.05, 0.02
 # Absolute: cameras round gain and gamma to about this.
 ROUNDING = 0.05
+# Setting -> its name in Aravis's methods, the unit there, and the allowed difference of the value held, relative and
+# absolute: cameras count exposure in rows or in ticks of their clock, gain in fractions of a decibel.
+FEATURES = {"exposure": ("exposure_time", 1e-6, 0.05, 0.0), "gain": ("gain", 1.0, 0.02, ROUNDING)}
 
 
 def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str) -> CameraSettings:
@@ -28,32 +28,23 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
         CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.
     """
     held: dict[str, float] = {}
-    if settings.exposure is not None:
-        if not camera.is_exposure_time_available():
-            raise _missing(name, "exposure time", settings.exposure)
-        if camera.is_exposure_auto_available():
-            camera.set_exposure_time_auto(aravis.Auto.OFF)
-        lowest, highest = (bound * MICROSECOND for bound in camera.get_exposure_time_bounds())
-        if not lowest <= settings.exposure <= highest:
+    for setting, (feature, unit, tolerance, rounding) in FEATURES.items():
+        asked = getattr(settings, setting)
+        if asked is None:
+            continue
+        if not getattr(camera, f"is_{feature}_available")():
+            raise _missing(name, feature.replace("_", " "), asked)
+        if getattr(camera, f"is_{setting}_auto_available")():
+            getattr(camera, f"set_{feature}_auto")(aravis.Auto.OFF)
+        lowest, highest = (bound * unit for bound in getattr(camera, f"get_{feature}_bounds")())
+        if not lowest <= asked <= highest:
+            unit_name = UNITS[setting]
             raise CameraSettingRefused(
-                f"{name} was asked for exposure {settings.exposure:g} s, it takes {lowest:g} ... {highest:g} s"
+                f"{name} was asked for {setting} {asked:g}{unit_name}, it takes {lowest:g} ... {highest:g}{unit_name}"
             )
-        camera.set_exposure_time(settings.exposure / MICROSECOND)
-        held["exposure"] = camera.get_exposure_time() * MICROSECOND
-        _check(name, "exposure", settings.exposure, held["exposure"], EXPOSURE_TOLERANCE * settings.exposure)
-    if settings.gain is not None:
-        if not camera.is_gain_available():
-            raise _missing(name, "gain", settings.gain)
-        if camera.is_gain_auto_available():
-            camera.set_gain_auto(aravis.Auto.OFF)
-        lowest, highest = camera.get_gain_bounds()
-        if not lowest <= settings.gain <= highest:
-            raise CameraSettingRefused(
-                f"{name} was asked for gain {settings.gain:g}, it takes {lowest:g} ... {highest:g}"
-            )
-        camera.set_gain(settings.gain)
-        held["gain"] = camera.get_gain()
-        _check(name, "gain", settings.gain, held["gain"], max(ROUNDING, GAIN_TOLERANCE * settings.gain))
+        getattr(camera, f"set_{feature}")(asked / unit)
+        held[setting] = getattr(camera, f"get_{feature}")() * unit
+        _check(name, setting, asked, held[setting], max(rounding, tolerance * asked))
     if settings.white_balance is not None:
         raise CameraSettingRefused(f"{name} gives raw frames, which have no white balance: leave white_balance out")
     if settings.gamma is not None:
@@ -71,14 +62,13 @@ def held_settings(camera: Any, aravis: Any, locked: CameraSettings) -> HeldSetti
     """
     values: dict[str, float] = {}
     automatic = []
-    if locked.exposure is not None:
-        values["exposure"] = camera.get_exposure_time() * MICROSECOND
-        if camera.is_exposure_auto_available() and camera.get_exposure_time_auto() != aravis.Auto.OFF:
-            automatic.append("exposure")
-    if locked.gain is not None:
-        values["gain"] = camera.get_gain()
-        if camera.is_gain_auto_available() and camera.get_gain_auto() != aravis.Auto.OFF:
-            automatic.append("gain")
+    for setting, (feature, unit, _, _) in FEATURES.items():
+        if getattr(locked, setting) is None:
+            continue
+        values[setting] = getattr(camera, f"get_{feature}")() * unit
+        has_automatic = getattr(camera, f"is_{setting}_auto_available")()
+        if has_automatic and getattr(camera, f"get_{feature}_auto")() != aravis.Auto.OFF:
+            automatic.append(setting)
     if locked.gamma is not None and camera.is_feature_available("Gamma"):
         values["gamma"] = float(camera.get_float("Gamma"))
     return HeldSettings(values=values, automatic=tuple(automatic))

@@ -263,12 +263,8 @@ class EmulatedBoard:
             case Request.SWEEP_STEP:
                 step = (bits & 0xFFFF ^ 0x8000) - 0x8000
                 return self._sweep.set_step(bits >> 16 & (SWEEP_PLACES - 1), bits >> 25, step)
-            case Request.SWEEP_FLASH:
-                return self._sweep.set_flash(argument)
-            case Request.SWEEP_PERIOD:
-                return self._sweep.set_period(argument)
-            case Request.SWEEP_OFF_FRAMES:
-                return self._sweep.set_off_frames(argument)
+            case Request.SWEEP_FLASH | Request.SWEEP_PERIOD | Request.SWEEP_OFF_FRAMES:
+                return self._sweep.set_option(request, argument)
             case Request.SWEEP:
                 return self._sweep.begin(bits, self._power_up, now)
         return Result.BUSY if self._sweep.running else self._mirror.set_motion(request, argument, now)

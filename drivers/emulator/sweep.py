@@ -15,6 +15,7 @@ from drivers.board.protocol import (
     SWEEP_STRIPES,
     WAIT_UNIT_US,
     BoardFault,
+    Request,
     Result,
     Shot,
     SweepOffFrames,
@@ -28,6 +29,14 @@ from drivers.emulator.shutter import Opening, Shutter
 EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002
 # Seconds of light after which the photodiode must have seen it.
 SEEN_AFTER = 0.0002
+
+
+# Lowest and highest value of each option.
+OPTIONS = {
+    Request.SWEEP_FLASH: (FLASH_SHORTEST_US, FLASH_LONGEST_US),
+    Request.SWEEP_PERIOD: (0, PERIOD_LONGEST_US),
+    Request.SWEEP_OFF_FRAMES: (0, max(SweepOffFrames)),
+}
 
 
 class Phase(enum.Enum):
@@ -60,8 +69,7 @@ class SweepUnit:
         self.ended_at: float | None = None
         self.records: deque[StripeRecord] = deque()
         self._table: dict[int, tuple[int, float]] = {}
-        self._flash = self._period = 0.0
-        self._off_frames = SweepOffFrames.NONE
+        self._options = dict.fromkeys(OPTIONS, 0)
         self._number: int | None = None
         self._closed = -math.inf
         self._shot: StripeRecord | None = None
@@ -80,26 +88,15 @@ class SweepUnit:
         self._table[place] = (step, wait * WAIT_UNIT_US * 1e-6)
         return Result.OK
 
-    def set_flash(self, microseconds: int) -> Result:
-        """Set the longest time of light for a stripe."""
-        result = self._allows(microseconds, FLASH_SHORTEST_US, FLASH_LONGEST_US)
-        if result is Result.OK:
-            self._flash = microseconds * 1e-6
-        return result
-
-    def set_period(self, microseconds: int) -> Result:
-        """Set the shortest time between two triggers."""
-        result = self._allows(microseconds, 0, PERIOD_LONGEST_US)
-        if result is Result.OK:
-            self._period = microseconds * 1e-6
-        return result
-
-    def set_off_frames(self, mode: int) -> Result:
-        """Set which frames are taken in the dark."""
-        result = self._allows(mode, 0, max(SweepOffFrames))
-        if result is Result.OK:
-            self._off_frames = SweepOffFrames(mode)
-        return result
+    def set_option(self, request: Request, value: int) -> Result:
+        """Set the longest time of light or the shortest time between triggers [us], or the off frames."""
+        lowest, highest = OPTIONS[request]
+        if not lowest <= value <= highest:
+            return Result.OUT_OF_RANGE
+        if self.running:
+            return Result.BUSY
+        self._options[request] = value
+        return Result.OK
 
     def begin(self, argument: int, power_up: float, now: float) -> Result:
         """Begin a sweep; `argument` is that of SWEEP, unsigned."""
@@ -112,12 +109,14 @@ class SweepUnit:
             return Result.NOT_HOMED
         if not self._light.may_shine:
             return Result.LASER_REFUSED
-        places = range(place, place + count)
-        if not 1 <= count <= SWEEP_STRIPES or self._flash == 0.0 or any(at not in self._table for at in places):
+        is_known = all(at in self._table for at in range(place, place + count))
+        if not 1 <= count <= SWEEP_STRIPES or not self._options[Request.SWEEP_FLASH] or not is_known:
             return Result.OUT_OF_RANGE
         self._light.command(False, now)
         self._number, self._place, self._left = number, place, count
         self._power_up = power_up
+        self._flash, self._period = (1e-6 * self._options[each] for each in (Request.SWEEP_FLASH, Request.SWEEP_PERIOD))
+        self._off_frames = SweepOffFrames(self._options[Request.SWEEP_OFF_FRAMES])
         self._is_off = self._off_frames is SweepOffFrames.ONE
         self._has_shone = False
         self._last_trigger = -math.inf
@@ -147,11 +146,6 @@ class SweepUnit:
                 self._next(now)
             case Phase.FINISH:
                 self._finish(now)
-
-    def _allows(self, value: int, lowest: int, highest: int) -> Result:
-        if not lowest <= value <= highest:
-            return Result.OUT_OF_RANGE
-        return Result.BUSY if self.running else Result.OK
 
     def _wait_for(self, phase: Phase, due: float) -> None:
         self._phase, self.due = phase, due

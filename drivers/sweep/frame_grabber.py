@@ -26,14 +26,16 @@ class FrameGrabber:
         last_stamp: stamp of the last frame returned [s].
     """
 
-    def __init__(self, camera: Camera, board: Board, options: AcquireOptions, check: Callable[[], None]) -> None:
+    def __init__(
+        self, camera: Camera, board: Board, options: AcquireOptions, check: Callable[[], object] = bool
+    ) -> None:
         """Prepare.
 
         Args:
             camera: an open camera.
             board: an open board, whose watchdog is fed while waiting.
             options: options of the scan.
-            check: called often; raises to give up.
+            check: called often; raises to give up. The default never does.
         """
         self._camera, self._board, self._options, self._check = camera, board, options, check
         self._before: Frame | None = None

@@ -72,7 +72,7 @@ def meter_exposure(
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
             raise ValueError(f"{name} are {low} ... {high}, they must rise and be above 0")
-    grabber = FrameGrabber(camera, board, AcquireOptions(), _never)
+    grabber = FrameGrabber(camera, board, AcquireOptions())
     board.go_to_angle(mirror_angle)
     held = exposure
     for _ in range(max_rounds):
@@ -162,7 +162,3 @@ def _advice(measured: _Brightness, levels: tuple[float, float]) -> str:
     if measured.ridge > levels[1] or measured.clipped > 0.5:
         return f"{what}: close the iris or shade the scene, the exposure cannot go lower"
     return f"{what}: open the iris or raise the gain, the exposure cannot go higher"
-
-
-def _never() -> None:
-    """Never give up: metering takes a few frames only."""

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from transport.links.recent import Recent
 from transport.messages.regions_message import RegionsMessage
-from transport.messages.status_message import STATUS_NAME, Status, whole_number
+from transport.messages.status_message import STATUS_NAME, Status, number, whole_number
 from transport.messages.summary_message import SummaryMessage
 from transport.messages.terrain_message import TerrainMessage
 
@@ -86,10 +86,7 @@ def read_word(status: Status, heard: float) -> Word | None:
     if item is None:
         return None
     values = item.values
-    try:
-        reading = float(values.get("clock_s", "0"))
-    except ValueError:
-        reading = 0.0
+    reading = number(values.get("clock_s", ""))
     return Word(
         status=status,
         heard=heard,

@@ -49,16 +49,13 @@ class Sample(Generic[T]):
         self._lock = threading.Lock()
         self._result: Received[T] | MessageError | None = None
 
-    def peek(self) -> T:
-        """The message, before anybody has asked for it."""
-        return self._opened().message
+    def open(self, *, counts: bool = True) -> Received[T]:
+        """The message with its arrival; from now on it counts as asked for, unless `counts` is False.
 
-    def open(self) -> Received[T]:
-        """The message with its arrival; from now on it counts as asked for."""
-        self.taken = True
-        return self._opened()
-
-    def _opened(self) -> Received[T]:
+        Raises:
+            MessageError: the payload is not a valid message.
+        """
+        self.taken |= counts
         with self._lock:
             if self._result is None:
                 try:

@@ -107,7 +107,7 @@ class NewestReceiver(Resource, Generic[T]):
         sample = Sample(payload, self.received + 1, self._decode)
         if self._refusal is not None:
             try:
-                refusal = self._refusal(sample.peek())
+                refusal = self._refusal(sample.open(counts=False).message)
             except MessageError:
                 refusal = ""
             if refusal:

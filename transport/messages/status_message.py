@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -71,6 +72,14 @@ def whole_number(text: str) -> int | None:
         return int(text)
     except ValueError:
         return None
+
+
+def number(text: str) -> float:
+    """A figure of a status as a number, NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def encode_status(status: Status) -> bytearray:

@@ -13,7 +13,6 @@ from transport import zenoh_api
 from transport.configuration import (
     PATIENT_WAIT_US,
     WAIT_BEFORE_DROP_US,
-    check_encrypted,
     check_tls,
     client_configuration,
     dialling,
@@ -230,7 +229,7 @@ def load_configuration(
         ConfigurationError: an endpoint without encryption.
     """
     for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
-        check_encrypted(endpoint)
+        check_tls(endpoint, allows_quic=True)
     try:
         text = _configuration_text(folder)
         values: dict[str, Any] = {}
