@@ -1,22 +1,22 @@
-"""`record_session`: guide an operator through a calibration session, with advice on pictures of the board."""
+"""`record_session`: guide an operator through a calibration session."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.app.record.board_advice import BoardAdvice
 from guara_perception.app.record.operator import Operator
 from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
-from guara_perception.arrays import Float, Image
-from guara_perception.calibration.board import BoardSpec, BoardView, to_grey
+from guara_perception.arrays import Image
+from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import locate_camera
@@ -34,18 +34,6 @@ MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
 # Called with a picture and the request for the next one.
 Watch = Callable[[Image, str], None]
-ZONES: Final = 3
-WANTED_PICTURES: Final = 12
-# [rad] Below this tilt focal length and distance of the board cannot be told apart.
-TILT: Final = float(np.deg2rad(15))
-# A still board moves by less than STILL_PX from frame to frame. Two views differ by more than SAME_OF_WIDTH, a share of
-# the picture's width.
-STILL_PX: Final = 0.5
-SAME_OF_WIDTH: Final = 0.04
-CLIPPED_SHARE: Final = 0.02
-# A common lens, to judge tilts before the real one is known: focal length as a share of the picture's width.
-FOCAL_OF_WIDTH: Final = 0.92
-SIDES: Final = ("left", "right", "top", "bottom")
 
 
 class RecordingFailed(PerceptionError, RuntimeError):
@@ -208,88 +196,3 @@ def _record_crosses(
         writer.write(CROSSES_PICTURE, picture)
         return
     raise RecordingFailed(f"the crosses were not found: {reason}")
-
-
-@dataclass
-class BoardAdvice:
-    """Coverage of the pictures of the board so far, and advice on the next one.
-
-    Attributes:
-        board: the board.
-        views: views that were accepted.
-    """
-
-    board: BoardSpec
-    views: list[BoardView] = field(default_factory=list)
-    _zones: set[tuple[int, int]] = field(default_factory=set)
-    _tilts: set[str] = field(default_factory=set)
-
-    def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
-        """View of a picture, and the reason why it cannot be used, empty when it can."""
-        grey = to_grey(picture)
-        if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
-            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped"
-            return BoardView.unusable(name, reason), reason
-        view = find_board(picture, self.board, name)
-        if not view.is_usable:
-            return view, view.reason
-        if before is not None:
-            earlier = find_board(before, self.board, name)
-            moved = _moved(view, earlier)
-            if not earlier.is_usable or not moved.size or moved.max() > STILL_PX:
-                return view, "hold the board still"
-        width = grey.shape[1]
-        for other in self.views:
-            moved = _moved(view, other)
-            if moved.size and moved.mean() < SAME_OF_WIDTH * width:
-                return view, f"shown before; {self.missing(picture.shape[:2])}"
-        return view, ""
-
-    def take(self, view: BoardView, shape: tuple[int, ...]) -> None:
-        """Count an accepted view."""
-        self.views.append(view)
-        height, width = shape[:2]
-        zone = np.clip((view.corners_px / np.array([width, height]) * ZONES).astype(int), 0, ZONES - 1)
-        self._zones.update((int(row), int(column)) for column, row in zone)
-        self._tilts.update(tilted_sides(view, self.board, (height, width)))
-
-    def is_complete(self) -> bool:
-        """Whether enough pictures show every zone and every tilt."""
-        return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
-
-    def missing(self, shape: tuple[int, ...]) -> str:
-        """Request for the next picture."""
-        advice = []
-        empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]
-        if empty:
-            row, column = empty[0]
-            zone = f"{('top', 'middle', 'bottom')[row]} {('left', 'centre', 'right')[column]}"
-            advice.append(f"bring it to the {zone} of the picture ({len(empty)} of {ZONES**2} zones not yet seen)")
-        sides = [side for side in SIDES if side not in self._tilts]
-        if sides:
-            advice.append(f"tilt its {sides[0]} side away from the camera")
-        if not advice:
-            advice.append("show it elsewhere or tilted otherwise")
-        return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(advice)
-
-
-def _moved(view: BoardView, other: BoardView) -> Float:
-    """Distances (n, 2) of the corners that both views show [px]."""
-    _, here, there = np.intersect1d(view.corners, other.corners, return_indices=True)
-    return np.abs(view.corners_px[here] - other.corners_px[there])
-
-
-def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> set[str]:
-    """Sides of the picture at which the board leans away by TILT or more, judged with a common lens."""
-    height, width = shape
-    focal = FOCAL_OF_WIDTH * width
-    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    found, turn, _ = cv2.solvePnP(view.points(board), view.corners_px.reshape(-1, 1, 2), matrix, None)
-    if not found:
-        return set()
-    normal: Float = np.asarray(cv2.Rodrigues(turn)[0][:, 2], dtype=np.float64)
-    normal = normal if normal[2] > 0 else -normal
-    # A normal that points right in the picture means that the right side is the farther one: z grows along -x there.
-    lean_x, lean_y = np.arctan2(-normal[0], normal[2]), np.arctan2(-normal[1], normal[2])
-    tests = {"right": lean_x > TILT, "left": lean_x < -TILT, "bottom": lean_y > TILT, "top": lean_y < -TILT}
-    return {side for side, holds in tests.items() if holds}

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from guara_perception.app.record.record import TILT, BoardAdvice, tilted_sides
+from guara_perception.app.record.board_advice import TILT, BoardAdvice, tilted_sides
 from guara_perception.app.record.simulated import BOARD_POSES
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
