@@ -15,8 +15,6 @@ from guara_perception.exceptions import InvalidInput
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# Walking speeds of the paper's robot [m/s], 450 ... 800 mm/min.
-SLOWEST_M_S, FASTEST_M_S = 0.45 / 60, 0.80 / 60
 # A body that cannot reach all footholds at its height crouches, by this much at a time and not below the lowest [m].
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
@@ -31,32 +29,16 @@ class WaveGait:
         lift_order: legs in the order in which they swing.
         hips: (x, y) of each sole in base_link halfway between its landing and its lift, by leg [m].
         cycle_length: advance of the body in one cycle, all legs once [m].
-        speed: mean speed without pauses [m/s].
         hip_height: height of the body's origin over the plane of the soles [m].
     """
 
     lift_order: tuple[str, ...]
     hips: dict[str, tuple[float, float]]
     cycle_length: float = 0.140
-    speed: float = 0.60 / 60
     hip_height: float = 0.360
 
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidInput: a speed that the robot does not walk, a cycle without length.
-        """
-        if not SLOWEST_M_S - 1e-9 <= self.speed <= FASTEST_M_S + 1e-9:
-            raise InvalidInput(
-                f"speed is {self.speed * 60e3:.0f} mm/min, it must be {SLOWEST_M_S * 60e3:.0f} ... "
-                f"{FASTEST_M_S * 60e3:.0f}"
-            )
-        if not 0 < self.cycle_length <= 0.5:
-            raise InvalidInput(f"cycle_length is {self.cycle_length} m, it must be above 0 and at most 0.5")
-
     @staticmethod
-    def of(robot: RobotModel, *, cycle_length: float = 0.140, speed: float = 0.60 / 60) -> WaveGait:
+    def of(robot: RobotModel) -> WaveGait:
         """The gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
         # The soles of the scan posture: on most robots they lie beside the first joint of the leg, not below it.
         state = robot.state(robot.posture(robot.config.scan_posture))
@@ -66,8 +48,6 @@ class WaveGait:
         return WaveGait(
             lift_order=tuple(order),
             hips={leg: (float(hip[0]), float(hip[1])) for leg, hip in hips.items()},
-            cycle_length=cycle_length,
-            speed=speed,
             hip_height=round(-float(soles[:, 2].mean()), 6),
         )
 
@@ -75,11 +55,6 @@ class WaveGait:
     def advance(self) -> float:
         """Advance of the body between two swings [m]."""
         return self.cycle_length / len(self.lift_order)
-
-    @property
-    def swing_time(self) -> float:
-        """Time from one pause to the next: body forward, then one swing [s]."""
-        return self.advance / self.speed
 
     def leg_of_swing(self, number: int) -> str:
         """The leg of the swing after pause `number`."""

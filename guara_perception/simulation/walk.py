@@ -68,7 +68,6 @@ class WalkPause:
 
     Attributes:
         step: number of the pause.
-        time: time since the start, without the pauses [s].
         stance: reported stance: joint positions with their bias, support feet, gravity with noise or None.
         known_ground: what the gait declares, in base_footprint; at the first pause only.
         next_leg: the leg that swings after this pause.
@@ -81,7 +80,6 @@ class WalkPause:
     """
 
     step: int
-    time: float
     stance: Stance
     known_ground: tuple[KnownGround, ...]
     next_leg: str
@@ -110,7 +108,6 @@ def simulate_walk(
     cycles: float = 10,
     seed: int = 0,
     noise: WalkNoise | None = None,
-    gait: WaveGait | None = None,
 ) -> Iterator[WalkPause]:
     """Walk along the world's x axis from the origin, kinematically.
 
@@ -125,7 +122,6 @@ def simulate_walk(
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
-        gait: gait of the robot; None = its wave gait.
 
     Yields:
         The pauses, one before the first swing and one after each.
@@ -134,7 +130,7 @@ def simulate_walk(
         WalkEnded: the planner found no foothold.
         OutOfReach: a foothold that the legs cannot reach.
     """
-    gait = gait or WaveGait.of(robot)
+    gait = WaveGait.of(robot)
     noise = noise or WalkNoise()
     rng = np.random.default_rng(seed)
     length, width = robot.sole
@@ -157,7 +153,6 @@ def simulate_walk(
         target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + landing[0], landing[1], 0.0, 1.0)
         pause = WalkPause(
             step=step,
-            time=step * gait.swing_time,
             stance=reported_stance(joints, feet, transform, noise, rng),
             known_ground=declared if step == 0 else (),
             next_leg=leg,

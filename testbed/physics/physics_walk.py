@@ -40,6 +40,8 @@ TICK_S = 0.010
 # The body sways away from the leg that lifts: without it the centre of mass is only 6 mm inside the three other feet.
 SWAY_M = 0.040
 CLEARANCE_M = 0.060
+# Mean speed without pauses: that of the paper's robot is 0.45 ... 0.80 m/min.
+SPEED_M_S = 0.60 / 60
 # Share of the time between two pauses for the body, with four feet down; the rest is the swing.
 BODY_SHARE = 0.4
 SETTLE_S = 1.0
@@ -56,7 +58,6 @@ def physics_walk(
     cycles: float = 6,
     seed: int = 0,
     noise: WalkNoise | None = None,
-    gait: WaveGait | None = None,
 ) -> Iterator[WalkPause]:
     """Walk as `simulate_walk` does, in MuJoCo: feet slip, the body sags and tips, contacts decide.
 
@@ -65,7 +66,7 @@ def physics_walk(
 
     Args:
         world: level ground with boxes.
-        robot, choose, cycles, seed, noise, gait: as in `simulate_walk`.
+        robot, choose, cycles, seed, noise: as in `simulate_walk`.
 
     Yields:
         The pauses, each a second after the foot was set down.
@@ -74,7 +75,7 @@ def physics_walk(
         MissingExtra: MuJoCo is not installed.
         WalkEnded: the planner found no foothold, or the robot fell.
     """
-    gait, noise = gait or WaveGait.of(robot), noise or WalkNoise()
+    gait, noise = WaveGait.of(robot), noise or WalkNoise()
     rng = np.random.default_rng(seed)
     soles = {leg: np.array([*xy, 0.0]) for leg, xy in gait.first_stance().items()}
     transform, joints = stand_on(robot, soles, (0.0, 0.0), gait.hip_height)
@@ -120,7 +121,6 @@ def _pause(
         ground = (KnownGround(outline[:, :2], height=float(outline[:, 2].mean()), sigma=0.001),)
     return WalkPause(
         step=step,
-        time=body.time,
         stance=reported_stance(joints, feet, transform, noise, rng),
         known_ground=ground,
         next_leg=leg,
@@ -142,13 +142,14 @@ def _swing(robot: RobotModel, gait: WaveGait, body: PhysicsRobot, leg: str, targ
     to_moved = np.linalg.inv(moved)
     goal = {name: to_moved[:3, :3] @ sole + to_moved[:3, 3] for name, sole in soles.items()}
     up = to_moved[:3, :3] @ base[2, :3]
-    body_time = BODY_SHARE * gait.swing_time
+    swing_time = gait.advance / SPEED_M_S
+    body_time = BODY_SHARE * swing_time
     for share in _ticks(body_time):
         between = {name: soles[name] + share * (goal[name] - soles[name]) for name in soles}
         body.run(_joints(robot, between, base[2, :3] + share * (up - base[2, :3])), TICK_S)
     start, end = goal[leg], to_moved[:3, :3] @ target + to_moved[:3, 3]
     joints: dict[str, float] = {}
-    for share in _ticks(gait.swing_time - body_time):
+    for share in _ticks(swing_time - body_time):
         joints = _joints(robot, {**goal, leg: _arc(start, end, share)}, up)
         body.run(joints, TICK_S)
     body.run(joints, SETTLE_S)

@@ -39,7 +39,6 @@ class FoundMounts:
         camera: (3,) position of the camera in the base [m].
         camera_pitch: angle of the camera forward from straight down [rad].
         mirror: (3,) position of the mirror in the base [m].
-        camera_height: height of the camera over the floor [m].
         hidden: share of the area that the robot itself hides from camera or laser.
     """
 
@@ -48,7 +47,6 @@ class FoundMounts:
     camera: Float
     camera_pitch: float
     mirror: Float
-    camera_height: float
     hidden: float
 
     @property
@@ -92,7 +90,7 @@ def find_mounts(
             continue
         hidden = np.mean([np.mean(_hidden(robot, (camera, mirror), everywhere)) for robot in filters])
         if best is None or hidden < best.hidden - HIDDEN_ENOUGH:
-            best = FoundMounts(area_x, area_y, camera, pitch, mirror, height, float(hidden))
+            best = FoundMounts(area_x, area_y, camera, pitch, mirror, float(hidden))
         if best.hidden <= HIDDEN_ENOUGH:
             break
     if best is None:
@@ -100,7 +98,7 @@ def find_mounts(
         camera = np.array([near - CAMERA_BEFORE_M, 0.0, CAMERA_HEIGHT_M - posture.base_height])
         mirror = camera + (BASELINE_M, 0.0, -MIRROR_LOWER_M)
         pitch = _pitch(area_x, float(camera[0]), CAMERA_HEIGHT_M)
-        best = FoundMounts(area_x, area_y, camera, pitch, mirror, CAMERA_HEIGHT_M, 1.0)
+        best = FoundMounts(area_x, area_y, camera, pitch, mirror, 1.0)
     return best
 
 
