@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -118,11 +119,10 @@ class World:
             materials[rows, columns][mask] = material_index(feature.material)
         return heights, materials
 
-    def sole_height(self, x: float, y: float, length: float, width: float, yaw: float = 0.0) -> float:
+    def sole_height(self, x: float, y: float, length: float, width: float) -> float:
         """Height at which a level, stiff sole of length x width centred at a point comes to rest [m]."""
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, 17) * length, np.linspace(-0.5, 0.5, 13) * width)
-        c, s = np.cos(yaw), np.sin(yaw)
-        return float(self.height(x + c * u - s * v, y + s * u + c * v).max())
+        return float(self.height(x + u, y + v).max())
 
     def _undulated(self, cx: Float, cy: Float) -> Float:
         """Heights (ny, nx) of the bare ground; by the sine of a sum, thousands of sines instead of millions."""
@@ -220,25 +220,26 @@ def parse_world(text: str, source: str) -> World:
             raise FileFormatError(f"{source}, line {lines[('', 0)].get(kind, 1)}: write [[{kind}]] for each {kind}")
         for number, entry in enumerate(entries):
             key_lines = lines.get((kind, number), {})
-            first = key_lines.get("", 1)
             known = _options(cls, entry, source, key_lines, f"a {kind}")
-            try:
-                features.append((first, cls(**known)))
-            except InvalidInput as error:
-                line = key_lines.get(str(error).split(" ", 1)[0], first)
-                raise FileFormatError(f"{source}, line {line}: [[{kind}]]: {error}") from None
+            with _lines_named(source, key_lines, f"[[{kind}]]: "):
+                features.append((key_lines.get("", 1), cls(**known)))
     features.sort(key=lambda item: item[0])
-    try:
+    with _lines_named(source, lines[("", 0)]):
         bare = World(**options)
-    except InvalidInput as error:
-        line = lines[("", 0)].get(str(error).split(" ", 1)[0], 1)
-        raise FileFormatError(f"{source}, line {line}: {error}") from None
     for line, feature in features:
-        try:
+        with _lines_named(source, {"": line}):
             bare.check_inside(feature)
-        except InvalidInput as error:
-            raise FileFormatError(f"{source}, line {line}: {error}") from None
     return World(**options, features=tuple(feature for _, feature in features))
+
+
+@contextmanager
+def _lines_named(source: str, lines: Mapping[str, int], table: str = "") -> Iterator[None]:
+    """Raise InvalidInput as FileFormatError with the line of the key that its text begins with."""
+    try:
+        yield
+    except InvalidInput as error:
+        line = lines.get(str(error).split(" ", 1)[0], lines.get("", 1))
+        raise FileFormatError(f"{source}, line {line}: {table}{error}") from None
 
 
 def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
@@ -248,10 +249,8 @@ def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
     for name, strength in strengths.items():
         where = f"{source}, line {lines.get(name, lines.get('', 1))}"
         _value(strength, "float", f"{where}: {name}")
-        try:
+        with _lines_named(source, {"": lines.get(name, 1)}, "[light]: "):
             real_light({name: strength})
-        except InvalidInput as error:
-            raise FileFormatError(f"{where}: [light]: {error}") from None
     return real_light(strengths)
 
 

@@ -37,43 +37,58 @@ def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
         return write(terrain, temporary)
 
 
+def cell_cloud(terrain: LayeredGrid) -> dict[str, Array]:
+    """One point per known cell, at its centre: x, y, z, sigma [m], hazard flags, colour 0x00RRGGBB as in pictures.
+
+    Unknown cells have no height and so no point.
+    """
+    known = known_cells(terrain)
+    x, y = np.meshgrid(*terrain.geometry.centres())
+    red, green, blue = np.rint(255.0 * hazard_picture(terrain.layers["hazard"])[0][known]).astype(np.uint32).T
+    return {
+        "x": x[known].astype(np.float32),
+        "y": y[known].astype(np.float32),
+        "z": terrain.layers["elevation"][known],
+        "sigma": np.sqrt(terrain.layers["variance"][known]),
+        "hazard": terrain.layers["hazard"][known],
+        "rgb": red << 16 | green << 8 | blue,
+    }
+
+
 def _write_ply(terrain: LayeredGrid, path: Path) -> int:
-    points = _points(terrain)
-    names = {"<f4": "float", "<u2": "ushort", "|u1": "uchar"}
-    properties = [f"property {names[points.dtype[name].str]} {name}" for name in points.dtype.names or ()]
-    header = ["ply", "format binary_little_endian 1.0", f"comment {_origin(terrain)}", f"element vertex {points.size}"]
-    content = "\n".join([*header, *properties, "end_header", ""]).encode("ascii") + points.tobytes()
-    path.write_bytes(content)
-    return int(points.size)
+    cloud = cell_cloud(terrain)
+    rgb = cloud.pop("rgb")
+    cloud |= {name: (rgb >> shift & 0xFF).astype(np.uint8) for name, shift in (("red", 16), ("green", 8), ("blue", 0))}
+    kinds = {"<f4": "float", "<u2": "ushort", "|u1": "uchar"}
+    properties = [f"property {kinds[values.dtype.str]} {name}" for name, values in cloud.items()]
+    header = ["ply", "format binary_little_endian 1.0", f"comment {_origin(terrain)}", f"element vertex {rgb.size}"]
+    return _write_points(path, [*header, *properties, "end_header"], cloud)
 
 
 def _write_pcd(terrain: LayeredGrid, path: Path) -> int:
-    points = _points(terrain)
-    colour = np.zeros(points.size, np.uint32)
-    for name, shift in (("red", 16), ("green", 8), ("blue", 0)):
-        colour |= points[name].astype(np.uint32) << shift
-    cloud = np.zeros(
-        points.size, [*((name, "<f4") for name in ("x", "y", "z", "sigma")), ("hazard", "<u2"), ("rgb", "<u4")]
-    )
-    for name in ("x", "y", "z", "sigma", "hazard"):
-        cloud[name] = points[name]
-    cloud["rgb"] = colour
+    cloud = cell_cloud(terrain)
+    count = cloud["x"].size
     header = [
         f"# {_origin(terrain)}",
         "VERSION 0.7",
-        "FIELDS x y z sigma hazard rgb",
+        f"FIELDS {' '.join(cloud)}",
         "SIZE 4 4 4 4 2 4",
         "TYPE F F F F U U",
         "COUNT 1 1 1 1 1 1",
-        f"WIDTH {cloud.size}",
+        f"WIDTH {count}",
         "HEIGHT 1",
         "VIEWPOINT 0 0 0 1 0 0 0",
-        f"POINTS {cloud.size}",
+        f"POINTS {count}",
         "DATA binary",
-        "",
     ]
-    path.write_bytes("\n".join(header).encode("ascii") + cloud.tobytes())
-    return int(cloud.size)
+    return _write_points(path, header, cloud)
+
+
+def _write_points(path: Path, header: list[str], cloud: dict[str, Array]) -> int:
+    """Write lines of text, then the points, field after field of each; return their number."""
+    points = np.rec.fromarrays(list(cloud.values()), dtype=[(name, values.dtype) for name, values in cloud.items()])
+    path.write_bytes("\n".join([*header, ""]).encode("ascii") + points.tobytes())
+    return int(points.size)
 
 
 def _write_csv(terrain: LayeredGrid, path: Path) -> int:
@@ -88,20 +103,6 @@ def _write_csv(terrain: LayeredGrid, path: Path) -> int:
             flags = "|".join(str(flag.name) for flag in Hazard(int(layers["hazard"][cell])))
             writer.writerow([f"{x[cell]:.6g}", f"{y[cell]:.6g}", *("" if n == "nan" else n for n in numbers), flags])
     return int(x.size)
-
-
-def _points(terrain: LayeredGrid) -> Array:
-    known = known_cells(terrain)
-    x, y = np.meshgrid(*terrain.geometry.centres())
-    kinds = [(name, "<f4") for name in ("x", "y", "z", "sigma")] + [("hazard", "<u2")]
-    points = np.zeros(int(known.sum()), [*kinds, *((name, "u1") for name in ("red", "green", "blue"))])
-    points["x"], points["y"] = x[known], y[known]
-    points["z"], points["sigma"] = terrain.layers["elevation"][known], np.sqrt(terrain.layers["variance"][known])
-    points["hazard"] = terrain.layers["hazard"][known]
-    colours = np.rint(255 * hazard_picture(terrain.layers["hazard"])[0][known]).astype(np.uint8)
-    for channel, name in enumerate(("red", "green", "blue")):
-        points[name] = colours[:, channel]
-    return points
 
 
 def _origin(terrain: LayeredGrid) -> str:

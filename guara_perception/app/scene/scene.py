@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from guara_perception.app.files.export import cell_cloud
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.scene.planned_footholds import planned_footholds
 from guara_perception.arrays import Array, Float, Float32
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.drawing.style import hazard_picture
-from guara_perception.terrain.layers.layered_grid import LayeredGrid
-from guara_perception.terrain.questions.points import known_cells
 from kinematics import BASE_FOOTPRINT, RobotModel, Stance
 from transport import (
     TerrainMessage,
@@ -173,24 +171,6 @@ class RobotFrames:
         ]
 
 
-def cell_cloud(terrain: LayeredGrid) -> Fields:
-    """One point per known cell, at its centre: x, y, z, sigma [m], hazard flags and colour as in pictures.
-
-    Unknown cells have no height and so no point.
-    """
-    known = known_cells(terrain)
-    x, y = np.meshgrid(*terrain.geometry.centres())
-    colours = hazard_picture(terrain.layers["hazard"])[0][known]
-    return {
-        "x": x[known].astype(np.float32),
-        "y": y[known].astype(np.float32),
-        "z": terrain.layers["elevation"][known],
-        "sigma": np.sqrt(terrain.layers["variance"][known]),
-        "hazard": terrain.layers["hazard"][known],
-        "rgb": packed(colours),
-    }
-
-
 def stripe_cloud(stripes: Mapping[int, StripePoints]) -> Fields:
     """Points of all stripes of a scan in base_footprint: x, y, z, sigma [m], stripe index."""
     parts = [(index, stripe, np.isfinite(stripe.points).all(axis=1)) for index, stripe in stripes.items()]
@@ -217,9 +197,3 @@ def cloud_field(cloud: Any, name: str) -> Array:
     kind = np.dtype({4: "<u2", 6: "<u4", 7: "<f4"}[field.datatype])
     rows = cloud.data.reshape(cloud.width, cloud.point_step)[:, field.offset : field.offset + kind.itemsize]
     return np.ascontiguousarray(rows).view(kind).reshape(-1)
-
-
-def packed(colours: Array) -> Array:
-    """(n,) uint32 0x00RRGGBB of (n, 3) red, green, blue 0 ... 1."""
-    red, green, blue = np.rint(255.0 * colours).astype(np.uint32).T
-    return np.asarray(red << 16 | green << 8 | blue, dtype=np.uint32)

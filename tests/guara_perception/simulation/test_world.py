@@ -118,7 +118,6 @@ def test_a_sole_rests_on_the_highest_point_beneath_it() -> None:
     world = World(features=(Box(x=0.5, y=0.0, size=(0.1, 0.1), height=0.03),))
     assert world.sole_height(0.58, 0.0, 0.08, 0.06) == pytest.approx(0.03)
     assert world.sole_height(0.60, 0.0, 0.08, 0.06) == 0
-    assert world.sole_height(0.585, 0.0, 0.08, 0.06, yaw=np.pi / 2) == 0
 
 
 def test_random_worlds_repeat_and_leave_the_start_free() -> None:

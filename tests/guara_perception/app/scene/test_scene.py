@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.files.export import cell_cloud
 from guara_perception.app.messages import terrain_to_message
-from guara_perception.app.scene.scene import RobotFrames, Scene, cell_cloud, stripe_cloud
+from guara_perception.app.scene.scene import RobotFrames, Scene, stripe_cloud
 from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.map.terrain_map import TerrainMap
