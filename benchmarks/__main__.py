@@ -25,7 +25,7 @@ PROGRAMS = {
     "sweeps": "triggered and free-running sweeps against the bound of the motion, and faults of the trigger",
     "transport": "messages, viewers, announcements, fleet, compact: delays, faults, floods, many robots, encodings",
     "usable_ground": "ground that a planner may use and bounds of unknown ground, beside the truth",
-    "walks": "drift, cost: maps of walks beside the true ground, and what they cost",
+    "walks": "drift, cost, modes: maps of walks beside the true ground, what they cost, coarse scans refined",
 }
 
 

@@ -20,6 +20,10 @@ CELLS_TOGETHER = 256
 LINES_TOGETHER = 256
 # Value that is not computed yet.
 NOT_ASKED = -2
+# Deepest ground that light may reach beside an obstacle.
+DEEPEST_M = -0.2
+# The first stripe lies in the first known cell of a row, but for slopes within the cell and samples cut off at its end.
+END_MARGIN_M = 0.0005
 
 
 class LookPlan:
@@ -65,6 +69,41 @@ class LookPlan:
             self._in_view[new] = self._look(new)
         return self._in_view[cells] > 0
 
+    def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
+        """Mask (ny, nx) of the cells at both ends of the rows that no stripe could have met.
+
+        The first stripe ends where it meets the ground, and so do all others beyond it: where the first known cell of
+        a row is the one that it meets, no light passed to the cells before. The same holds for the last stripe. Light
+        may come from the side: all rows that it crosses on its way from the laser must end in this way.
+
+        Args:
+            elevation: (ny, nx) heights [m], NaN where unknown.
+            pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
+            laser_origin: position (3,) of the laser.
+        """
+        usable, known = np.flatnonzero(pair_usable), np.isfinite(elevation)
+        if not (usable.size and known.any()):
+            return np.zeros(self._geometry.shape, dtype=bool)
+        x, y = self._geometry.centres()
+        a, b, c, d = self.planes_in_footprint[[usable[0], usable[-1] + 1], :, None].swapaxes(0, 1)
+        rows, columns = np.arange(y.size), np.arange(x.size)
+        ends = known.argmax(axis=1), x.size - 1 - known[:, ::-1].argmax(axis=1)
+        tolerance = self._geometry.resolution / 2 + END_MARGIN_M
+        unmet = []
+        for end, sign in zip(ends, (1, -1), strict=True):
+            height = elevation[rows, end]
+            # Where the outermost stripe of this side crosses the row at the height of the row's end.
+            crossing = sign * (sign * -(b * y + c * height + d) / a).min(axis=0)
+            ends_there = known.any(axis=1) & (sign * (x[end] - crossing) <= tolerance)
+            top = float(height[ends_there].max(initial=DEEPEST_M))
+            share = np.clip((laser_origin[2] - top) / (laser_origin[2] - DEEPEST_M), 0.0, 1.0)
+            passed = (laser_origin[1] + (y - laser_origin[1]) * share - y[0]) / self._geometry.resolution
+            other = np.clip(np.rint(passed).astype(np.intp), 0, y.size - 1)
+            others = np.append(0, np.cumsum(~ends_there))
+            is_closed = others[np.maximum(rows, other) + 1] == others[np.minimum(rows, other)]
+            unmet.append(is_closed[:, None] & (sign * columns < sign * end[:, None]))
+        return np.asarray(unmet[0] | unmet[1])
+
     def _find_pairs(self, cells: Index) -> Index:
         x, y = self._centres(cells)
         a, b, _, d = self.planes_in_footprint.T[:, :, None]
@@ -100,7 +139,7 @@ class UnknownCauses:
 
         Args:
             plan: expected observations.
-            sensor_origins: positions (3,) of camera and laser in base_footprint.
+            sensor_origins: positions (3,) of the camera and, last, the laser in base_footprint.
             geometry: the grid.
             in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = none.
         """
@@ -127,6 +166,7 @@ class UnknownCauses:
         cells = np.flatnonzero(unknown & (flags == 0))
         # The index -1 of no pair selects the appended entry, which is not usable.
         looked_at = np.append(pair_usable, False)[self._plan.pairs(cells)] & self._plan.in_view(cells)
+        looked_at &= ~self._plan.unmet(elevation, pair_usable, self._sensor_origins[-1]).ravel()[cells]
         flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
         cells = cells[looked_at]
         targets = _lowest_ground(elevation, cells, self._geometry)

@@ -10,7 +10,8 @@ from guara_perception.arrays import Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, names
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, Hazard, names
+from guara_perception.terrain.map.fuse_heights import scan_flags
 
 # Consecutive clear pauses before coarse scans resume: one cycle, in which every foot swings once.
 CLEAR_PAUSES = 4
@@ -123,12 +124,16 @@ class ScanPolicy:
         """Mask of the obstacle cells of the corridor, and their description."""
         _, y = coarse.geometry.centres()
         corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
-        hazardous = corridor & ((coarse.hazard & ALL_BUT_EDGE) != 0)
+        flags = scan_flags(coarse) & ALL_BUT_EDGE
+        # What lies beyond the ends of the rows, where no stripe of this mode looks, is no reason; a lost frame is.
+        known = np.isfinite(coarse.elevation)
+        inside = np.logical_or.accumulate(known, axis=1) & np.logical_or.accumulate(known[:, ::-1], axis=1)[:, ::-1]
+        hazardous = corridor & (flags != 0) & (inside | (flags != np.uint16(Hazard.UNSCANNED)))
         high = corridor & (np.abs(np.nan_to_num(coarse.elevation)) > self._height_limit)
         reasons = []
         if hazardous.any():
-            flags = int(np.bitwise_or.reduce(coarse.hazard[hazardous] & ALL_BUT_EDGE))
-            reasons.append(f"{int(hazardous.sum())} hazardous cells in the corridor: {', '.join(names(flags))}")
+            found = names(int(np.bitwise_or.reduce(flags[hazardous])))
+            reasons.append(f"{int(hazardous.sum())} hazardous cells in the corridor: {', '.join(found)}")
         if high.any():
             limit_mm = self._height_limit * 1e3
             reasons.append(f"{int(high.sum())} cells in the corridor are over {limit_mm:.0f} mm off the support plane")

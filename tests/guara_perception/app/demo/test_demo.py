@@ -57,6 +57,26 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
 
 
 @pytest.mark.heavy
+def test_empty_ground_stays_coarse_and_a_box_is_refined(tmp_path: Path) -> None:
+    """A floor of 2 mm undulation, and a box of 20 mm that comes into view at the fourth pause."""
+    (tmp_path / "floor.toml").write_text(
+        "x = [-1.0, 3.0]\ny = [-1.0, 1.0]\nundulation = 0.002\n"
+        "[[box]]\nx = 1.06\ny = 0.1\nsize = [0.08, 0.08]\nheight = 0.02\n"
+    )
+    program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--world", str(tmp_path / "floor.toml")]
+    done = subprocess.run(
+        [*program, "--out", str(tmp_path / "out"), "--cycles", "1.25"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    modes = [line.split()[2:4] for line in done.stdout.splitlines() if line.startswith("step")]
+    assert modes[:2] == [["coarse", "35"]] * 2 and modes[-2:] == [["standard", "70"]] * 2
+
+
+@pytest.mark.heavy
 def test_a_robot_outside_of_the_package_walks_too(tmp_path: Path) -> None:
     """`--robot FOLDER`, made from a URDF by `robot new`: its own legs and name, from the folder to the planner."""
     urdf = Path(__file__).parents[3] / "robots" / "tapir" / "urdf" / "tapir.urdf"

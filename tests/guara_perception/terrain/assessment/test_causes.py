@@ -28,6 +28,9 @@ class Plan:
     def in_view(self, cells: np.ndarray) -> np.ndarray:
         return np.full(cells.size, self.seen)
 
+    def unmet(self, elevation: np.ndarray, _usable: np.ndarray, _laser_origin: np.ndarray) -> np.ndarray:
+        return np.zeros(elevation.shape, bool)
+
 
 ALL_SEEN = Plan(0, True)
 
@@ -172,3 +175,98 @@ def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -
         together = _behind_surface(elevation, targets, sensor_origin, GRID)
         alone = [_behind_surface(elevation, target[None], sensor_origin, GRID)[0] for target in targets]
         np.testing.assert_array_equal(together, alone)
+
+
+LASER_ORIGIN = np.array([0.6, 0.0, 0.47])
+STRIPES_AT = np.linspace(0.4955, 0.7955, 31)
+"""x of the stripes on flat ground [m]."""
+
+
+def swept(height: np.ndarray, dark: np.ndarray) -> tuple[np.ndarray, np.ndarray, LookPlan]:
+    """Known heights of a sweep of `STRIPES_AT` over cells (ny, nx), mask of the cells that light fell on, and its plan.
+
+    Light is followed from the laser to the ground in steps of 1 mm and less; cells are known where two neighbouring
+    stripes returned at nearly the same height, and between them.
+    """
+    normal = np.column_stack((np.full(31, LASER_ORIGIN[2]), np.zeros(31), STRIPES_AT - LASER_ORIGIN[0]))
+    planes = np.column_stack((normal, -normal @ LASER_ORIGIN))
+    along_y = np.linspace(-0.12, 0.12, 121)
+    x, y = np.meshgrid(STRIPES_AT, along_y, indexing="ij")
+    ways = np.stack((x, y, np.zeros_like(x)), axis=-1) - LASER_ORIGIN
+    points = LASER_ORIGIN + np.linspace(0.6, 1.3, 700)[:, None, None, None] * ways
+    iy, ix = GRID.indices(points[..., 0], points[..., 1])
+    inside = GRID.contains(iy, ix)
+    iy, ix = iy.clip(0, GRID.shape[0] - 1), ix.clip(0, GRID.shape[1] - 1)
+    is_met = inside & (points[..., 2] <= height[iy, ix])
+    first = is_met.argmax(axis=0)[None]
+    meets, iy, ix = is_met.any(axis=0), *(np.take_along_axis(each, first, axis=0)[0] for each in (iy, ix))
+    lit = np.zeros(GRID.shape, bool)
+    lit[iy[meets], ix[meets]] = True
+    z = np.where(meets & ~dark[iy, ix], height[iy, ix], np.nan)
+    with np.errstate(invalid="ignore"):
+        linked = np.abs(np.diff(z, axis=0)) < 0.008
+    elevation = np.full(GRID.shape, np.nan)
+    for stripe, ray in np.argwhere(linked):
+        for share in np.linspace(0, 1, 9):
+            cell = [round((1 - share) * each[stripe, ray] + share * each[stripe + 1, ray]) for each in (iy, ix)]
+            elevation[tuple(cell)] = (1 - share) * z[stripe, ray] + share * z[stripe + 1, ray]
+    return elevation, lit, LookPlan(GRID, planes, lambda points: points[:, :2] + 1, (640, 512))
+
+
+def test_ground_before_the_first_stripe_on_a_step_is_unscanned() -> None:
+    """All stripes fall short of the near edge on ground 100 mm higher: nothing looked at the cells before the first."""
+    height = np.full(GRID.shape, 0.1)
+    elevation, lit, plan = swept(height, np.zeros(GRID.shape, bool))
+    found = UnknownCauses(plan, SENSOR_ORIGINS, GRID).flags(
+        elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16)
+    )
+    first, last = lit.any(axis=0).argmax(), 59 - lit.any(axis=0)[::-1].argmax()
+    assert first == 3 and last <= 51
+    assert (found[:, :first] == Hazard.UNSCANNED).all() and (found[:, last + 1 :] == Hazard.UNSCANNED).all()
+
+
+@pytest.mark.parametrize("deep", [0.0, -0.06], ids=["mat", "dark pit"])
+@pytest.mark.parametrize("base", [0.0, 0.06], ids=["floor", "step"])
+def test_dark_ground_at_the_near_edge_is_a_dropout(deep: float, base: float) -> None:
+    """Light fell on it and did not return, on the floor and on a step whose first stripe is swallowed too."""
+    gx, gy = np.meshgrid(*GRID.centres())
+    dark = (gx < 0.56) & (np.abs(gy) < 0.02)
+    elevation, lit, plan = swept(np.where(dark, base + deep, base), dark)
+    found = UnknownCauses(plan, SENSOR_ORIGINS, GRID).flags(
+        elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16)
+    )
+    assert (lit & dark).sum() > 20
+    assert (found[lit & dark] & (Hazard.DROPOUT | Hazard.OCCLUDED)).all()
+    assert (found[lit & dark] == Hazard.DROPOUT).mean() > 0.9
+
+
+def test_light_from_the_side_reaches_dark_ground_before_a_box() -> None:
+    """The first stripe ends on the box, but passes beside it to the ground before it."""
+    gx, gy = np.meshgrid(*GRID.centres())
+    beside = gy > 0.04
+    dark = beside & (gx < 0.515)
+    elevation, lit, plan = swept(np.where(beside & ~dark, 0.1, 0.0), dark)
+    assert (lit & dark).any()
+    assert not (plan.unmet(elevation, np.ones(30, bool), LASER_ORIGIN) & lit).any()
+
+
+@pytest.mark.slow
+@given(st.integers(0, 100_000))
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
+def test_only_ground_without_light_counts_as_not_met(seed: int) -> None:
+    """Boxes, pits and dark mats, most of them at the near edge: no cell that any light fell on is called unmet."""
+    random = np.random.default_rng(seed)
+    gx, gy = np.meshgrid(*GRID.centres())
+    height, dark = np.full(GRID.shape, random.choice([0.0, 0.05, 0.1])), np.zeros(GRID.shape, bool)
+    for _ in range(random.integers(0, 6)):
+        x, y = random.choice([random.uniform(0.48, 0.56), random.uniform(0.5, 0.8)]), random.uniform(-0.06, 0.06)
+        there = (np.abs(gx - x) < random.uniform(0.005, 0.08)) & (np.abs(gy - y) < random.uniform(0.005, 0.06))
+        if random.random() < 0.5:
+            height[there] = random.uniform(-0.08, 0.12)
+        else:
+            dark |= there
+    elevation, lit, plan = swept(height, dark)
+    usable = np.ones(30, bool)
+    unmet = plan.unmet(elevation, usable, LASER_ORIGIN)
+    assert not (unmet & lit).any()
+    assert not (unmet & np.isfinite(elevation)).any()

@@ -58,6 +58,26 @@ def test_unknown_ground_calls_for_them_too(
     assert any("DROPOUT" in reason for reason in decision.reasons)
 
 
+def test_ground_beyond_the_last_stripe_is_no_reason_but_a_lost_frame_is(
+    robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
+) -> None:
+    """UNSCANNED at the ends of rows stays coarse; a gap within, a dropout or a lost frame there does not."""
+    gx, _ = np.meshgrid(*scan_grid.centres())
+    beyond = (gx < 0.51) | (gx > 0.94)
+    unscanned = np.where(beyond, np.uint16(Hazard.UNSCANNED), 0).astype(np.uint16)
+    assert gp.ScanPolicy(robot).decide(make_scan(0.0, flags=unscanned), pairs).mode == "coarse"
+    gap = np.where((gx > 0.7) & (gx < 0.72), np.uint16(Hazard.UNSCANNED), unscanned).astype(np.uint16)
+    dark = np.where(beyond, np.uint16(Hazard.DROPOUT), 0).astype(np.uint16)
+    lost = [[int(ix), 0, scan_grid.shape[0]] for ix in np.flatnonzero(beyond[0])]
+    for scan, reason in (
+        (make_scan(0.0, flags=gap), "UNSCANNED"),
+        (make_scan(0.0, flags=dark), "DROPOUT"),
+        (make_scan(0.0, flags=unscanned, metadata={"lost_cells": lost}), "DROPOUT"),
+    ):
+        decision = gp.ScanPolicy(robot).decide(scan, pairs)
+        assert decision.mode == "standard" and reason in decision.reasons[0]
+
+
 def test_with_little_time_only_the_needed_stripes_are_fired(
     robot: RobotModel, make_scan: MakeScan, pairs: np.ndarray, scan_grid: Any
 ) -> None:
