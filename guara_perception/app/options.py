@@ -73,6 +73,17 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return _with_options(with_chosen, options)
 
 
+def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options --method and --threshold to a command."""
+    method = "precise, paper, paper-literal-lens or paper-literal-ortho"
+    threshold = "paper's threshold of the binarisation, 0 ... 255 grey levels; default: chosen by each frame"
+    options = (
+        click.option("--method", default="precise", help=f"stripe extraction: {method}"),
+        click.option("--threshold", type=float, help=threshold),
+    )
+    return _with_options(command, options)
+
+
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options --board, --pattern, --square and --plates to a command."""
     pattern = click.Choice(["checkerboard", "charuco"])

@@ -25,6 +25,7 @@ def process_scan(
     method: str = "precise",
     resolution: float | None = None,
     *,
+    threshold: float | None = None,
     area: str = "footprint",
     pictures: bool = True,
     strict: bool = False,
@@ -39,6 +40,7 @@ def process_scan(
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
         method: one of `guara_perception.scanning.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
+        threshold: of the binarisation of the paper's methods [grey levels of 8 bits]; None = chosen by each frame.
         area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
             ground with it.
         pictures: also draw the range images (`terrain.pictures`).
@@ -50,8 +52,8 @@ def process_scan(
 
     Raises:
         CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
-        InvalidInput: no calibration; unknown method or area, bad resolution, a stance or a stripe index that does not
-            fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
+        InvalidInput: no calibration; unknown method or area, bad threshold or resolution, a stance or a stripe index
+            that does not fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
         MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; a frame cannot be read
             (with `strict`), or none can.
         kinematics.KinematicsError: no such robot.
@@ -62,7 +64,9 @@ def process_scan(
     if not isinstance(scan, Scan):
         scan = open_scan(scan)
     robot = robot_model(scan.robot if robot is None else robot)
-    processor = run_scan(scan, calibration, robot, method, resolution, strict=strict, progress=progress)
+    processor = run_scan(
+        scan, calibration, robot, method, resolution, threshold=threshold, strict=strict, progress=progress
+    )
     terrain = processor.finish(area)
     return with_pictures(terrain, processor) if pictures else terrain
 

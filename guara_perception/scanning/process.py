@@ -29,6 +29,7 @@ def run_scan(
     method: str = "precise",
     resolution: float | None = None,
     *,
+    threshold: float | None = None,
     strict: bool = False,
     progress: Progress | None = None,
 ) -> ScanProcessor:
@@ -49,6 +50,7 @@ def run_scan(
             scan.stance,
             scan.mode,
             method=method,
+            threshold=threshold,
             resolution=resolution,
             stamp=scan.end,
             step=scan.step,

@@ -53,6 +53,7 @@ class ScanProcessor:
         mode: str = "standard",
         *,
         method: str = "precise",
+        threshold: float | None = None,
         resolution: float | None = None,
         stamp: int = 0,
         step: int = 0,
@@ -65,17 +66,19 @@ class ScanProcessor:
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
+            threshold: of the binarisation of the paper's methods [grey levels of 8 bits]; None = chosen by each frame.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
 
         Raises:
-            InvalidInput: unknown mode or method, a resolution that does not divide the area.
+            InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
+                the area.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
             MissingFile, FileFormatError: the calibration's file is not there or not valid.
             kinematics.KinematicsError: no such robot, or the stance does not fit it.
         """
-        check_method(method)
+        check_method(method, threshold)
         if not isinstance(calibration, Calibration):
             calibration = load_calibration(calibration)
         robot = robot_model(robot)
@@ -86,7 +89,7 @@ class ScanProcessor:
         self.settings = settings = Settings.of(robot)
         self.mode = mode
         self._pattern = settings.pattern(mode)
-        self._calibration, self._robot, self._method = calibration, robot, method
+        self._calibration, self._robot, self._method, self._threshold = calibration, robot, method, threshold
         self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
         self.pose = robot.stance_pose(self._stance)
         self._stamp, self._step = int(stamp), int(step)
@@ -103,7 +106,7 @@ class ScanProcessor:
             self._geometry.transform_camera_to_footprint,
             (settings.footprint_x, settings.footprint_y),
         )
-        self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step)
+        self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step, threshold)
         body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
         height_limits = settings.minimum_height, settings.maximum_height
         self._ranger = StripeRanger(self._geometry, self._locator, height_limits, body.contains, self._unseen_motion())
@@ -259,6 +262,7 @@ class ScanProcessor:
             self._stance,
             mode,
             method=self._method,
+            threshold=self._threshold,
             resolution=self.grid.resolution,
             stamp=self._stamp,
             step=self._step,

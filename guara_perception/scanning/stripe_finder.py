@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from guara_perception.stripes.band import (
     unusable_frame,
 )
 from guara_perception.stripes.laser_light import judge
-from guara_perception.stripes.paper import extract_paper
+from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
 # Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
@@ -36,15 +37,16 @@ STRIPES_BEFORE = (3, 6)
 class StripeFinder:
     """Extracts stripe profiles from frame pairs; the profile of a frame that cannot be used holds the reason."""
 
-    def __init__(self, method: str, size: tuple[int, int], stride: int) -> None:
+    def __init__(self, method: str, size: tuple[int, int], stride: int, threshold: float | None = None) -> None:
         """Prepare a sweep.
 
         Args:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's pictures [px].
             stride: index difference of neighbouring stripes.
+            threshold: of the binarisation of the paper's methods, as in `paper_stripe`.
         """
-        self._extract = extract_precise if METHODS[method] is None else extract_paper
+        self._extract = extract_precise if METHODS[method] is None else partial(extract_paper, threshold=threshold)
         self._size = size
         self._background = SweepBackground(stride)
 
@@ -149,11 +151,12 @@ METHODS: dict[str, Literal | None] = {
 }
 
 
-def check_method(name: str) -> None:
-    """Reject an unknown method.
+def check_method(name: str, threshold: float | None = None) -> None:
+    """Reject an unknown method, and a threshold that is none or is given to a method without one.
 
     Raises:
-        InvalidInput: no method of that name; the message lists them.
+        InvalidInput: the message says what is allowed.
     """
     if name not in METHODS:
         raise InvalidInput(f"method is {name!r}, allowed: {', '.join(METHODS)}")
+    check_threshold(threshold, name, has_threshold=METHODS[name] is not None)

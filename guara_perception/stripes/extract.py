@@ -10,7 +10,7 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.stripes.band import Band, StripeProfile, bad_frame, picture_fault, unusable_frame
-from guara_perception.stripes.paper import extract_paper
+from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
 Extract = Callable[[Sequence[Band]], list[StripeProfile]]
@@ -23,6 +23,7 @@ def extract_stripe(
     along: str = "columns",
     band: tuple[int, int] | None = None,
     method: str = "precise",
+    threshold: float | None = None,
 ) -> StripeProfile:
     """Find the laser stripe in one picture.
 
@@ -33,6 +34,7 @@ def extract_stripe(
             (a column) per row.
         band: (first, end) rows that are searched, or columns for along="rows"; None = the whole picture.
         method: one of METHODS.
+        threshold: of the binarisation of "paper" [grey levels of 8 bits]; None = chosen by the picture.
 
     Returns:
         A StripeProfile with w entries (h for along="rows"). A picture that cannot be used (blank, white,
@@ -43,6 +45,7 @@ def extract_stripe(
     """
     if method not in METHODS:
         raise InvalidInput(f"method is {method!r}, allowed: {', '.join(METHODS)}")
+    check_threshold(threshold, method, has_threshold=method == "paper")
     if along not in ("columns", "rows"):
         raise InvalidInput(f"along is {along!r}, allowed: 'columns', 'rows'")
     if fault := picture_fault(on):
@@ -58,7 +61,8 @@ def extract_stripe(
     reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
     if reason:
         return bad_frame(width, reason)
-    return METHODS[method]([Band.of(on[first:end], None if off is None else off[first:end], first)])[0]
+    bands = [Band.of(on[first:end], None if off is None else off[first:end], first)]
+    return (METHODS[method](bands) if threshold is None else extract_paper(bands, threshold))[0]
 
 
 def _turned(picture: Image) -> Image:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import FILE
+from guara_perception.app.options import FILE, method_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -16,11 +16,7 @@ from guara_perception.exceptions import InvalidInput
 @click.argument("scan", type=FILE)
 @click.option("-c", "--calibration", type=FILE, help="calibration.json; default: the scan's own")
 @click.option("-o", "--out", required=True, type=FILE, help="grid file to write, .npz")
-@click.option(
-    "--method",
-    default="precise",
-    help="precise, paper, paper-literal-lens or paper-literal-ortho; several with commas between",
-)
+@method_options
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
@@ -32,6 +28,7 @@ def command(
     calibration: Path | None,
     out: Path,
     method: str,
+    threshold: float | None,
     resolution: float | None,
     figures: Path | None,
     robot: str | None,
@@ -41,7 +38,7 @@ def command(
 ) -> None:
     """Turn a recorded SCAN (folder or .mcap) into terrain.
 
-    With two methods the first goes into OUT, the second beside it as OUT-METHOD.npz.
+    With several methods, with commas between, the first goes into OUT, others beside it as OUT-METHOD.npz.
 
     \b
     Example:
@@ -53,7 +50,7 @@ def command(
     from guara_perception.files import check_folder, check_target
     from guara_perception.scanning.pictures import with_pictures
     from guara_perception.scanning.process import run_scan
-    from guara_perception.scanning.stripe_finder import METHODS
+    from guara_perception.scanning.stripe_finder import METHODS, check_method
     from guara_perception.terrain.questions.save import save_terrain
     from kinematics import RobotNotFound, load_robot
 
@@ -64,6 +61,8 @@ def command(
     for name in methods:
         if name not in METHODS:
             raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}, several with commas between")
+        # Beside a paper's method, precise goes without it.
+        check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
     recorded = open_scan(scan, step)
     calibrated = calibration_for(scan, calibration)
     try:
@@ -78,6 +77,7 @@ def command(
                 model,
                 name,
                 resolution,
+                threshold=threshold if METHODS[name] is not None else None,
                 strict=not keep_going,
                 progress=show,
             )

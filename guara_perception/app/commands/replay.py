@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from guara_perception.app.options import FILE
+from guara_perception.app.options import FILE, method_options
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -23,7 +23,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--connect", help="use an external Zenoh router instead of being one")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
-@click.option("--method", default="precise", help="stripe extraction: precise or paper")
+@method_options
 @click.option("--robot", help="name or folder of the robot; default: the scans'")
 def command(
     scans: tuple[Path, ...],
@@ -36,6 +36,7 @@ def command(
     connect: str | None,
     security: Path | None,
     method: str,
+    threshold: float | None,
     robot: str | None,
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
@@ -91,7 +92,7 @@ def command(
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:
-                processor = run_scan(scan, calibrated, model, method, progress=show)
+                processor = run_scan(scan, calibrated, model, method, threshold=threshold, progress=show)
             fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"))
             grids = {"footprint": processor.finish(), "map": fused}
             if session is not None and number:

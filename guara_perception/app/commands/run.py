@@ -16,6 +16,7 @@ from guara_perception.app.options import (
     DeviceOptions,
     device_options,
     earlier_option,
+    method_options,
     read_node_file,
     refuse_mistakes,
 )
@@ -49,12 +50,7 @@ JPEG_QUALITY = 90
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
 @click.option("--name", help="instance name in the keys; default: the robot's")
-@click.option(
-    "--mode",
-    type=click.Choice(["adaptive", "standard", "coarse"]),
-    default="adaptive",
-    help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
-)
+@method_options
 @click.option(
     "--node",
     type=FILE,
@@ -68,6 +64,13 @@ JPEG_QUALITY = 90
 )
 # Set once for a robot, normally in node.toml.
 @click.option("--record-limit", hidden=True, help="what all files of the folder may take: the oldest are removed")
+@click.option(
+    "--mode",
+    type=click.Choice(["adaptive", "standard", "coarse"]),
+    default="adaptive",
+    hidden=True,
+    help="standard: every stripe; coarse: every second; adaptive: every second, and the others near obstacles",
+)
 @click.option(
     "--jpeg",
     type=click.IntRange(0, 100),
@@ -113,6 +116,8 @@ def command(
     mode: str,
     check: bool,
     metrics: int | None,
+    method: str,
+    threshold: float | None,
     chosen: DeviceOptions,
 ) -> None:
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
@@ -140,6 +145,7 @@ def command(
     from guara_perception.app.scene.scene import Scene
     from guara_perception.app.service import ServiceManager
     from guara_perception.app.until_stopped import closed_within, stop_event
+    from guara_perception.scanning.stripe_finder import check_method
     from transport.keys import stance_key
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
@@ -148,6 +154,7 @@ def command(
 
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
+    check_method(method, threshold)
     limit = None if record_limit is None else read_limit(record_limit, record)
     if check:
         _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
@@ -202,7 +209,15 @@ def command(
             )
             recorder = stack.enter_context(made)
         parts = (rig.robot, rig.calibration, rig.rangefinder, server)
-        node = PerceptionNode(*parts, mode=mode, recorder=recorder, status=status, mirror=mirror)
+        node = PerceptionNode(
+            *parts,
+            mode=mode,
+            method=method,
+            threshold=threshold,
+            recorder=recorder,
+            status=status,
+            mirror=mirror,
+        )
         stack.enter_context(node)
         if metrics is not None:
             stack.enter_context(metrics_served(metrics, instance, server.status_items))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import FILE, DeviceOptions, device_options, stance_of
+from guara_perception.app.options import FILE, DeviceOptions, device_options, method_options, stance_of
 from guara_perception.app.progress import progress
 from guara_perception.exceptions import InvalidInput
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     default="standard",
     help="every stripe, or every n-th as robot.toml says",
 )
+@method_options
 @click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
 @click.option(
     "--no-calibration",
@@ -39,6 +40,8 @@ def command(
     out: Path | None,
     simulated: bool,
     mode: str,
+    method: str,
+    threshold: float | None,
     stance: Path | None,
     no_calibration: bool,
     chosen: DeviceOptions,
@@ -63,11 +66,13 @@ def command(
     from guara_perception.app.summary import summary
     from guara_perception.scanning.pictures import with_pictures
     from guara_perception.scanning.scan_processor import ScanProcessor
+    from guara_perception.scanning.stripe_finder import check_method
 
     if folder is not None and out is not None:
         raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
     if no_calibration and chosen.calibration is not None:
         raise InvalidInput("--no-calibration and --calibration contradict one another: give one of them")
+    check_method(method, threshold)
     target = folder or out or Path("scan")
     rig = choose_rig(chosen, simulated=simulated, needs_calibration=not no_calibration)
     model = rig.robot
@@ -81,7 +86,7 @@ def command(
         return
     calibrated = rig.calibration
     stamp = time.time_ns()
-    processor = ScanProcessor(calibrated, model, standing, mode, stamp=stamp)
+    processor = ScanProcessor(calibrated, model, standing, mode, method=method, threshold=threshold, stamp=stamp)
     wanted = processor.settings.pattern(mode)
     firing_order = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
     with ScanFolderWriter(target) as writer:

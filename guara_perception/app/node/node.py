@@ -20,6 +20,7 @@ from guara_perception.app.scene.mirror import SceneMirror
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
+from guara_perception.scanning.stripe_finder import check_method
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
@@ -78,6 +79,7 @@ class PerceptionNode:
         *,
         mode: str = "standard",
         method: str = "precise",
+        threshold: float | None = None,
         recorder: ScanRecorder | None = None,
         status: NodeStatus | None = None,
         mirror: SceneMirror | None = None,
@@ -92,15 +94,17 @@ class PerceptionNode:
             mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between
                 where there is an obstacle).
             method: method of stripe extraction.
+            threshold: of the binarisation of the paper's methods; None = chosen by each frame.
             recorder: writes every scan, or None.
             status: collects what the status messages report; None = a new one.
             mirror: publishes each pause for ROS 2 tools, or None.
 
         Raises:
-            InvalidInput: unknown mode.
+            InvalidInput: unknown mode or method, or a threshold that does not fit it.
         """
         if mode not in SWEEPS:
             raise InvalidInput(f"mode is {mode!r}, allowed: {', '.join(SWEEPS)}")
+        check_method(method, threshold)
         self.status = status or NodeStatus(calibration)
         self.status.on_change = lambda: server.status_changed()
         self._mode, self._server, self._robot, self._recorder = mode, server, robot, recorder
@@ -108,7 +112,15 @@ class PerceptionNode:
             server.follow_status(recorder.add_status)
         self._camera, self._settings = calibration.transform_camera_to_base, Settings.of(robot)
         self._scanner = PauseScanner(
-            robot, calibration, rangefinder, server, self.status, method=method, recorder=recorder, mirror=mirror
+            robot,
+            calibration,
+            rangefinder,
+            server,
+            self.status,
+            method=method,
+            threshold=threshold,
+            recorder=recorder,
+            mirror=mirror,
         )
         self._changed = threading.Condition()
         self._gait_clock = server.gait_clock(self._wake)

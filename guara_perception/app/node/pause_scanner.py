@@ -46,13 +46,15 @@ class PauseScanner:
         status: NodeStatus,
         *,
         method: str = "precise",
+        threshold: float | None = None,
         recorder: ScanRecorder | None = None,
         mirror: SceneMirror | None = None,
     ) -> None:
         """Connect its parts; arguments as in `PerceptionNode`."""
         self._mirror = mirror
         self._robot, self._calibration, self._rangefinder = robot, calibration, rangefinder
-        self._server, self._status, self._method, self._recorder = server, status, method, recorder
+        self._server, self._status, self._recorder = server, status, recorder
+        self._method, self._threshold = method, threshold
         if recorder is not None:
             status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
@@ -159,6 +161,7 @@ class PauseScanner:
             pause.stance,
             mode,
             method=self._method,
+            threshold=self._threshold,
             stamp=time.time_ns(),
             step=pause.step,
         )

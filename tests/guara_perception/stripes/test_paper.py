@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,6 +19,9 @@ from guara_perception.stripes.paper import (
     remove_background,
     skeleton,
 )
+from kinematics import RobotModel
+from testbed.grid_truth import figures as truth_figures
+from testbed.grid_truth import load_truth
 from testbed.synthetic_stripes import CASES, figures
 from tests.thorough import examples
 
@@ -117,3 +122,57 @@ def test_two_lines_in_one_column_are_ambiguous(threshold: float | None) -> None:
     profile = paper_stripe(Band.of(on, off), threshold)
     assert (profile.status[33:47] == gp.StripeStatus.AMBIGUOUS).all()
     np.testing.assert_allclose(profile.position_px[5:25], 15, atol=0.01)
+
+
+@pytest.mark.parametrize("thickness", [2, 3, 4, 6, 9])
+def test_the_centre_of_a_line_has_no_bias_whatever_its_thickness(thickness: int) -> None:
+    """Thinning leaves one of the two middle rows of an even thickness; the position lies between both."""
+    on = np.full((60, 80), 20, np.uint8)
+    off = on.copy()
+    on[20 : 20 + thickness] = 150
+    position = paper_stripe(Band.of(on, off)).position_px
+    np.testing.assert_allclose(position[10:-10], 20 + (thickness - 1) / 2, atol=0.01)
+
+
+def test_a_weak_part_of_a_stripe_is_found_beside_a_bright_one() -> None:
+    """Otsu's threshold, 94 here, lies above the weak half; the default lies below it."""
+    on = np.full((60, 80), 5, np.uint8)
+    off = on.copy()
+    on[28:31, :60], on[28:31, 60:] = 190, 80
+    assert (paper_stripe(Band.of(on, off)).status[62:78] == gp.StripeStatus.OK).all()
+    strict = gp.extract_stripe(on, off, method="paper", threshold=94)
+    assert (strict.status[62:78] == gp.StripeStatus.DROPOUT).all() and (strict.status[2:58] == gp.StripeStatus.OK).all()
+
+
+@pytest.mark.parametrize(
+    ("method", "threshold", "message"),
+    [
+        ("paper", 256, r"threshold is 256, allowed: 0 \.\.\. 255 grey levels"),
+        ("paper", float("nan"), "threshold is nan, allowed"),
+        ("precise", 15, "threshold is 15 and method 'precise': only the paper's method has a threshold"),
+    ],
+)
+def test_thresholds_that_are_none_are_refused(
+    robot: RobotModel, calibration: gp.Calibration, paper_scan: gp.Scan, method: str, threshold: float, message: str
+) -> None:
+    """In one picture and in a scan."""
+    picture = np.zeros((60, 80), np.uint8)
+    picture[30] = 100
+    with pytest.raises(gp.InvalidInput, match=message):
+        gp.extract_stripe(picture, method=method, threshold=threshold)
+    with pytest.raises(gp.InvalidInput, match=message):
+        gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse", method=method, threshold=threshold)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper", "dark", "tilt"])
+def test_paper_knows_the_ground_of_every_recorded_scan(
+    data: Path, robot: RobotModel, calibration: gp.Calibration, name: str
+) -> None:
+    """At least 90 % of the interior cells; mean errors half of those with Otsu's threshold and marks in the corners."""
+    truth = load_truth(data / "scans" / name / "truth.npz", 5)
+    found = truth_figures(gp.process_scan(data / "scans" / name, calibration, robot, "paper", pictures=False), truth)
+    assert found.known > 90 and found.dark_known == 0 and found.unsafe == 0
+    assert found.mean < 0.55 and found.near < 0.45 and found.far < 0.75
+    strict = gp.process_scan(data / "scans" / name, calibration, robot, "paper", threshold=48, pictures=False)
+    assert truth_figures(strict, truth).known < found.known - 5

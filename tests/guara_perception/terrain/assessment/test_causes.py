@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses, _behind_surface
+from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses, behind_surface
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.thorough import examples
@@ -172,8 +172,8 @@ def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -
     elevation = np.where(random.random(GRID.shape) < 0.1, random.uniform(0, 0.2), 0.0)
     targets = np.column_stack((random.uniform(0.5, 0.8, number), random.uniform(-0.05, 0.05, number), np.zeros(number)))
     for sensor_origin in SENSOR_ORIGINS:
-        together = _behind_surface(elevation, targets, sensor_origin, GRID)
-        alone = [_behind_surface(elevation, target[None], sensor_origin, GRID)[0] for target in targets]
+        together = behind_surface(elevation, targets, sensor_origin, GRID)
+        alone = [behind_surface(elevation, target[None], sensor_origin, GRID)[0] for target in targets]
         np.testing.assert_array_equal(together, alone)
 
 
