@@ -50,6 +50,8 @@ class OdometryLimits:
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
 
+# [rad] A body that sways by more than 2 degrees does not stand.
+MOST_SWAY = 0.035
 # Keys of [pause] that a robot.toml may leave out.
 OPTIONAL = ("time_limit", "grace_share", "grace_least", "grace_most")
 
@@ -68,6 +70,8 @@ class PauseLimits:
             robot.toml without it takes 30 s.
         grace_share, grace_least, grace_most: how much later than announced the message that ends a pause may arrive: a
             share of the announced time, within bounds [s]. The laser is off by then.
+        stance_sway: amplitude of what the body may sway about its feet during a scan, about any horizontal axis, unseen
+            by joints and pictures [rad]; 0, as where robot.toml has none, is the builder's word that it does not.
     """
 
     joint_speed_limit: float
@@ -79,10 +83,11 @@ class PauseLimits:
     grace_share: float = 0.25
     grace_least: float = 0.5
     grace_most: float = 2.0
+    stance_sway: float = 0.0
 
     @classmethod
     def from_table(cls, table: Table) -> PauseLimits:
-        """Read the table; every value must be positive."""
+        """Read the table; every value must be positive, the sway 0 or more and at most `MOST_SWAY`."""
         return cls(
             joint_speed_limit=table.number("joint_speed_limit", above=0.0),
             hold_time=table.number("hold_time", above=0.0),
@@ -90,6 +95,7 @@ class PauseLimits:
             camera_translation_limit=table.number("camera_translation_limit", above=0.0),
             camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
             **{key: table.number(key, above=0.0) for key in OPTIONAL if key in table.values},
+            **{key: table.number(key, least=0.0, most=MOST_SWAY) for key in ("stance_sway",) if key in table.values},
         )
 
     def grace(self, announced: float) -> float:

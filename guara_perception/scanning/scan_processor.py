@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,7 @@ class ScanProcessor:
         self._ranger = StripeRanger(self._geometry, self._locator, height_limits, body.contains, self._unseen_motion())
         self._profiles: dict[int, StripeProfile] = {}
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
-        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, body)
+        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, body, self._sway_variance())
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _unseen_motion(self) -> Float | None:
@@ -125,6 +125,21 @@ class ScanProcessor:
             return Stillness(self._robot, self._stance, 0.0, transform_camera_to_base=camera).covariance
         except StanceError:
             return None
+
+    def _sway_variance(self) -> Callable[[GridGeometry], Float] | None:
+        """Variance of heights by the sway of robot.toml [m^2], None where there is none.
+
+        A turn w about the middle of the feet lifts what is seen at (x, y) from there by w_x y - w_y x. The amplitude is
+        taken as the sigma of w: a height that it can make wrong by more than the limit of sigma is UNCERTAIN.
+        """
+        sway = self._robot.pause_limits.stance_sway
+        middle = self.pose.soles_in_footprint[:, :2].mean(axis=0)
+
+        def variance(grid: GridGeometry) -> Float:
+            x, y = (axis - centre for axis, centre in zip(grid.centres(), middle, strict=True))
+            return np.asarray(sway**2 * (x[None, :] ** 2 + y[:, None] ** 2))
+
+        return variance if sway else None
 
     @property
     def grid(self) -> GridGeometry:

@@ -164,6 +164,11 @@ def scan_record(
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
     else:
         reasons += filter(None, (mirrored_frames(points, mirrored_points, pose), samples.texture()))
+    if sway := robot.pause_limits.stance_sway:
+        reasons.append(
+            f"the body may sway by {np.degrees(sway):.2f} degrees unseen (robot.toml, [pause] stance_sway): heights "
+            "are less sure by that"
+        )
     verdict = calibration.quality.get("verdict")
     if verdict == "refused":
         reasons.append("the calibration was refused and is used all the same")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class ScanSurface:
         settings: Settings,
         pattern: range,
         body: SelfFilter,
+        sway_variance: Callable[[GridGeometry], Float] | None = None,
     ) -> None:
         """Start with nothing seen.
 
@@ -51,6 +53,8 @@ class ScanSurface:
             settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
             body: body of the robot at the stance of the scan, in base_footprint.
+            sway_variance: variance (ny, nx) that the body's sway adds to the height of every cell of a grid [m^2]: no
+                mean over samples lessens it. None = none.
 
         Raises:
             InvalidInput: the resolution does not divide the footprint.
@@ -64,7 +68,9 @@ class ScanSurface:
 
         def area(grid: GridGeometry, rows: slice) -> ScanArea:
             plan = LookPlan(grid, planes, geometry.pixels, size)
-            return ScanArea(grid, rows, plan, UnknownCauses(plan, origins, grid, hidden), settings.limits)
+            causes = UnknownCauses(plan, origins, grid, hidden)
+            variance = None if sway_variance is None else sway_variance(grid)
+            return ScanArea(grid, rows, plan, causes, settings.limits, variance)
 
         rows = area_rows(settings, cell)
         self.grids = {name: grid for name, (grid, _) in rows.items()}
@@ -123,7 +129,13 @@ class ScanArea:
     """
 
     def __init__(
-        self, grid: GridGeometry, rows: slice, plan: LookPlan, causes: UnknownCauses, limits: TraversabilityLimits
+        self,
+        grid: GridGeometry,
+        rows: slice,
+        plan: LookPlan,
+        causes: UnknownCauses,
+        limits: TraversabilityLimits,
+        sway_variance: Float | None,
     ) -> None:
         """Start with nothing seen.
 
@@ -133,14 +145,18 @@ class ScanArea:
             plan: plan of the looks at the cells.
             causes: causes of its unknown cells.
             limits: traversability limits of the feet.
+            sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
         """
         self.grid, self.plan = grid, plan
+        self._sway_variance = sway_variance
         self._rows, self._causes = rows, causes
         self._assessment = Reassessment(grid.resolution, limits)
 
     def layers(self, raster: Raster, marks: Flags, pair_usable: Mask) -> dict[str, Array]:
         """All layers of the area; arguments as of `UnknownCauses.flags`, raster and marks of the widest area."""
         own = raster.window((self._rows, slice(None)))
+        if self._sway_variance is not None:
+            own = replace(own, variance=own.variance + self._sway_variance)
         return self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
 
     def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> tuple[Run, ...]:

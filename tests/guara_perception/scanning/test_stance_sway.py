@@ -1,0 +1,86 @@
+"""A body that sways unseen while it is scanned: what robot.toml says of it keeps wrong ground from being free."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.app.demo.check import true_elevation
+from guara_perception.app.node.simulated import SimulatedRobot
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.world import World
+from kinematics import RobotFileError, RobotModel, load_robot
+
+WRONG_M = 0.005
+AMPLITUDE = np.radians(0.5)
+
+
+def that_sways(robot: RobotModel, tmp_path: Path, amplitude: object) -> RobotModel:
+    """Guará whose builder says that it sways by this [rad]."""
+    folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
+    text = (folder / "robot.toml").read_text()
+    (folder / "robot.toml").write_text(text.replace("[pause]\n", f"[pause]\nstance_sway = {amplitude}\n"))
+    return load_robot(str(folder))
+
+
+@pytest.mark.slow
+def test_no_cell_is_free_that_an_unseen_sway_made_wrong(robot: RobotModel, tmp_path: Path) -> None:
+    """A dim flat floor, 0.5 degrees at 1 Hz, still again at the end: nothing shows it but the heights."""
+    world = World(light=dataclasses.replace(Light(), ambient=(3.0, 3.0, 3.0)))
+    simulated = SimulatedRobot(world=world, size=(320, 256))
+    pause = next(simulated.walk(cycles=0))
+    swaying = that_sways(robot, tmp_path / "much", AMPLITUDE)
+    view = SimulatedRangefinder(world, simulated.calibration, robot, 0)
+    grids = {}
+    for name, model, amplitude in (
+        ("still", robot, 0.0),
+        ("swaying, unsaid", robot, AMPLITUDE),
+        ("still, said", swaying, 0.0),
+        ("swaying, said", swaying, AMPLITUDE),
+    ):
+        processor = gp.ScanProcessor(simulated.calibration, model, pause.stance, mode="coarse")
+        for number, index in enumerate(range(0, 70, 2)):
+            turn = amplitude * np.sin(2.0 * np.pi * number / 35.0)
+            pose = pause.transform_base_to_world.copy()
+            pose[:3, :3] = _pitch(turn) @ pose[:3, :3]
+            pose[:3, 3] = _pitch(turn) @ pose[:3, 3]
+            view.set_pose(pose)
+            angle = simulated.calibration.stripe(index).mirror_angle
+            processor.add(index, view.frame(mirror_angle=angle), view.frame(laser=0.0))
+        grids[name] = processor.finish()
+    truth = true_elevation(world, pause, grids["still"])
+    free = {name: grid.hazard == 0 for name, grid in grids.items()}
+    wrong = {name: int((free[name] & (np.abs(grid.elevation - truth) > WRONG_M)).sum()) for name, grid in grids.items()}
+    assert wrong["still"] == wrong["swaying, said"] == 0 < wrong["swaying, unsaid"]
+    assert "the body may sway by 0.50 degrees unseen" in " ".join(grids["still, said"].record.health.reasons)
+    assert np.nanmax(grids["still, said"].variance) > 10 * np.nanmax(grids["still"].variance)
+
+
+@pytest.mark.slow
+def test_a_small_sway_costs_the_far_ground_alone(
+    robot: RobotModel, tmp_path: Path, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    """Of a recorded scan: sigma at each cell is at least that of the sway there, and near ground stays free."""
+    sway = np.radians(0.3)
+    grid = gp.process_scan(paper_scan, calibration, that_sways(robot, tmp_path, sway))
+    x, y = grid.geometry.centres()
+    known = np.isfinite(grid.elevation)
+    assert (np.sqrt(grid.variance) >= 0.97 * sway * np.hypot(x, y[:, None]))[known].all()
+    free = grid.hazard == 0
+    assert free.any() and not (free & ~(gp.process_scan(paper_scan, calibration, robot).hazard == 0)).any()
+
+
+@pytest.mark.parametrize("value", ["-0.001", "0.1", "nan", '"a"'])
+def test_a_sway_that_is_none_is_refused(tmp_path: Path, robot: RobotModel, value: str) -> None:
+    with pytest.raises(RobotFileError, match="stance_sway is"):
+        that_sways(robot, tmp_path, value)
+
+
+def _pitch(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
