@@ -1,4 +1,4 @@
-"""One picture of a camera, with its number and its time."""
+"""Camera frame: an image with its number and times."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from drivers.arrays import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture; compare images with numpy.
+    """Frame of a camera. Frames have no useful `==`: compare their images with numpy.
 
     Attributes:
         image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.
-        counter: number of the frame in the camera's own counting, growing by 1; a gap is a dropped frame.
-        stamp: when the host had the frame, on the monotonic clock [s].
-        device_time: when its exposure began, on the camera's own clock [s]; None when the camera does not report it.
+        counter: number of the frame, increasing by 1; a gap means lost frames, if the camera counts (`counts_frames`).
+        stamp: time at which the host received the frame, on the monotonic clock [s].
+        device_time: start of the exposure on the camera's own clock [s]; None if the camera does not report it.
     """
 
     image: Image
@@ -25,7 +25,7 @@ class Frame:
 
 
 def read_only(image: Image) -> Image:
-    """A view of `image` that cannot be written to."""
+    """Read-only view of `image`."""
     view = image.view()
     view.setflags(write=False)
     return view

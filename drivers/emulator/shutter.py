@@ -1,25 +1,25 @@
-"""Shutter of an emulated camera that waits for its trigger, and its failures."""
+"""Shutter of an emulated hardware-triggered camera, with faults to inject."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# Times at which a shutter opens and closes [s].
+# Times at which the shutter opens and closes [s].
 Opening = tuple[float, float]
 
 
 @dataclass(slots=True)
 class Shutter:
-    """Behaviour of the camera on the board's TRIGGER; may be changed at any time.
+    """Response of the camera to the board's TRIGGER line; may be changed at any time.
 
     Attributes:
-        wired: its EXPOSURE_ACTIVE is connected to the board.
+        wired: the camera's EXPOSURE_ACTIVE output is connected to the board.
         delay: time from the trigger to the opening [s].
-        exposure: how long it is open [s].
-        missed: numbers of the triggers, from 0, that it does not see.
-        doubled: numbers of the triggers after which it opens twice.
-        late: numbers of the triggers after which it opens late, each with how much later that is [s].
+        exposure: exposure time [s].
+        missed: numbers of the triggers, from 0, that the camera misses.
+        doubled: numbers of the triggers that open the shutter twice.
+        late: additional delay of individual triggers, by number [s].
     """
 
     wired: bool = False
@@ -34,8 +34,8 @@ class Shutter:
 
         Args:
             number: number of the trigger, from 0.
-            trigger: when it came [s].
-            closed_since: when the last opening ended [s]; a trigger before that is not seen.
+            trigger: time of the trigger [s].
+            closed_since: end of the last opening [s]; an earlier trigger is ignored.
         """
         if number in self.missed or trigger < closed_since:
             return ()

@@ -1,4 +1,4 @@
-"""State of the emulated board at one instant, and over the exposure of a camera."""
+"""State of the emulated board at one instant and during one exposure."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ class BoardView:
     """State of the emulated board at one instant.
 
     Attributes:
-        time: that instant on the monotonic clock [s].
-        plugged: whether the board is on the bus now.
-        laser_on: whether the laser was on.
-        laser_since: time of the last change of the laser [s].
+        time: the instant, on the monotonic clock [s].
+        plugged: the board is connected now.
+        laser_on: the laser was on at `time`.
+        laser_since: time at which the laser was last switched [s].
         mirror_angle: true mirror angle [rad].
-        mirror_angle_commanded: mirror angle in which the firmware believed [rad].
-        moving: whether it moved or settled.
-        faults: the fault bits now.
+        mirror_angle_commanded: mirror angle that the firmware assumes; it differs after lost steps [rad].
+        moving: the mirror was moving or settling.
+        faults: present fault bits.
     """
 
     time: float
@@ -32,14 +32,14 @@ class BoardView:
 
 @dataclass(frozen=True, slots=True)
 class ExposureView:
-    """View of the emulated board by an exposure of a camera.
+    """State of the emulated board during one exposure of a camera.
 
     Attributes:
-        start: beginning of the exposure [s].
-        end: its end [s].
+        start: start of the exposure [s].
+        end: end of the exposure [s].
         laser_fraction: share of the exposure during which the laser was on, 0 ... 1.
-        mirror_angle: true angle at half of the exposure [rad].
-        mirror_travel: turn of the mirror during the exposure [rad]; the laser plane turned by twice as much.
+        mirror_angle: true mirror angle at the middle of the exposure [rad].
+        mirror_travel: rotation of the mirror during the exposure [rad]; the laser plane rotates by twice as much.
     """
 
     start: float

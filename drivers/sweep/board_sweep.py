@@ -1,4 +1,4 @@
-"""Board's own sweep: its table of steps, its beginning, and the clock of its records."""
+"""Sweeps that the board runs by itself: options, table of steps, start, and the time of each stripe."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from drivers.board.sweep_records import StripeRecord
 from drivers.errors import BoardTooOld
 from drivers.sweep.options import OffFrames
 
+# Sweeps are numbered modulo this; the number marks the records of a sweep.
 NUMBERS = 128
+# The board's clock counts microseconds in 32 bits.
 CLOCK_WRAP = (1 << 32) * 1e-6
 
 
@@ -19,10 +21,10 @@ class BoardSweep:
     """Sweeps of one open board."""
 
     def __init__(self, board: LaserBoard) -> None:
-        """Take over the board.
+        """Attach to an open board.
 
         Raises:
-            BoardTooOld: it speaks protocol 1.0.
+            BoardTooOld: its firmware cannot sweep by itself (protocol 1.0).
         """
         status = board.status()
         if BoardFlag.HAS_SWEEP not in status.flags:
@@ -40,28 +42,29 @@ class BoardSweep:
         """Set the options of all sweeps of a scan.
 
         Args:
-            flash: longest time of light for a stripe [s].
+            flash: longest time that the laser is on for a stripe [s].
             period: shortest time between two triggers [s].
-            off: off frames that are taken.
+            off: off frames to take.
         """
         self._board.command(Request.SWEEP_FLASH, round(flash * 1e6))
         self._board.command(Request.SWEEP_PERIOD, round(period * 1e6))
         self.set_off_frames(off)
 
     def set_off_frames(self, off: OffFrames) -> None:
-        """Set the off frames that are taken."""
+        """Set which off frames to take."""
         self._board.command(Request.SWEEP_OFF_FRAMES, SweepOffFrames[off.name])
 
     def begin(self, steps: Sequence[int], waits: Sequence[int], first: int = 0) -> BoardStatus:
-        """Fill the table and begin; return the status, whose `motion` marks this sweep's records.
+        """Fill the table and start a sweep; return the status, whose `motion` marks the records of this sweep.
 
         Args:
             steps: motor steps of the stripes, in order, at most 256.
             waits: wait before the trigger of each stripe, in units of 0.5 ms.
-            first: place of the first stripe in the table; entries that are there already are not sent again.
+            first: place of the first stripe in the table. Entries that the board already holds are not sent again.
 
         Raises:
-            BoardError: the board refuses.
+            ValueError: too many stripes, not one wait per stripe, or a wait out of range.
+            BoardError: the board rejects a command.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):
             raise ValueError(f"{len(steps)} stripes with {len(waits)} waits; allowed: 1 ... {SWEEP_STRIPES} of each")
@@ -80,7 +83,7 @@ class BoardSweep:
         return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
 
     def clock_of(self, record: StripeRecord) -> float:
-        """Time of a record's trigger since the first record [s], past the wrap of the board's clock."""
+        """Time of a record's trigger relative to the first record [s], corrected for the wrap of the board's clock."""
         if self._first_clock is None:
             self._first_clock = record.clock
         return (record.clock - self._first_clock + 0.5 * CLOCK_WRAP) % CLOCK_WRAP - 0.5 * CLOCK_WRAP

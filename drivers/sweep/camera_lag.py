@@ -1,4 +1,4 @@
-"""Measures a camera's lag: how old the oldest light in a frame is when the frame arrives."""
+"""Measurement of a camera's lag: age of the oldest light in a frame at the time of the frame's stamp."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
 
-# Share of the laser's light at which a frame counts as wholly lit.
+# A frame with at least this share of the laser's light counts as fully lit.
 FULL = 0.9
 GOLDEN = 0.618034
-# Largest share of the stripe's pixels that may be clipped.
+# Largest allowed share of clipped pixels in the stripe.
 MAX_CLIPPED = 0.1
-# Frames after which any pipeline shows the new state.
+# Frames after which every camera pipeline shows the new state.
 SETTLE_FRAMES = 6
-# Frames to wait for a change before the camera is taken not to see the laser.
+# Frames without the expected change after which the measurement fails.
 MOST_FRAMES = 20
 
 
 @dataclass(frozen=True, slots=True)
 class LagMeasurement:
-    """The lag of a camera.
+    """Measured lag of a camera.
 
     Attributes:
-        lag: a frame stamped t shows nothing older than t - lag [s], except for at most a tenth of its light, which
-            noise hides; the upper end of what was measured.
-        uncertainty: by how much the true lag may be shorter [s].
+        lag: upper bound of the lag [s]. A frame stamped t shows nothing older than t - lag, except for at most a tenth
+            of its light, which cannot be told from noise.
+        uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
-        toggles: how often the laser was switched.
+        toggles: number of times that the laser was switched.
     """
 
     lag: float
@@ -44,25 +44,25 @@ class LagMeasurement:
 
 
 def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
-    """Switch the laser at all phases of the frame and see which frames show it.
+    """Measure a camera's lag by switching the laser at all phases of the frame period.
 
-    The camera is not changed: set its `lag` to the result yourself. The stripe must not be clipped: meter the
-    exposure first. The laser is off afterwards, whatever happens.
+    Set `camera.lag` to the result; this function does not change the camera. Meter the exposure first, so that the
+    stripe is not clipped. The laser is off on return, also after an error.
 
     Args:
-        board: an open board, mirror at rest where the camera sees the stripe.
+        board: an open board, its mirror at rest at an angle at which the camera sees the stripe.
         camera: an open camera.
-        toggles: how often to switch, at least 4; the uncertainty falls with it.
+        toggles: number of times to switch, at least 4; more of them reduce the uncertainty.
         timeout: longest wait for a frame [s].
 
     Raises:
         ValueError: too few toggles.
-        LaserNotSeen: the pictures do not depend on the laser, or contradict one another.
+        LaserNotSeen: the frames do not depend on the laser, or contradict each other.
         StripeClipped: the stripe is too bright to tell a partial exposure from a whole one.
-        CameraTimeout: no frame came.
+        CameraTimeout: no frame arrived, or frames without increasing stamps and counters.
     """
     if toggles < 4:
-        raise ValueError(f"toggles is {toggles}, at least 4 are needed")
+        raise ValueError(f"toggles is {toggles}; allowed: at least 4")
     shortest, longest = 0.0, math.inf
     try:
         board.laser_off()
@@ -105,7 +105,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
 
 
 class _ShareOfLight:
-    """Share of the laser's light in a frame, 0 ... 1, by a dark and a lit one."""
+    """Share of the laser's light in a frame: 0 as in a dark frame, 1 as in a lit one."""
 
     def __init__(self, dark: Image, lit: Image) -> None:
         self._dark = dark
@@ -113,23 +113,23 @@ class _ShareOfLight:
         noise = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
         full = float(np.iinfo(lit.dtype).max)
         threshold = max(0.05 * full, 8.0 * noise, 0.3 * float(difference.max(initial=0.0)))
-        self._where = np.nonzero(difference > threshold)
+        self._stripe = np.nonzero(difference > threshold)
         brightest = lit.max(axis=2) if lit.ndim == 3 else lit
-        clipped = float(np.mean(brightest[self._where] >= 0.99 * full)) if len(self._where[0]) else 0.0
+        clipped = float(np.mean(brightest[self._stripe] >= 0.99 * full)) if len(self._stripe[0]) else 0.0
         if clipped > MAX_CLIPPED:
             raise StripeClipped(
                 f"{clipped:.0%} of the stripe is clipped, at most {MAX_CLIPPED:.0%} may be: meter_exposure() first, "
                 "so that a partial exposure looks different from a whole one"
             )
-        self._whole = float(difference[self._where].sum())
-        if len(self._where[0]) < difference.shape[1] // 50 + 1:
+        self._whole = float(difference[self._stripe].sum())
+        if len(self._stripe[0]) < difference.shape[1] // 50 + 1:
             raise LaserNotSeen(
                 "the pictures with the laser on and off do not differ: is it covered, does the camera see it?"
             )
 
     def of(self, image: Image) -> float:
-        """The share of light in `image`."""
-        return float((_flat(image) - _flat(self._dark))[self._where].sum()) / self._whole
+        """Share of the laser's light in `image`."""
+        return float((_flat(image) - _flat(self._dark))[self._stripe].sum()) / self._whole
 
 
 def _flat(image: Image) -> Float32:
@@ -146,5 +146,7 @@ def _settled(board: Board, camera: Camera, timeout: float) -> tuple[Frame, float
     span = frames[-1].stamp - frames[0].stamp
     count = frames[-1].counter - frames[0].counter
     if span <= 0 or count <= 0:
-        raise CameraTimeout(f"{camera.name} delivers frames without rhythm: a replay has no lag to measure")
+        raise CameraTimeout(
+            f"frames of {camera.name} do not increase in stamp and number: give a live camera, not a replay"
+        )
     return frames[-1], span / count

@@ -1,4 +1,4 @@
-"""Checks of everything that a scan needs; each reports ok, or what to do."""
+"""Checks of the hardware, files and machine that a scan needs, as run by `guara doctor`."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from transport import Health, TransportError
 
 OK, SKIP, WARN, FAIL = "ok", "skip", "warn", "FAIL"
 CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", "disk", "speed", "certificates")
-# By then a camera mount may have been knocked out of position; the paper's rig was calibrated before each session.
+# An older calibration is doubtful: a mount may have been knocked. The paper's rig was calibrated before each session.
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
 DISK_BYTES = 1_000_000_000
-# One stripe of 1280x1024 px must be done well within a frame at 30 per second.
+# Limit for one stripe of 1280x1024 px: below half the time between frames at 30 per second.
 STRIPE_SECONDS = 0.015
 
 
@@ -63,13 +63,13 @@ def examine(
     """Run the checks one by one; yield the name and the finding of each.
 
     Args:
-        devices: camera with the settings to lock, and board.
+        devices: camera, its settings to lock, and board.
         calibration: file to check, or None.
         listen: endpoint on which the node would listen.
-        folder: where recordings would be written.
-        scan: recorded scan of a flat floor, or of anything with some floor, for the drift check; None = not done.
+        folder: folder of the recordings.
+        scan: recorded scan with floor in view, for the drift check; None = skip the check.
         checks: names of the checks to run; empty = all.
-        security: security folder whose certificates are checked, or None.
+        security: security folder to check, or None.
     """
     every: dict[str, tuple[Callable[..., Finding], *tuple[Any, ...]]] = {
         "usb": (check_usb,),
@@ -89,7 +89,7 @@ def examine(
 
 
 def attempt(check: Callable[..., Finding], *arguments: Any) -> Finding:
-    """Run a check; an error that the packages or the file system raise is its failure."""
+    """Run a check and report a known error that it raises as FAIL."""
     try:
         return check(*arguments)
     except (DriverError, PerceptionError, KinematicsError, TransportError, ValueError) as error:
@@ -104,7 +104,7 @@ def check_usb() -> Finding:
 
 
 def check_board(devices: Devices) -> Finding:
-    """Check that the laser board is there, may be opened and speaks the protocol."""
+    """Check that the laser board is connected, can be opened and speaks the protocol."""
     with devices.laser_board() as board:
         identity = board.identity
     if not isinstance(board, LaserBoard):
@@ -118,7 +118,7 @@ def check_board(devices: Devices) -> Finding:
 
 
 def check_camera(devices: Devices) -> Finding:
-    """Check that the camera opens, holds its settings and gives a frame; report what it can prove of its frames."""
+    """Check that the camera opens, keeps its settings and delivers a frame; report how its frames are verified."""
     held = ""
     triggered = devices.camera()
     with devices.camera(free=True) as camera:
@@ -127,7 +127,7 @@ def check_camera(devices: Devices) -> Finding:
             held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
         frame = camera.grab(2.0)
     if triggered.triggered:
-        # It opens only where it has the line.
+        # Opening fails if the camera has no trigger line.
         triggered.open()
         triggered.close()
     height, width = frame.image.shape[:2]
@@ -139,7 +139,7 @@ def check_camera(devices: Devices) -> Finding:
 
 
 def check_cameras() -> Finding:
-    """List the cameras, and what each can prove."""
+    """List the cameras and how the frames of each are verified."""
     from guara_perception.app.find_cameras import find_cameras
 
     found, missing = find_cameras()
@@ -150,22 +150,24 @@ def check_cameras() -> Finding:
 
 
 def check_endpoint(listen: str) -> Finding:
-    """Check that the node can listen there."""
+    """Check that the node can listen on an endpoint."""
     protocol, _, address = listen.partition("/")
     host, _, port = address.rpartition(":")
     if not port.isdigit():
-        return Finding(FAIL, f"endpoint {listen!r} is not valid, write protocol/host:port")
+        return Finding(FAIL, f"endpoint {listen!r} is not valid; allowed: protocol/host:port")
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host.strip("[]") or "127.0.0.1", int(port)))
         except OSError as error:
-            return Finding(FAIL, f"{listen}: {error.strerror}; a node runs there already, or choose --listen")
+            return Finding(
+                FAIL, f"{listen}: {error.strerror}; stop the node that uses it, or choose another with --listen"
+            )
     return Finding(OK, f"{listen} is free ({protocol})")
 
 
 def check_calibration(path: Path | None) -> Finding:
-    """Check that the calibration loads; report its verdict and its age."""
+    """Check that a calibration loads; report its verdict and age."""
     if path is None:
         return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
     return judge_calibration(load_calibration(path))
@@ -189,7 +191,7 @@ def judge_calibration(calibration: Calibration) -> Finding:
 
 
 def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
-    """Check that the calibration still fits the floor of a scan."""
+    """Check that the calibration still holds on the floor of a scan."""
     if calibration is None or scan is None:
         return Finding(SKIP, "not checked: give -c calibration.json and --scan SCAN, a scan with floor in view")
     recorded, calibrated = open_scan(scan), load_calibration(calibration)
@@ -203,14 +205,14 @@ def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
 
 
 def check_disk(folder: Path) -> Finding:
-    """Check that ten recorded scans fit."""
+    """Check that the disk has room for ten recorded scans."""
     free = shutil.disk_usage(folder).free
     text = f"{free / 1e9:.1f} GB free in {folder}"
     return Finding(OK, text) if free > DISK_BYTES else Finding(WARN, f"{text}: make room to record")
 
 
 def check_certificates(folder: Path | None) -> Finding:
-    """Check that certificates of a security folder are valid for a month, keys private and rules up to date."""
+    """Check a security folder: expiry of the certificates, permissions of the keys, version of the access rules."""
     if folder is None:
         return Finding(SKIP, "not checked: give --security DIR")
     from transport.security.certificates import judge_security
@@ -220,7 +222,7 @@ def check_certificates(folder: Path | None) -> Finding:
 
 
 def check_speed() -> Finding:
-    """Check that this machine extracts a stripe faster than frames come."""
+    """Check that this machine extracts stripes fast enough for 30 frames per second."""
     from guara_perception.stripes.extract import extract_stripe
 
     rows = np.arange(1024, dtype=np.float32)[:, None]

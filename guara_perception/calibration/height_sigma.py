@@ -1,4 +1,4 @@
-"""Standard deviation of heights from the calibration: stored as JSON by bands of rows, evaluated at every point."""
+"""Height uncertainty that comes from the calibration, and the image rows in which each laser plane can be seen."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.exceptions import FileFormatError
 from kinematics.arrays import read_only
 
-# The height field is a quadratic in the distance from a point of base_link: centre of the area, 40 mm over the floor.
+# Monomials of the height field, in the offset from its origin.
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-# A ray that meets the laser plane at a smaller sine has no usable height.
-MIN_SINE = 1e-3
-# The line is sampled this far to both sides of the camera: well beyond any picture at half a metre.
+# A camera closer than this to a laser plane sees the plane edge-on: its heights are not usable [m].
+MIN_BASELINE_M = 1e-3
+# Half length of the line on which a plane meets a height; it extends beyond the image at half a metre.
 HALF_LENGTH_M = 1.2
 SAMPLES = 49
 
 
 @dataclass(frozen=True, slots=True)
 class HeightUncertainty:
-    """Variance of heights that comes from the calibration, not from the stripe's position in the picture.
+    """Height uncertainty due to the calibration; that of the stripe's position in the image is not included.
 
-    It is the sum of two variances: that of each stripe's plane (own covariance, with the mirror's repeatability), and
-    that of a smooth field of height errors over the area, which lens and mount cause together.
+    The variance of a height is the sum of two terms: that of the stripe's laser plane, with the repeatability of the
+    mirror, and that of a smooth field of height errors caused by the lens and the mount of the camera.
 
     Attributes:
         planes: (4, 4) covariance of the plane (nx, ny, nz, d) in the camera frame, by stripe index.
         field_origin: (3,) origin of the field in base_link [m].
-        field: (10, 10) covariance of the coefficients of FIELD_TERMS [m, 1, 1/m].
+        field: (10, 10) covariance of the coefficients of FIELD_TERMS, which have the units m, 1 and 1/m.
     """
 
     planes: Mapping[int, Float]
@@ -47,10 +47,10 @@ class HeightUncertainty:
 
     @staticmethod
     def of(calibration: Calibration) -> HeightUncertainty | None:
-        """The uncertainty stored in a calibration; None where it holds none (one made from a drawing).
+        """Read the uncertainty from a calibration; None if it stores none, as one made from a drawing.
 
         Raises:
-            FileFormatError: the covariance is there and is not what docs/calibration.md says.
+            FileFormatError: the stored covariance does not follow docs/calibration.md.
         """
         stored = calibration.covariance
         if not stored:
@@ -81,12 +81,12 @@ class HeightUncertainty:
     ) -> Float:
         """Variances (s, n) of the heights of points on stripes [m^2]; NaN where a point is NaN.
 
-        Each stripe has products of its own, so that rounding does not depend on what other stripes there are.
+        Each stripe is multiplied separately, so that rounding does not depend on the other stripes.
 
         Args:
-            indices: indices of s stripes; one that has no covariance of its own gets that of its nearest neighbour.
+            indices: indices of s stripes; a stripe without a covariance takes that of the nearest stripe.
             planes: (s, 4) calibrated planes in the camera frame.
-            points_in_footprint: (3, s, n), coordinate by coordinate.
+            points_in_footprint: (3, s, n) coordinates x, y, z of n points on each stripe [m].
             transform_camera_to_footprint: (4, 4).
             transform_camera_to_base: (4, 4).
         """
@@ -95,20 +95,21 @@ class HeightUncertainty:
         one = np.ones((len(indices), 1, in_camera.shape[2]))
         covariances = np.array([self.plane_covariance(index) for index in indices])
         off_plane = _quadratic_form(np.concatenate((in_camera, one), axis=1), covariances)
-        sine = (planes[:, None, :3] @ in_camera)[:, 0]
+        # Moving X along its ray changes n . X + d in proportion to n . X, and the height in proportion to r_z . X.
+        baseline = (planes[:, None, :3] @ in_camera)[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (rotation[2] @ in_camera) / np.where(np.abs(sine) < MIN_SINE, np.nan, sine)
+            gain = (rotation[2] @ in_camera) / np.where(np.abs(baseline) < MIN_BASELINE_M, np.nan, baseline)
         offsets = transform_camera_to_base[:3, :3] @ in_camera
         offsets += (transform_camera_to_base[:3, 3] - self.field_origin)[:, None]
         return np.asarray(gain**2 * off_plane + _quadratic_form(field_terms(offsets), self.field))
 
     def plane_covariance(self, index: int) -> Float:
-        """Covariance (4, 4) of the plane of a stripe, or of the stripe nearest to it that has one."""
+        """Covariance (4, 4) of a stripe's plane, or of the nearest stripe that has one."""
         nearest = index if index in self.planes else min(self.planes, key=lambda other: abs(other - index))
         return self.planes[nearest]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values, as `of` reads them."""
+        """JSON values, as read by `of`."""
         return {
             "stripes": [{"index": index, "plane": plane.tolist()} for index, plane in sorted(self.planes.items())],
             "height_field": {
@@ -126,11 +127,11 @@ def field_terms(offsets: Float) -> Float:
 
 
 def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float) -> Float:
-    """Covariance of the height field from what one unit of each parameter does to the heights.
+    """Covariance of the height field, propagated from the calibration parameters.
 
     Args:
         offsets: (n, 3) points relative to the field's origin [m].
-        errors: per parameter (n,) change of height per unit.
+        errors: for each parameter, (n,) derivatives of the heights.
         parameters: (p, p) covariance of the parameters.
     """
     effect = np.linalg.lstsq(field_terms(offsets.T).T, np.column_stack(errors), rcond=None)[0]
@@ -138,7 +139,7 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
 
 
 def _quadratic_form(vectors: Float, matrix: Float) -> Float:
-    """Values v . M v (..., n) of vectors (..., k, n)."""
+    """Quadratic form v . M v (..., n) of vectors (..., k, n)."""
     return np.einsum("...kn,...kn->...n", vectors, matrix @ vectors)
 
 
@@ -150,7 +151,7 @@ def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:
 
 
 def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> Float:
-    """A plane (4,) n . X + d = 0 of the camera frame, or several (s, 4), expressed in another frame."""
+    """Transform a plane (4,) n . X + d = 0, or planes (s, 4), from the camera frame to another frame."""
     rotation, translation = transform_camera_to_frame[:3, :3], transform_camera_to_frame[:3, 3]
     normal = plane_in_camera[..., :3] @ rotation.T
     return np.concatenate((normal, plane_in_camera[..., 3:] - (normal @ translation)[..., None]), axis=-1)
@@ -159,24 +160,24 @@ def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> 
 def row_bands(
     camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
 ) -> list[tuple[int, int]]:
-    """First and end row of the band in which each laser plane crosses any of the heights, cut to the picture.
+    """Image rows in which a surface lit by each laser plane appears, for a set of heights.
 
     Args:
         camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4), z of the target frame is the height.
+        transform_camera_to_footprint: (4, 4); heights are measured along z of the footprint.
         planes_in_camera: (s, 4) one plane per stripe.
         heights: (h,) heights above z = 0 of the footprint [m].
-        margin: rows to add at either side; a band that is not wider than both is empty.
+        margin: rows added on each side; a band narrower than both margins together is empty.
 
     Returns:
-        One band per plane, (0, 0) where it is empty or no such line is seen.
+        First row and end row (exclusive) of each plane, clipped to the image; (0, 0) if the band is empty.
     """
     lines = _lines(camera, transform_camera_to_footprint, planes_in_camera, heights)
     order = np.argsort(lines[..., 0], axis=-1)[..., None]
     u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
     width, height = camera.size
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Between two samples of a line its row is highest or lowest in the first or the last column.
+        # Between two samples the line is straight: its extreme rows lie in the first or the last column.
         steepness = np.diff(v) / np.diff(u)
         columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
         rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
@@ -194,12 +195,12 @@ def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int,
 
 
 def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the lines in which laser planes cross heights; NaN where they are not seen."""
+    """Pixels (s, h, SAMPLES, 2) along the lines on which laser planes meet heights; NaN where they cannot be seen."""
     translation = transform_camera_to_footprint[:3, 3]
     planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
     steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
     across = planes[:, :2] / steepness
-    # The point of the line nearest to the spot below the camera, (s, h) along `across`.
+    # Signed distance (s, h) from the camera to each line along `across`, in the xy plane.
     distance = -(planes[:, :2] @ translation[:2] + planes[:, 3])[:, None] - planes[:, 2:3] * heights
     distance /= steepness
     along = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, SAMPLES)

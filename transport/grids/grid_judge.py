@@ -97,8 +97,8 @@ class GridJudge:
 
     def _report(self, status: Status) -> str:
         word = read_word(status, clock.now())
-        # What lay in a queue on the way was said before it arrived.
-        heard = clock.now() if word is None else min(word.heard, self.clock.said(word.run, word.clock))
+        # A status that waited in a queue was sent before it arrived.
+        heard = clock.now() if word is None else min(word.heard, self.clock.latest(word.run, word.clock))
         return self._evidence.report(status, heard)
 
     def age(self, received: Received[G]) -> float:

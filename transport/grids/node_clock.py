@@ -1,4 +1,4 @@
-"""Clock of the node, by which grids are aged independently of the wall clocks."""
+"""Estimate of a node's monotonic clock, which gives the age of grids independently of wall clocks."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from transport.messages.status_message import Status, decode_status
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
 logger = logging.getLogger(__name__)
-# [s] Between two questions.
+# [s] Between two queries.
 PERIOD = 10.0
-# [s] A larger difference of the two wall clocks is logged.
-WORTH_TELLING = 1.0
+# [s] An offset of the wall clocks, or a change of it, is logged above this.
+LOGGED_CHANGE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class ClockOffset:
     """Offset of the node's wall clock from this machine's.
 
     Attributes:
-        offset: to be added to this machine's clock to get the node's [s].
-        doubt: largest error of the offset [s].
-        jumps: how often this machine's wall clock has jumped since the client began.
+        offset: the node's wall clock minus this machine's [s].
+        doubt: largest possible error of the offset [s].
+        jumps: number of jumps of this machine's wall clock since the client was opened.
     """
 
     offset: float
@@ -40,14 +40,20 @@ class ClockOffset:
 
 
 class NodeClock(RemoteClock):
-    """Clock of the node, from its status; the quicker the answer, the smaller the uncertainty.
+    """Monotonic clock of a node, bounded by queries of its status. A faster answer gives a tighter bound.
 
     Attributes:
-        offset: offset of the two wall clocks; None while the node has not answered.
+        offset: offset of the two wall clocks; None until the node answers.
     """
 
     def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:
-        """Begin to ask on a thread of its own; `report` gets each answer and the instant of the question [s]."""
+        """Query the node in a background thread.
+
+        Args:
+            session: open session.
+            robot: name of the robot.
+            report: gets each status and the instant of its query [s]; returns the reason to reject it, or "".
+        """
         self._lock = threading.Lock()
         self._bounds: Recent[str, ClockBound] = Recent(8)
         self._report = report
@@ -57,17 +63,17 @@ class NodeClock(RemoteClock):
         super().__init__(session, status_key(robot), period=PERIOD)
 
     def age(self, run: str, reading: float) -> float | None:
-        """[s] since the clock of a run of the node showed `reading`; None when that clock is not known.
+        """Time [s] since the clock of a run of the node showed `reading`; None if that clock is not known.
 
-        The node read its clock some time after it was asked; it is taken as read when asked, so that no age is too
-        small.
+        The node reads its clock some time after the query is sent. The time of sending is used, so that an age is never
+        too small.
         """
         with self._lock:
             bound = self._bounds.get(run)
         return None if bound is None else max(0.0, clock.now() - bound.earliest(reading))
 
-    def said(self, run: str, reading: float) -> float:
-        """Latest instant [s] at which the clock of a run of the node showed `reading`; infinite when not known."""
+    def latest(self, run: str, reading: float) -> float:
+        """Latest instant [s] at which the clock of a run of the node showed `reading`; infinite if not known."""
         with self._lock:
             bound = self._bounds.get(run)
         return math.inf if bound is None else bound.latest(reading)
@@ -76,7 +82,7 @@ class NodeClock(RemoteClock):
         wall = time.time_ns() - round((clock.now() - asked) * 1e9)
         status = decode_status(payload)
         if self._report(status, asked):
-            # Of a run that is over, or of another node.
+            # The answer came from a run that has ended, or from another node.
             return False
         word = read_word(status, asked)
         if word is None or not (word.run and word.clock):
@@ -88,15 +94,15 @@ class NodeClock(RemoteClock):
         self._compare_wall_clocks(status.stamp, wall, answered - asked)
         return True
 
-    def _compare_wall_clocks(self, node: int, here: int, took: float) -> None:
+    def _compare_wall_clocks(self, node: int, own: int, round_trip: float) -> None:
         jump = self._detector.jump()
         if jump:
             self._jumps += 1
             logger.warning("this machine's clock has jumped by %+.1f s; the ages of grids do not depend on it", jump)
-        offset = (node - here) * 1e-9 - took / 2
+        offset = (node - own) * 1e-9 - round_trip / 2
         last = self.offset
-        self.offset = ClockOffset(offset, took / 2, self._jumps)
-        if abs(offset) - took > WORTH_TELLING and (last is None or abs(offset - last.offset) > WORTH_TELLING):
+        self.offset = ClockOffset(offset, round_trip / 2, self._jumps)
+        if abs(offset) - round_trip > LOGGED_CHANGE and (last is None or abs(offset - last.offset) > LOGGED_CHANGE):
             logger.warning(
                 "the node's clock is %.1f s %s of this machine's; the ages of grids do not depend on it",
                 abs(offset),

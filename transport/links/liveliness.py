@@ -1,4 +1,4 @@
-"""Liveliness tokens: declared by a node, watched by those who depend on it."""
+"""Zenoh liveliness tokens: declared by a node, watched by its clients."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from transport.links.session import Resource, Session
 
 
 class AliveToken(Resource):
-    """Liveliness token of this session; others see it vanish when the session closes, dies or hangs."""
+    """Liveliness token of this session; it disappears for others when the session closes or is lost."""
 
     def __init__(self, session: Session, key: str) -> None:
-        """Declare the token on `key`, as in `keys.alive_key`."""
+        """Declare the token on `key`, for instance that of `keys.alive_key`."""
         self.key = key
         self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         super().__init__(session)
@@ -24,10 +24,10 @@ class AliveToken(Resource):
 
 
 class TokenWatcher(Resource):
-    """Watcher of a group of tokens.
+    """Watcher of all tokens that match a key expression.
 
     Attributes:
-        names: last chunks of the keys of all tokens that are there now.
+        names: last chunk of the key of each token that is alive.
     """
 
     def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None]) -> None:
@@ -54,7 +54,7 @@ class AliveWatcher(TokenWatcher):
     """Watcher of the token on one key.
 
     Attributes:
-        was_seen: whether the token was there at any time.
+        was_seen: the token has been alive at least once since the watcher began.
     """
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] = lambda is_alive: None) -> None:
@@ -66,11 +66,11 @@ class AliveWatcher(TokenWatcher):
 
     @property
     def is_alive(self) -> bool:
-        """True while the token is there."""
+        """True while the token is alive."""
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is there (or gone); False when `timeout` [s] passed before."""
+        """Wait until the token is alive (or gone); False after `timeout` [s] or if the watcher was closed."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
             return self.is_alive == alive

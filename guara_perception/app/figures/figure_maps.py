@@ -1,4 +1,4 @@
-"""Pictures of frames, range images, surface and hazards for people: x up, y to the left, with legends."""
+"""Figures of frames, range images, the surface and hazards, seen from above: x up, y to the left."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
 
 Extent = tuple[float, float, float, float]
 SIZE = (9.6, 6.4)
-# Colours of hatching by cause of unknown, distinct from grey heights and for colour-blind eyes.
+# Hatching by cause of unknown cells: colours distinct from grey heights, also to colour-blind readers.
 CAUSES = {
     Hazard.DROPOUT: ("#d55e00", "no return (dark or hole)"),
-    Hazard.OCCLUDED: ("#56b4e9", "hidden behind something"),
-    Hazard.UNSCANNED: ("#999999", "not looked at"),
+    Hazard.OCCLUDED: ("#56b4e9", "hidden from camera or laser"),
+    Hazard.UNSCANNED: ("#999999", "not observed"),
     Hazard.OUT_OF_RANGE: ("#000000", "below or above the height limits"),
-    Hazard.AMBIGUOUS: ("#cc79a7", "return not trusted"),
-    Hazard.SELF: ("#0072b2", "own leg or body"),
+    Hazard.AMBIGUOUS: ("#cc79a7", "unreliable return"),
+    Hazard.SELF: ("#0072b2", "hidden by the robot itself"),
 }
 OTHER_COLOUR = "#888888"
-# Width of a hatching line in a range image.
+# Width of the hatching lines in a range image.
 LINE_PX = 5
 
 
 def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, title: str) -> Path:
-    """A grey image: of the camera (axes in pixels) or of the floor seen from above (axes in millimetres)."""
+    """Draw a grey image: a frame, with axes in pixels, or the floor from above if `area` is given, in millimetres."""
     figure, ((axes,),) = new_figure(size=SIZE)
     if area is None:
         axes.imshow(image, cmap="gray", vmin=0, vmax=255)
@@ -57,7 +57,7 @@ def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, 
 def draw_range_image(
     path: Path, image: Float32, terrain: TerrainGrid | None, area: tuple[Interval, Interval], title: str
 ) -> Path:
-    """A range image (512, 640) [mm], higher is lighter, unknown hatched; with a grid each cause in its own colour."""
+    """Draw a range image [mm], lighter where higher; unknown pixels are hatched, by cause if a grid is given."""
     figure, ((axes,),) = new_figure(size=SIZE)
     known = image[np.isfinite(image)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
@@ -66,15 +66,15 @@ def draw_range_image(
         np.ma.masked_invalid(image[::-1, ::-1]), cmap="gray", vmin=low, vmax=max(high, low + 1), extent=extent
     )
     figure.colorbar(shown, ax=axes, label="height above the soles [mm]", shrink=0.85)
-    left, handles = np.isnan(image), []
+    remaining, handles = np.isnan(image), []
     flags = np.zeros(image.shape, np.uint8) if terrain is None else cause_image(terrain)
     for cause, (colour, label) in CAUSES.items():
-        mask = left & ((flags & int(cause)) != 0)
+        mask = remaining & ((flags & int(cause)) != 0)
         handles += _hatch(axes, mask, extent, colour, label)
-        left &= ~mask
-    # With a grid, pixels without a cause lie between samples in a cell that is known: they are finer than the grid.
+        remaining &= ~mask
+    # Pixels are finer than cells: with a grid, one without a cause is a gap between samples of a known cell.
     rest = "unknown" if terrain is None else "between samples of a known cell"
-    handles += _hatch(axes, left, extent, OTHER_COLOUR, rest)
+    handles += _hatch(axes, remaining, extent, OTHER_COLOUR, rest)
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3)
     _label(axes)
     axes.set_title(title)
@@ -82,7 +82,7 @@ def draw_range_image(
 
 
 def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
-    """The grid's heights as a surface in three dimensions; unknown cells stay open."""
+    """Draw the heights of a grid as a surface in 3-D, with holes at unknown cells."""
     import matplotlib
     from matplotlib.colors import LightSource, Normalize
 
@@ -101,7 +101,7 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
     bottom, top = min(low, 0.0), max(high, 60.0)
     axes.set(xlim=(y[-1], y[0]), ylim=(x[0], x[-1]), zlim=(bottom, top))
     axes.set_box_aspect((np.ptp(y), np.ptp(x), 2.0 * (top - bottom)))
-    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", zlabel="height, drawn twice [mm]")
+    axes.set(xlabel="y, left [mm]", ylabel="x, forward [mm]", zlabel="height, scaled by 2 [mm]")
     axes.view_init(elev=42, azim=-112)
     mappable = matplotlib.cm.ScalarMappable(norm=scale, cmap="viridis")
     figure.colorbar(mappable, ax=axes, label="height above the soles [mm]", shrink=0.7)
@@ -110,7 +110,7 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
 
 
 def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
-    """Traversability beside the hazards, each cell in the colour of its first flag."""
+    """Draw the traversability beside the hazards; each cell has the colour of its first flag."""
     figure, ((score, hazards),) = new_figure(1, 2, size=(11.0, 4.0))
     traversability = np.where(np.isfinite(terrain.elevation), terrain.traversability, np.nan)
     shown = draw_layer(score, terrain.geometry, traversability, cmap=TRAVERSABILITY_COLOURS, vmin=0, vmax=1)
@@ -130,7 +130,7 @@ def _label(axes: Axes) -> None:
 
 
 def _hatch(axes: Axes, mask: Mask, extent: Extent, colour: str, label: str) -> list[Patch]:
-    """Hatch the pixels of a mask, rows along x and columns along y, over a light tint; return the legend's entry."""
+    """Hatch the pixels of a mask (rows along x, columns along y) over a light tint; return its legend entry."""
     from matplotlib.patches import Patch
 
     if not mask.any():

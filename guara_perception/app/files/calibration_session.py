@@ -1,4 +1,4 @@
-"""Reader of calibration session folders: `session.json`, its pictures and its plate scans."""
+"""Reader of calibration session folders: `session.json`, images and plate scans."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
-# No plate is lower than a pit or higher than what the camera can look down on.
+# Plausible heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)
 
 
 def open_session(folder: str | Path) -> CalibrationSession:
-    """Read and check `session.json`; pictures are read when they are asked for.
+    """Read and check `session.json`; images are loaded on demand.
 
     Raises:
-        MissingFile: the folder, its session.json, a picture or a scan that it names is not there.
-        FileFormatError: the message names file and field, what was given and what is allowed.
-        InvalidInput: the parts do not belong together (another robot, another stance).
+        MissingFile: the folder, its session.json, or an image or scan named there does not exist.
+        FileFormatError: a field is wrong; the message names file and field, the value and what is allowed.
+        InvalidInput: the plates were scanned by another robot or in another stance, or one scan is named twice.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -66,7 +66,7 @@ def _board(fields: Fields) -> BoardSpec:
 
 
 def board_to_dict(board: BoardSpec) -> dict[str, Any]:
-    """The `board` object of `session.json`."""
+    """Board as the `board` object of `session.json`."""
     pattern = {} if board.pattern == CHECKERBOARD else {"pattern": board.pattern}
     first = {} if board.first_square is None else {"first_square": board.first_square}
     return {**pattern, "inner_corners": [board.columns, board.rows], "square": board.square, **first}

@@ -1,4 +1,4 @@
-"""Writer of pictures; OpenCV's own prints to the terminal and only returns False when the disk is full."""
+"""Image writer that raises OSError on failure; `cv2.imwrite` prints a warning and returns False."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from guara_perception.arrays import Image
 
 
 def write_picture(path: Path, picture: Image, options: Sequence[int] = ()) -> None:
-    """Write a picture in the format that the suffix names.
+    """Write an image in the format given by the suffix of the path.
 
     Args:
-        path: path of the file to write.
+        path: file to write.
         picture: (h, w) or (h, w, 3) BGR.
         options: options of `cv2.imencode`.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     path.write_bytes(cv2.imencode(path.suffix, picture, list(options))[1].tobytes())

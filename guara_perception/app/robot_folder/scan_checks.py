@@ -1,4 +1,4 @@
-"""Checks of camera, laser and scan pattern against the scanned area, with the robot in its scan posture."""
+"""Checks that camera and laser of a robot folder cover the scanned area, with the robot in its scan posture."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from kinematics.scan_pattern import END_TOLERANCE_M, plane_on_floor
 
 PICTURE_PX = (640, 512)
 CELLS = (46, 55)
-# Shares of the area that may be hidden or out of view without a finding.
+# Shares of the area that may be hidden, or out of view, without a finding.
 HIDDEN_SHARE, UNSEEN_SHARE = 0.02, 0.005
-# Largest angle between the mirror's axis and the y axis [rad].
-AXIS = 0.01
+# Largest angle between the mirror axis and the y axis of base_link [rad].
+MAX_AXIS_ANGLE = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Coverage of a flat floor by camera and laser, from the scan posture.
+    """Coverage of a flat floor by camera and laser in the scan posture.
 
     Attributes:
         x, y: centres of the cells in base_footprint [m].
         in_view: (ny, nx) cells in view of the nominal camera.
-        hidden: (ny, nx) cells that the robot itself hides from camera or laser.
+        hidden: (ny, nx) cells hidden from camera or laser by the robot itself.
         lit: (ny, nx) cells between the first and the last laser plane.
         inside: links whose shape encloses camera or laser.
     """
@@ -43,7 +43,7 @@ class Coverage:
 
 
 def coverage(robot: RobotModel) -> Coverage:
-    """Coverage of the scanned area by the nominal camera, lens and laser."""
+    """Compute the coverage of the scanned area by camera and laser at their nominal mounts, with the nominal lens."""
     settings = Settings.of(robot)
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     x, y = np.linspace(*settings.footprint_x, CELLS[0]), np.linspace(*settings.footprint_y, CELLS[1])
@@ -72,7 +72,7 @@ def coverage(robot: RobotModel) -> Coverage:
 
 
 def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
-    """Mask (n,) of the points (n, 3) in the camera frame that the nominal camera sees."""
+    """Mask (n,) of points (n, 3) in the camera frame that are in view of the nominal camera."""
     model = specimen(robot, PICTURE_PX, None).camera
     ahead = in_camera[:, 2] > 0.01
     pixels = np.full((len(in_camera), 2), -1.0)
@@ -82,15 +82,15 @@ def _in_picture(robot: RobotModel, in_camera: Float) -> Mask:
 
 
 def scan_findings(robot: RobotModel) -> Iterator[Finding]:
-    """Findings of camera and laser; `load_robot` itself doubts a pattern that misses the area."""
+    """Findings about camera and laser. A pattern that misses the area is already reported by `load_robot`."""
     axis = robot.transform_laser_to_base[:3, 1]
-    if abs(axis[1]) < np.cos(AXIS):
-        yield wrong("frames.laser", "its y axis, the mirror's, is not parallel to y of the base")
+    if abs(axis[1]) < np.cos(MAX_AXIS_ANGLE):
+        yield wrong("frames.laser", "its y axis, the axis of the mirror, is not parallel to y of the base")
     seen = coverage(robot)
     for link in seen.inside:
         yield wrong(
             "frames",
-            f"camera or laser lies inside the shape of link {link!r}: move it, or name it in [self_filter] ignore",
+            f"camera or laser lies inside the shape of link {link!r}: move it, or list it in [self_filter] ignore",
         )
     unseen, hidden = float(np.mean(~seen.in_view)), float(np.mean(seen.hidden))
     if unseen > UNSEEN_SHARE:

@@ -1,4 +1,4 @@
-"""Observation of map cells by a scan, and fusion of heights into them by a Kalman filter with a gate."""
+"""Resampling of a scan to map cells, and fusion of their heights by a gated Kalman filter per cell."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
-# At 3 sigma one correct observation in 370 is rejected; the next one corrects it.
+# At 3 sigma one correct observation in 370 is rejected; the next one replaces the height.
 GATE_SIGMAS = 3.0
-# The cell was observed without a usable height.
+# Causes of cells that were observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
-# Assumed error common to all heights of a scan, independent between scans: calibration and mount.
+# Assumed error, due to calibration and mount, common to all heights of a scan and independent between scans.
 LOOK_SIGMA_M = 0.0005
 SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryDrift:
-    """Drift of leg odometry since the start.
+    """Variances of the drift of leg odometry since the start.
 
     Attributes:
         rise: variance of z [m^2].
@@ -40,12 +40,12 @@ class OdometryDrift:
 
 @dataclass(frozen=True, slots=True)
 class MapPause:
-    """A pause at which the map is updated or queried.
+    """Pause at which the map is updated or queried.
 
     Attributes:
         pause: number of the pause.
-        stamp: time by the clock that gives the age of cells [ns].
-        drift: drift of the odometry.
+        stamp: time on the clock that gives the age of cells [ns].
+        drift: present drift of the odometry.
         sideways: sideways drift of the cells.
         transform_footprint_to_odom: (4, 4).
     """
@@ -62,7 +62,7 @@ class Heights:
     """New heights of some cells, arrays (n,).
 
     Attributes:
-        slot: slot of each cell in the memory, without duplicates.
+        slot: slot of each cell in the map's memory, without duplicates.
         height: [m] in odom.
         variance: [m^2].
         distance: distance of each cell from the robot [m], the lever arm of a yaw error.
@@ -80,7 +80,7 @@ class Heights:
 
 
 def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance: Float) -> Float:
-    """Variance that cells gained since they were last seen: drift in z, and sideways drift on a slope [m^2].
+    """Increase of the height variance since cells were last seen [m^2]: drift in z, and sideways drift on slopes.
 
     Args:
         cells: memory of the map.
@@ -98,15 +98,15 @@ def drift_variance(cells: OdomCells, slot: Index, drift: OdometryDrift, distance
 def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool = True) -> Mask:
     """Fuse heights into the memory: a Kalman filter per cell with a gate on the innovation.
 
-    Unknown cells take the new height. Known cells are updated if the innovation is within GATE_SIGMAS; otherwise the
-    cell keeps its height and is in conflict. Each later height is then compared with the previous one, and two in a row
-    that agree replace the old height.
+    An unknown cell takes the new height. A known cell is updated if the innovation is within GATE_SIGMAS; otherwise it
+    keeps its height and is in conflict. While in conflict, each new height is compared with the one before it, and two
+    in a row that agree replace the old height.
 
     Args:
         cells: memory of the map, changed in place.
-        new: heights.
+        new: heights to fuse.
         now: present pause.
-        is_scan: the heights come from a scan (and not, for instance, from a foot).
+        is_scan: the heights come from a scan, not from a foot or from the gait.
 
     Returns:
         (n,) mask of the accepted heights.
@@ -130,13 +130,13 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(prior_variance > 0, prior_variance / (prior_variance + new.variance), 0.0)
     corrected = prior + gain * (new.height - prior)
-    joined = confirmed | settled
+    accepted = confirmed | settled
 
-    memory["height"][slot] = np.where(joined, corrected, np.where(was_known, height, new.height))
+    memory["height"][slot] = np.where(accepted, corrected, np.where(was_known, height, new.height))
     memory["variance"][slot] = np.where(
-        joined, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
+        accepted, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
     )
-    # While observations disagree the lowest and the highest sample of both are kept.
+    # While observations disagree, the extremes of both are kept.
     below_both = np.maximum(below, height - (new.height - new.below))
     above_both = np.maximum(above, new.height + new.above - height)
     memory["below"][slot] = np.where(confirmed, np.maximum(below, new.below), np.where(rejected, below_both, new.below))
@@ -156,7 +156,7 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
 
 
 def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
-    """Forget cells that were observed without a return."""
+    """Set cells that were observed without a return to unknown."""
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan
@@ -167,7 +167,7 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A scan in the cells of the map.
+    """Scan resampled to the cells of the map.
 
     Attributes:
         heights: cells with a height.
@@ -188,7 +188,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     """Resample a scan to the cells of the map that its area covers.
 
     Values are those of the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts
-    as one itself: part of it was observed, and nothing was seen.
+    as empty, because part of it was observed without a return.
 
     Args:
         cells: memory of the map, with its window around the robot.
@@ -208,7 +208,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
     x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
     if np.any(transform[:2, 2]):
-        # If the two verticals differ, the height of a cell moves it sideways.
+        # If the z axes of footprint and odom differ, the height of a cell shifts it horizontally.
         height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
         offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
         x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
@@ -218,10 +218,10 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
 
     hazard = scan_flags(terrain)
     own = hazard[iy, ix] & UNKNOWN_MASK
-    returned_nothing = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
-    is_empty = returned_nothing != 0
+    no_return = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
+    is_empty = no_return != 0
     is_seen = (own == 0) & ~is_empty
-    unseen = (own != 0) & ~is_empty
+    is_unseen = (own != 0) & ~is_empty
 
     jy, jx = iy[is_seen], ix[is_seen]
     layers = {name: terrain.layers[name][jy, jx].astype(np.float64) for name in SEEN_LAYERS}
@@ -250,28 +250,28 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     return Observation(
         heights=heights,
         empty=slot[is_empty],
-        empty_cause=returned_nothing[is_empty],
-        unseen=slot[unseen],
-        unseen_cause=own[unseen],
+        empty_cause=no_return[is_empty],
+        unseen=slot[is_unseen],
+        unseen_cause=own[is_unseen],
     )
 
 
 def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
-    """Flags of all scan cells that map cells touch, whose centres (n,) lie on the scan's grid."""
+    """Combined flags of the scan cells that each map cell touches; x and y (n,) are centres on the scan's grid."""
     if not x.size:
         return np.empty(0, np.uint16)
     half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
     squares = Squares.of(grid, x, y, half)
     (iy, ix), (ny, nx) = squares.first, squares.shape
-    # A border of one, for squares that reach over the edge.
+    # Padding of one cell, for map cells that reach over the edge.
     return squares.joined(np.pad(hazard, 1)[iy + 1 : iy + 1 + ny, ix + 1 : ix + 1 + nx], np.bitwise_or)
 
 
 def scan_flags(terrain: TerrainGrid) -> Flags:
-    """Flags of a scan's cells; cells of a fired stripe whose frame was lost are DROPOUT.
+    """Flags of a scan's cells; unknown cells of a fired stripe whose frame was lost are also DROPOUT.
 
     Raises:
-        InvalidInput: `lost_cells` of the metadata is no list of runs on this grid.
+        InvalidInput: `lost_cells` of the metadata is not a list of runs of cells on this grid.
     """
     hazard = np.array(terrain.hazard)
     lost = np.zeros(terrain.shape, dtype=bool)
@@ -280,14 +280,14 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
         for ix, first, end in terrain.scan_record.lost_cells or ():
             lost[first:end, ix] = True
     except IndexError:
-        raise InvalidInput("lost_cells of the metadata is no list of [ix, first iy, end iy] on this grid") from None
+        raise InvalidInput("lost_cells of the metadata is not a list of [ix, first iy, end iy] on this grid") from None
     unknown = (hazard & UNKNOWN_MASK) != 0
     hazard[lost & unknown] |= np.uint16(Hazard.DROPOUT)
     return hazard
 
 
 def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint from the tilt of the stance pose [m^2]; 0 without its covariance.
+    """Variance of heights in base_footprint due to the tilt of the stance pose [m^2]; 0 if its covariance is unknown.
 
     A rotation (rx, ry) about the footprint's axes raises the point (x, y) by rx y - ry x.
     """

@@ -1,4 +1,4 @@
-"""Grids from points of other sensors, for instance a depth camera."""
+"""Terrain grids from the points of other sensors, for instance a depth camera."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ def terrain_from_points(
     step: int = 0,
     metadata: Mapping[str, Any] | None = None,
 ) -> TerrainGrid:
-    """Assess measured points by the rules of a scan, as a grid of extent "footprint" that `TerrainMap` accepts.
+    """Assess measured points like a scan; return a grid of extent "footprint" that `TerrainMap` accepts.
 
     A cell is known if a point falls into it. Nothing is interpolated, so cells must not be smaller than the distance
-    between points. A cell that something higher hides from the sensor is OCCLUDED; one with points outside the robot's
-    height limits is OUT_OF_RANGE; one that the sensor observed without a return is DROPOUT; all others are UNSCANNED.
+    between points. Cells hidden from the sensor by something higher are OCCLUDED; cells with points outside the robot's
+    height limits are OUT_OF_RANGE; cells observed without a return are DROPOUT; all other unknown cells are UNSCANNED.
 
     Args:
         points: (n, 3) in base_footprint [m]; rows with NaN are skipped. Remove points of the robot's own body first.
-        sigma: standard deviation of the heights, one number or (n,) [m].
+        sigma: standard deviation of the heights, a scalar or (n,) [m].
         sensor_origin: (3,) position of the sensor in base_footprint [m].
-        robot: model, name or folder; gives the area, the height limits and those of traversability; None = the Guará.
-        no_returns: (m, 3) directions in base_footprint of rays without a return, for instance those of a depth camera's
-            pixels without a depth. The map forgets its cells there. None = unknown; the map's cells there stay and age.
+        robot: model, name or folder; defines area, height limits and traversability limits; None = the Guará.
+        no_returns: (m, 3) directions in base_footprint of rays without a return, for instance of depth pixels without a
+            value. A map forgets the cells that these rays meet. None = not known: a map keeps such cells and they age.
         resolution: cell edge [m]; None = the robot's default.
         stamp: time of the measurement [ns since the epoch].
         step: number of the stance pause.
-        metadata: further fields, for instance the `stance` and `transform_base_to_footprint` of the pause.
+        metadata: further metadata fields, for instance `stance` and `transform_base_to_footprint` of the pause.
 
     Raises:
-        InvalidInput: arrays of other shapes, a sigma or origin that is not finite, a resolution that does not divide
-            the area.
+        InvalidInput: an array has the wrong shape, sigma or origin is not finite, or the resolution does not divide the
+            area.
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
@@ -64,7 +64,7 @@ def terrain_from_points(
     cloud = _rows(points, "points")
     sigmas = numbers(sigma, "sigma")
     if sigmas.shape not in ((), (len(cloud),)) or not (np.isfinite(sigmas) & (sigmas >= 0)).all():
-        raise InvalidInput("sigma must be one number or one for each point, finite and 0 or more [m]")
+        raise InvalidInput("sigma must be one number or one for each point; allowed: finite, 0 or more [m]")
     sigmas = np.broadcast_to(sigmas, (len(cloud),))
     origin = numbers(sensor_origin, "sensor_origin")
     if origin.shape != (3,) or not np.isfinite(origin).all():
@@ -74,10 +74,10 @@ def terrain_from_points(
     within = (cloud[:, 2] >= settings.minimum_height) & (cloud[:, 2] <= settings.maximum_height)
     raster = merge([rasterise(cloud[within], sigmas[within] ** 2, geometry)], geometry)
     beyond = _cells_of(cloud[~within], geometry)
-    # A cell with points outside the height limits is unknown, whatever other points it has.
+    # One point outside the height limits makes a cell unknown.
     raster = without_cells(raster, beyond)
-    looked = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
-    hazard = _causes(raster, geometry, origin, beyond, looked)
+    rays = _rows(no_returns, "no_returns") if no_returns is not None else np.empty((0, 3))
+    hazard = _causes(raster, geometry, origin, beyond, rays)
     raster = without_cells(raster, (hazard & UNKNOWN_MASK) != 0)
     grid = judged_grid(raster, hazard, geometry, robot, "points", int(within.sum()), stamp, step)
     if not metadata:
@@ -95,7 +95,7 @@ def judged_grid(
     stamp: int,
     step: int,
 ) -> TerrainGrid:
-    """Judge heights of another source as those of a scan; causes of unknown cells and flags are given."""
+    """Assess rasterised heights like a scan; `hazard` holds the causes of the unknown cells."""
     settings = Settings.of(robot)
     layers = assess_layers(raster, hazard, geometry.resolution, settings.limits)
     seen = np.isfinite(layers["elevation"])
@@ -114,27 +114,27 @@ def judged_grid(
     return TerrainGrid(layers=layers, geometry=geometry, record=record, stamp=stamp, step=step)
 
 
-def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, looked: Float) -> Flags:
+def _causes(raster: Raster, geometry: GridGeometry, origin: Float, beyond: Mask, rays: Float) -> Flags:
     """Causes of the unknown cells, and of known ones with points outside the height limits; 0 elsewhere."""
     unknown = np.isnan(raster.elevation)
     flags = np.zeros(geometry.shape, np.uint16)
     known = ~unknown
     flags[unknown] = np.uint16(Hazard.UNSCANNED)
     if known.any():
-        # Unknown ground is assumed to be as low as the lowest known ground, which is hidden most easily.
+        # Unknown ground is assumed as low as the lowest known ground: the lower it is, the more of it is hidden.
         lowest = float(np.min(raster.low[known]))
         x, y = geometry.centres()
         iy, ix = np.nonzero(unknown)
         targets = np.column_stack((x[ix], y[iy], np.full(ix.size, lowest)))
         is_hidden = behind_surface(raster.high, targets, origin, geometry)
         flags[iy[is_hidden], ix[is_hidden]] = np.uint16(Hazard.OCCLUDED)
-        empty = looked[np.isfinite(looked).all(axis=1)]
+        empty = rays[np.isfinite(rays).all(axis=1)]
         empty = empty[empty[:, 2] < 0]
-        # Intersections of the rays with the ground, whose height is between its lowest and its highest point.
+        # The rays meet the ground at an unknown height: intersect them with its lowest, median and highest one.
         for height in np.unique((lowest, float(np.median(raster.elevation[known])), float(np.max(raster.high[known])))):
-            way = (height - origin[2]) / empty[:, 2]
-            hit = np.column_stack((origin[:2] + way[:, None] * empty[:, :2], np.full(len(empty), height)))
-            mask = _cells_of(hit[way > 0], geometry) & unknown
+            distance = (height - origin[2]) / empty[:, 2]
+            hit = np.column_stack((origin[:2] + distance[:, None] * empty[:, :2], np.full(len(empty), height)))
+            mask = _cells_of(hit[distance > 0], geometry) & unknown
             flags[mask] = (flags[mask] & ~np.uint16(Hazard.UNSCANNED)) | np.uint16(Hazard.DROPOUT)
     flags[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
     return flags
@@ -149,5 +149,5 @@ def _cells_of(points: Float, geometry: GridGeometry) -> Mask:
 def _rows(values: npt.ArrayLike, name: str) -> Float:
     array = numbers(values, name)
     if array.ndim != 2 or array.shape[1] != 3:
-        raise InvalidInput(f"{name} have shape {array.shape}, (n, 3) is needed")
+        raise InvalidInput(f"{name} have shape {array.shape}; allowed: (n, 3)")
     return array

@@ -70,11 +70,11 @@ def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
     from drivers import Frame
 
     same = [Frame(np.zeros((4, 4), np.uint8), 3, 0.0)] * 40
-    with ReplayCamera(same) as tape, pytest.raises(CameraTimeout, match="without rhythm"):
+    with ReplayCamera(same) as tape, pytest.raises(CameraTimeout, match="do not increase in stamp and number"):
         measure_lag(board, tape)
 
 
 def test_too_few_toggles_are_refused(board: LaserBoard, camera: EmulatedCamera) -> None:
     """Three switchings say too little."""
-    with pytest.raises(ValueError, match="toggles is 3, at least 4"):
+    with pytest.raises(ValueError, match="toggles is 3; allowed: at least 4"):
         measure_lag(board, camera, toggles=3)

@@ -100,7 +100,7 @@ def test_an_empty_cloud_gives_unknown_cells() -> None:
 @pytest.mark.parametrize(
     ("points", "sigma", "origin", "message"),
     [
-        (np.zeros((4, 2)), 0.001, SENSOR_ORIGIN, r"points have shape \(4, 2\), \(n, 3\) is needed"),
+        (np.zeros((4, 2)), 0.001, SENSOR_ORIGIN, r"points have shape \(4, 2\); allowed: \(n, 3\)"),
         ("points", 0.001, SENSOR_ORIGIN, "points: an array of numbers is needed"),
         (np.zeros((4, 3)), -1.0, SENSOR_ORIGIN, "sigma must be one number or one for each point"),
         (np.zeros((4, 3)), [0.1, 0.1], SENSOR_ORIGIN, "sigma must be one number or one for each point"),
