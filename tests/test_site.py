@@ -7,10 +7,14 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import drivers
 import guara_perception as gp
+import kinematics
+import transport
 
 ROOT = Path(__file__).parent.parent
 
@@ -20,6 +24,17 @@ def test_every_public_name_is_in_the_reference():
     text = "".join(path.read_text() for path in sorted((ROOT / "docs" / "reference").glob("*.md")))
     named = re.findall(r"^::: guara_perception\.(\w+)$", text, re.MULTILINE)
     assert sorted(named) == sorted(gp.__all__)
+
+
+@pytest.mark.parametrize("package", [drivers, kinematics, transport], ids=lambda package: package.__name__)
+def test_every_public_name_of_the_other_packages_is_in_the_reference(package: ModuleType):
+    """Each exactly once; those that are names of `gp` too stand under that name."""
+    text = "".join(path.read_text() for path in sorted((ROOT / "docs" / "reference").glob("*.md")))
+    named = re.findall(rf"^::: {package.__name__}\.(\w+)$", text, re.MULTILINE)
+    init = Path(package.__file__ or "").read_text()
+    public = getattr(package, "__all__", None) or re.findall(r"^from \S+ import (\w+) as \1$", init, re.MULTILINE)
+    shared = {name for name in public if name in gp.__all__ and getattr(gp, name) is getattr(package, name)}
+    assert len(public) > 30 and sorted(named) == sorted({*public} - shared)
 
 
 def test_every_page_is_in_the_navigation():
@@ -42,6 +57,8 @@ def test_site_builds_without_a_warning(tmp_path: Path):
         check=False,
     )
     assert done.returncode == 0 and done.stdout + done.stderr == ""
+    gait = (tmp_path / "reference" / "transport" / "index.html").read_text()
+    assert "StancePublisher" in gait and "time_available" in gait
     page = (tmp_path / "reference" / "terrain" / "index.html").read_text()
     assert "check_foothold" in page and "Check positions for a sole that is aligned with x." in page
     assert "check_foothold" in (tmp_path / "search" / "search_index.json").read_text()

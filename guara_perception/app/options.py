@@ -58,8 +58,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("-c", "--calibration", type=FILE, help="calibration.json of this rangefinder"),
         click.option("--robot", help="name or folder of the robot; default: the calibration's"),
         click.option("--devices", type=FILE, help="devices.toml as `guara record` writes it: camera and board"),
-        click.option("--camera", help=camera),
         # Set once for a camera, normally in devices.toml.
+        click.option("--camera", hidden=True, help=camera),
         click.option("--trigger", metavar="LINE", hidden=True, help="`trigger` of devices.toml"),
         click.option("--fps", type=click.FloatRange(min=0.1), hidden=True, help="`fps` of devices.toml"),
         click.option("--off-frames", type=off_frames, hidden=True, help="`off_frames` of devices.toml"),

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 from guara_perception.app.map_summary import regions_message, summary_payload
 from guara_perception.app.messages import terrain_to_message
+from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
 from transport import TerrainMessage, clock
 from transport.keys import DEFAULT_ROBOT
@@ -79,11 +80,15 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
             robot's own name is that of its perception node.
 
     Raises:
+        InvalidInput: no TerrainGrid.
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
         transport.NameTaken: a node of this name lives.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
     """
+    if not isinstance(terrain, TerrainGrid):
+        given = type(terrain).__name__
+        raise InvalidInput(f"terrain is a {given}; allowed: a TerrainGrid, as assess_terrain makes of an array of heights")
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})
     if name not in servers:

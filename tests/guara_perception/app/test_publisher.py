@@ -1,14 +1,17 @@
 """Publishing a grid: what ROS 2 tools read holds the same cells in their own order."""
 
+import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 import guara_perception as gp
-from transport import KeyNameError, NameTaken, NewestReceiver, Session, decode, open_client
+from kinematics import LegOdometry, RobotModel
+from transport import KeyNameError, NameTaken, NewestReceiver, Session, SessionClosed, decode, open_client
 from transport.keys import grid_map_key, occupancy_key
 
 NODE = Path(__file__).with_name("publishing_node.py")
@@ -63,3 +66,36 @@ def test_a_grid_of_ones_own_goes_out_under_a_name_of_its_own(session: Session) -
         gp.publish_terrain(session, terrain, "guara")
     with pytest.raises(KeyNameError):
         gp.publish_terrain(session, terrain, "no/name")
+
+
+@pytest.mark.slow
+def test_a_grid_of_ones_own_that_is_unsafe_or_none_is_not_sent(session: Session, paper_terrain: gp.TerrainGrid) -> None:
+    """The invariant is checked where the grid leaves; nothing of it arrives, and the next one does."""
+    iy, ix = np.argwhere(paper_terrain.hazard != 0)[0]
+    score = paper_terrain.traversability.copy()
+    score[iy, ix] = 0.5
+    unsafe = dataclasses.replace(paper_terrain, step=7)
+    object.__setattr__(unsafe, "layers", MappingProxyType({**paper_terrain.layers, "traversability": score}))
+    with gp.TerrainClient(session.endpoints[0], robot="guara_own", timeout=180) as client:
+        with pytest.raises(gp.UnsafeGrid, match="a cell is traversable with a hazard"):
+            gp.publish_terrain(session, unsafe)
+        with pytest.raises(gp.InvalidInput, match="terrain is a ndarray; allowed: a TerrainGrid"):
+            gp.publish_terrain(session, paper_terrain.elevation)  # type: ignore[arg-type]
+        gp.publish_terrain(session, dataclasses.replace(paper_terrain, step=8, stamp=time.time_ns()))
+        assert client.wait_for_step(7, timeout=60).step == 8
+
+
+@pytest.mark.slow
+def test_a_map_of_ones_own_goes_out_and_a_closed_session_says_so(
+    session: Session, robot: RobotModel, paper_scan: gp.Scan, paper_terrain: gp.TerrainGrid
+) -> None:
+    """Either extent; after the session is closed nothing is published."""
+    now = dataclasses.replace(paper_terrain, stamp=time.time_ns())
+    fused = gp.TerrainMap(robot).update(now, LegOdometry(robot).update(paper_scan.stance))
+    with gp.TerrainClient(session.endpoints[0], robot="sensor", timeout=180) as client:
+        gp.publish_terrain(session, fused, "sensor")
+        received = client.wait_for_step(fused.step, timeout=60, extent="map")
+    np.testing.assert_array_equal(received.hazard, fused.hazard)
+    session.close()
+    with pytest.raises(SessionClosed):
+        gp.publish_terrain(session, fused, "sensor")
