@@ -88,7 +88,9 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     """
     if not isinstance(terrain, TerrainGrid):
         given = type(terrain).__name__
-        raise InvalidInput(f"terrain is a {given}; allowed: a TerrainGrid, as assess_terrain makes of an array of heights")
+        raise InvalidInput(
+            f"terrain is a {given}; allowed: a TerrainGrid, as assess_terrain makes of an array of heights"
+        )
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})
     if name not in servers:

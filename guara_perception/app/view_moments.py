@@ -86,6 +86,8 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
                 walks.setdefault(message.epoch, message.scan_start)
                 pause = list(walks).index(message.epoch), message.step
                 grids.setdefault(pause, {})[extent] = message_to_terrain(message)
+        # Each grid is recorded as it was first sent; the images of a scan follow once its pause has confirmed it.
+        confirmed = {read_time(image.header.stamp) for image in recording.messages("range_image")}
         clouds = {read_time(cloud.header.stamp): cloud_points(cloud) for cloud in recording.messages("scan/points")}
         if calibration is None and recording.calibration is not None:
             calibration = parse_calibration(recording.calibration, f"{path}: calibration.json")
@@ -95,6 +97,9 @@ def _recorded(path: Path, robot: RobotModel, calibration: Calibration | None) ->
         raise InvalidInput(f"{path} holds scans but no grids: give the calibration that belongs to it with -c")
     if not grids and not scans:
         raise FileFormatError(f"{path} holds neither grids nor scans: there is nothing to show")
+    for pause, of_pause in grids.items():
+        if any(grid.stamp in confirmed for grid in of_pause.values()):
+            grids[pause] = {extent: grid.restated(provisional=False) for extent, grid in of_pause.items()}
     moments = []
     for pause in sorted({*grids, *(scans if calibration is not None else ())}):
         if pause not in grids and calibration is not None:

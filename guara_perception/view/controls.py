@@ -181,7 +181,7 @@ def status_text(terrain: TerrainGrid) -> str:
     if record.withdrawn:
         lines.append("**withdrawn**")
     elif record.provisional:
-        lines.append("provisional: sent before its pause had confirmed it")
+        lines.append("provisional: its pause has not confirmed it")
     lines += record.health.reasons if record.health else ()
     return "  \n".join(lines)
 

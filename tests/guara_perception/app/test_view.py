@@ -18,6 +18,7 @@ from guara_perception.app.commands.view import show_live
 from guara_perception.app.live_moments import LiveMoments
 from guara_perception.app.messages import stance_to_message, terrain_to_message
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.scene.range_images import range_image_messages
 from guara_perception.app.view_moments import load_moments
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.view.moment import Moment, no_stripes
@@ -75,6 +76,29 @@ def test_a_recording_shows_its_grids_in_order(
         pass
     with pytest.raises(FileFormatError, match="holds neither grids nor scans: there is nothing to show"):
         load_moments(empty, robot)
+
+
+def test_what_was_confirmed_is_no_longer_provisional_in_a_recording(
+    tmp_path: Path, robot: RobotModel, paper_terrain: gp.TerrainGrid
+) -> None:
+    """Grids are recorded as they were sent first; the images of a scan follow its confirmation, and no other's."""
+    path = tmp_path / "walk.mcap"
+    with RecordingWriter(path, robot="guara") as writer:
+        for step in (3, 4):
+            scan = dataclasses.replace(paper_terrain, step=step, stamp=step * 10**9).restated(provisional=True)
+            for extent in ("footprint", "map"):
+                sent = terrain_to_message(
+                    dataclasses.replace(scan, extent=extent, pictures={}), robot="guara", sequence=step
+                )
+                writer.add_terrain(sent)
+            if step == 3:
+                writer.add_messages(range_image_messages(scan).items())
+    confirmed, other = load_moments(path, robot)
+    assert {extent: grid.is_provisional for extent, grid in confirmed.grids.items()} == {
+        "footprint": False,
+        "map": False,
+    }
+    assert all(grid.is_provisional for grid in other.grids.values())
 
 
 def test_two_walks_of_one_recording_stay_apart(

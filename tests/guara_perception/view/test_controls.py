@@ -24,7 +24,7 @@ def test_the_status_says_what_is_seen(grid: gp.TerrainGrid) -> None:
     assert "provisional" not in text
     data = {**grid.metadata, "provisional": True, "health": {"level": "degraded", "reasons": ["a lamp"]}}
     text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json(data)))
-    assert "provisional: sent before its pause had confirmed it" in text and "a lamp" in text
+    assert "provisional: its pause has not confirmed it" in text and "a lamp" in text
     text = status_text(dataclasses.replace(grid, record=ScanRecord.from_json({**data, "withdrawn": True})))
     assert "**withdrawn**" in text and "provisional" not in text
 

@@ -12,6 +12,7 @@ import guara_perception as gp
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.demo.walk import RECORDED_PAUSES, first_recorded
 from guara_perception.app.files.open_scan import open_scans
+from guara_perception.app.view_moments import load_moments
 
 PATIENCE = 240.0
 
@@ -51,6 +52,8 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     assert {scan.step for scan in open_scans(demo[0] / "walk.mcap")} == {0, 1, 2, 3, 4}
     size = (demo[0] / "walk.mcap").stat().st_size / 1e6
     assert f"recording: {demo[0] / 'walk.mcap'}, {size:.0f} MB, every pause" in demo[1].splitlines()
+    moments = load_moments(demo[0] / "walk.mcap", gp.load_robot("guara"))
+    assert len(moments) == 5 and not any(grid.is_provisional for item in moments[:-1] for grid in item.grids.values())
     # So many are recorded of the longest walk.
     assert size / 5 * RECORDED_PAUSES < 60
     assert [first_recorded(cycles) for cycles in (1, 2.5, 5, 10, 12)] == [0, 2, 12, 32, 40]
