@@ -1,4 +1,4 @@
-"""Light that bounces once more before the camera sees it: a stripe on one surface lights the surfaces that face it."""
+"""Single-bounce indirect light: a stripe on one surface lights the surfaces that face it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.simulation.scene_view import SceneView
 
-# Bounced light is smooth, so few points are enough. Receivers lie this far apart, as a fraction of the picture's width.
+# Bounced light is smooth, so few points suffice. Spacing of the receivers, as a fraction of the picture's width.
 RECEIVER_SPACING = 1 / 64
-# Sources, lit pixels picked from all of a stripe.
+# Number of sources, sampled from the lit pixels of a stripe.
 SOURCES = 32
 # Horizontal ground cannot light horizontal ground. A surface is sloped when the z of its normal is below this.
 SLOPED_COSINE = 0.97
-# No receiver counts as nearer to a source: the light of a point source would grow without bound.
+# Lower bound of the distance to a source: the light of a point source is unbounded.
 NEAREST_M = 0.004
-# Grey levels of 255. Fainter bounced light is left out: it is less than the rounding of a picture.
+# Grey levels of 255. Fainter bounced light is omitted: it is less than the rounding of a picture.
 FAINTEST = 0.2
 
 
@@ -24,7 +24,7 @@ class Bounce:
     """Receivers of one view, on a coarse grid of its pixels."""
 
     def __init__(self, view: SceneView) -> None:
-        """Pick the receivers; `view` is not copied."""
+        """Select the receivers; `view` is not copied."""
         height, width = view.laser_gain.shape
         stride = max(int(round(width * RECEIVER_SPACING)), 1)
         self._shape = (height, width)
@@ -54,7 +54,7 @@ class Bounce:
                 continue
             chosen, values = pixels[is_source], brightness[is_source]
             pick = np.linspace(0, chosen.size - 1, min(SOURCES, chosen.size)).astype(np.intp)
-            # The few sources send as much light as all lit pixels together.
+            # Scaled so that the sampled sources send as much light as all lit pixels.
             factor = float(values.sum() / max(values[pick].sum(), 1e-6))
             self._add(total, receivers, chosen[pick], values[pick] * np.float32(factor))
         total *= np.float32(strength)
@@ -76,7 +76,7 @@ class Bounce:
         to_points, to_normals = self._points[receivers], self._normals[receivers]
         from_points, from_normals = view.points.reshape(-1, 3)[sources], view.normals.reshape(-1, 3)[sources]
         areas = self._pixel_areas(sources)
-        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: products of matrices need no array of all differences,
+        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and likewise below: matrix products avoid an array of all differences,
         # (receivers, sources, 3).
         dot = to_points @ from_points.T
         distance_squared = (to_points**2).sum(axis=1)[:, None] - 2 * dot + (from_points**2).sum(axis=1)
@@ -89,7 +89,7 @@ class Bounce:
     def _pixel_areas(self, sources: Index) -> Float32:
         """Area of the surface (n,) that each source pixel shows [m^2].
 
-        At most four times the median: the corners of a pixel at a depth edge lie on two surfaces, far apart.
+        Limited to four times the median: at a depth edge the corners of a pixel are on two distant surfaces.
         """
         height, width = self._shape
         points = self._view.points.reshape(-1, 3)

@@ -1,6 +1,6 @@
 """Features of the simulated ground (boxes, rocks, ramps, steps, stairs, pits, patches) and their materials.
 
-Each feature maps the heights of the ground below it to those with it, exactly and at any points.
+A feature maps the heights of the ground without it to those with it, exactly and at any point.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Feature:
     Attributes:
         x, y: centre [m].
         size: length along its own x, width along its own y [m].
-        yaw: turn about z [rad].
+        yaw: rotation about z [rad].
         material: name of its material.
     """
 
@@ -57,19 +57,19 @@ class Feature:
         return (np.abs(u) <= self.size[0] / 2) & (np.abs(v) <= self.size[1] / 2)
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
-        """Heights with this feature added, and mask of the points that show its material.
+        """Heights with this feature, and mask of the points that have its material.
 
         Args:
             x, y: points [m], any shape.
-            ground: heights before it [m].
-            base: height before it at its centre [m]: what it stands on.
+            ground: heights without the feature [m].
+            base: height of the ground at the centre of the feature [m].
         """
         return ground, self.covers(x, y)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch(Feature):
-    """Another material on the ground; no height."""
+    """Patch of another material on the ground, without height."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ class Raised(Feature):
         _positive(self, "height")
 
     def rise(self, x: Float, y: Float) -> Float | float:
-        """Height of the top above the ground at the centre [m], -inf where the feature does not reach."""
+        """Height of the top above the ground at the centre [m]; -inf outside the feature."""
         return self.height
 
     def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
@@ -100,7 +100,7 @@ class Box(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ramp(Raised):
-    """A wedge that rises along its own x from the ground to `height`, and ends there with a wall."""
+    """Wedge that rises along its own x from the ground to `height` and ends in a vertical wall."""
 
     material: str = "concrete"
 
@@ -111,7 +111,7 @@ class Ramp(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rock(Raised):
-    """A lump: half an ellipsoid of the given size and height, with bumps by its own seed."""
+    """Half an ellipsoid of the given size and height, with bumps drawn from its own seed."""
 
     seed: int = 0
     material: str = "concrete"
@@ -131,7 +131,7 @@ class Rock(Raised):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pit(Feature):
-    """A hole with a level bottom, `depth` below the ground at its centre."""
+    """Hole with a level bottom, `depth` below the ground at its centre."""
 
     depth: float
     material: str = "soil"
@@ -220,8 +220,8 @@ class Material:
     Attributes:
         name: name in world files.
         albedo: share of light scattered back, red, green, blue, 0 ... 1.
-        shine: share of the rest that is mirrored, 0 ... 1.
-        texture: standard deviation of the albedo over the surface, as a share of it.
+        shine: share of the remaining light that is reflected specularly, 0 ... 1.
+        texture: standard deviation of the albedo over the surface, relative to the albedo.
     """
 
     name: str
@@ -237,7 +237,7 @@ MATERIALS = (
     Material("brick", (0.40, 0.13, 0.09), texture=0.12),
     Material("blue", (0.07, 0.12, 0.30), texture=0.10),
     Material("gravel", (0.33, 0.31, 0.28), texture=0.35),
-    # Coal, rubber, black cloth: under 3 % in red, the stripe drowns in the noise.
+    # Coal, rubber, black cloth: under 3 % in red, so that the stripe is lost in noise.
     Material("dark", (0.006, 0.006, 0.006), texture=0.10),
     Material("metal", (0.10, 0.10, 0.11), shine=0.7, texture=0.05),
     Material("wet", (0.14, 0.10, 0.07), shine=0.35, texture=0.10),

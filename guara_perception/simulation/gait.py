@@ -1,4 +1,4 @@
-"""The wave gait (next leg, its landing, the first stance) and the body on given footholds."""
+"""Wave gait (order of the legs, landings, first stance) and body pose on given footholds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from guara_perception.exceptions import InvalidInput
 if TYPE_CHECKING:
     from kinematics import RobotModel
 
-# A body that cannot reach all footholds at its height crouches, by this much at a time and not below the lowest [m].
+# A body that cannot reach all footholds is lowered in steps of the first, by the second at most [m].
 CROUCH_STEP_M = 0.005
 DEEPEST_CROUCH_M = 0.060
 LARGEST_TILT = 0.12
@@ -23,7 +23,7 @@ LARGEST_TILT = 0.12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaveGait:
-    """A wave gait: one leg swings at a time, rear to front on the right side, then on the left.
+    """Wave gait: one leg swings at a time, from rear to front on the right side, then on the left.
 
     Attributes:
         lift_order: legs in the order in which they swing.
@@ -39,8 +39,8 @@ class WaveGait:
 
     @staticmethod
     def of(robot: RobotModel) -> WaveGait:
-        """The gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
-        # The soles of the scan posture: on most robots they lie beside the first joint of the leg, not below it.
+        """Gait of a robot in its scan posture; RH, RF, LH, LF for a robot with four legs."""
+        # The soles of the scan posture: on most robots they are beside the first joint of the leg, not below it.
         state = robot.state(robot.posture(robot.config.scan_posture))
         soles = state.soles_in_base()
         hips = {leg: np.round(sole, 6) for leg, sole in zip(robot.legs, soles, strict=True)}
@@ -57,16 +57,16 @@ class WaveGait:
         return self.cycle_length / len(self.lift_order)
 
     def leg_of_swing(self, number: int) -> str:
-        """The leg of the swing after pause `number`."""
+        """Leg that swings after pause `number`."""
         return self.lift_order[number % len(self.lift_order)]
 
     def landing(self, leg: str) -> tuple[float, float]:
-        """Where a foot lands, in base_link's x and y after the body has advanced: half a cycle ahead of its hip [m]."""
+        """Landing (x, y) of a foot in base_link after the body has advanced: half a cycle ahead of its hip [m]."""
         x, y = self.hips[leg]
         return x + self.cycle_length / 2, y
 
     def first_stance(self) -> dict[str, tuple[float, float]]:
-        """Where the feet stand at pause 0, in base_link's x and y [m]: as if the robot had walked before."""
+        """Positions (x, y) of the feet at pause 0 in base_link [m], as in the middle of a walk."""
         stance = {}
         for order, leg in enumerate(self.lift_order):
             x, y = self.hips[leg]
@@ -81,13 +81,13 @@ class WaveGait:
 
 
 class OutOfReach(InvalidInput):
-    """Footholds that the legs cannot hold together; the message names the leg."""
+    """The legs cannot reach all footholds at once; the message names the leg."""
 
 
 def stand_on(
     robot: RobotModel, soles_in_world: Mapping[str, npt.ArrayLike], position: tuple[float, float], height: float
 ) -> tuple[Float, dict[str, float]]:
-    """Pose and joint positions of a robot that stands on all of its feet, heading along the world's x.
+    """Solve pose and joint positions of a robot that stands on all feet, heading along x of the world.
 
     The body's tilt is that of the plane through the feet; soles are level.
 
@@ -101,7 +101,7 @@ def stand_on(
         transform_base_to_world (4, 4) and joint name -> position [rad].
 
     Raises:
-        OutOfReach: the body would have to crouch too deep.
+        OutOfReach: the body would be too low.
     """
     soles = {leg: np.asarray(sole, np.float64) for leg, sole in soles_in_world.items()}
     failed = ""
@@ -131,7 +131,7 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
     slope *= min(1.0, LARGEST_TILT / max(float(np.linalg.norm(slope)), 1e-9))
     up = np.array([-slope[0], -slope[1], 1.0])
     up /= np.linalg.norm(up)
-    # The body's x axis lies above the world's: heading zero.
+    # The body's x axis projects onto that of the world: heading zero.
     ahead = np.array([up[2], 0.0, -up[0]]) / np.hypot(up[0], up[2])
     transform = np.eye(4)
     transform[:3, :3] = np.column_stack((ahead, np.cross(up, ahead), up))
@@ -141,7 +141,7 @@ def body_pose(soles: Float, position: tuple[float, float], height: float) -> Flo
 
 
 def level_pitch(robot: RobotModel, leg: str, sole_in_base: Float, up_in_base: Float) -> float:
-    """Pitch in the leg's plane that lays the sole's x axis level [rad]; tan p = u_x / (u_z cos q - u_y sin q)."""
+    """Pitch in the leg's plane that makes the sole's x axis level [rad]; tan p = u_x / (u_z cos q - u_y sin q)."""
     hip = robot.state(robot.posture(robot.config.scan_posture)).position_in_base(robot.tree.leg(leg).hip)
     reach = sole_in_base - hip
     roll = np.arctan2(reach[1], -reach[2])

@@ -15,31 +15,31 @@ BEST_JPEG = 100
 class Light:
     """Light, laser and sensor; levels are grey levels of the picture, 0 ... 255, at nominal exposure.
 
-    The effects from `skirt` on occur outside a laboratory and are off by default. `real_light` scales them to their
-    strength on photographs.
+    The effects that follow `skirt` in the list, and `skirt`, occur outside a laboratory and are off by default.
+    `real_light` scales them to their strength in photographs.
 
     Attributes:
         ambient: level of a white, horizontal surface under the ambient light, blue, green, red.
-        sun: share of the ambient light that comes from one direction (the rest from all over the sky).
+        sun: share of the ambient light that comes from one direction; the rest comes evenly from the sky.
         laser: level of the stripe's centre on a white surface that faces the laser 0.5 m away, in the red channel.
-        leakage: share of the laser's light that the blue, green and red channel take up.
+        leakage: share of the laser's light that the blue, green and red channels record.
         stripe_sigma: standard deviation of the laser plane's Gaussian profile [m].
-        fan: half the opening of the laser plane [rad].
-        speckle: standard deviation of the laser's light from pixel to pixel, as a share.
-        bounce: strength of light that comes from a surface and falls on another, 1 = as physics has it, 0 = none.
+        fan: half the fan angle of the laser line [rad].
+        speckle: relative standard deviation of the laser's light from pixel to pixel.
+        bounce: strength of indirect light from one surface on another, 1 = physical, 0 = none.
         blur: standard deviation of the lens's blur [px].
         shot_noise: variance per level, from the number of electrons.
         read_noise: standard deviation of the darkest level.
-        vignetting: exponent of the fall of brightness with the cosine of the field angle.
+        vignetting: exponent of the brightness as a power of the cosine of the field angle.
         skirt: scattered light 8 px beside the stripe's peak, as a share of it; it falls with the distance.
-        halo: level beside a clipped core, which fades within 20 px.
-        ghost: strength of a second image of the stripe by reflection, as a share.
-        blotches: standard deviation of noise in patches of some pixels, of its own in each channel.
-        flicker: standard deviation of the ambient light from one picture to the next, as a share.
+        halo: level beside a clipped core; it fades within 20 px.
+        ghost: relative strength of a second image of the stripe, caused by reflection.
+        blotches: standard deviation of noise in patches of some pixels, independent in each channel.
+        flicker: relative standard deviation of the ambient light from one picture to the next.
         drift: blue, green and red of the pictures with the laser relative to those without: automatic exposure and
             white balance.
         chessboard: share of each surface's albedo that comes from a chessboard of 20 mm, 0 = none, 1 = all of it.
-        demosaiced: whether the pixels are those of a colour filter, interpolated.
+        demosaiced: the pixels are interpolated from a colour filter array.
         jpeg_quality: quality of a JPEG compression with halved colour (4:2:0), 1 ... 100; 0 = none.
     """
 
@@ -86,12 +86,12 @@ class Light:
 
     @property
     def is_scattered(self) -> bool:
-        """True when laser light reaches pixels beside the stripe."""
+        """True if laser light reaches pixels beside the stripe."""
         return self.skirt > 0 or self.halo > 0 or self.ghost > 0
 
     @property
     def is_even(self) -> bool:
-        """True when pictures with and without laser agree away from the laser's light."""
+        """True if pictures with and without laser are equal outside the laser's light."""
         return not (self.is_scattered or self.blotches or self.flicker or self.demosaiced or self.jpeg_quality) and (
             self.drift == (1.0, 1.0, 1.0)
         )

@@ -1,4 +1,4 @@
-"""A simple foot planner: per leg, the best safe place near where the gait would set the foot, and a swing there."""
+"""Simple foot planner: for each leg, the best safe foothold near the gait's nominal one, and a swing to it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from guara_perception.terrain.questions.swing import Swing
     from kinematics import RobotModel
 
-# How far from its wish a foot may land: first near, then as far as the wave gait allows.
+# Search radii about the nominal foothold: first near, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)
-# Beside the wish rather than farther along the path: the legs reach further sideways than the gait leaves ahead.
+# Then beside the nominal foothold: legs reach farther sideways than the gait leaves room ahead.
 SIDEWAYS_M = (0.05, -0.05)
-# Where no swing reaches the best places, others are searched in circles about these offsets, of this radius.
+# If no swing reaches the best footholds, others are searched in circles at these offsets, of this radius.
 OTHER_OFFSETS_M = tuple((dx, dy) for dx in (0.0, -0.04, 0.04) for dy in (0.0, 0.04, -0.04, 0.08, -0.08))
 OTHER_RADIUS_M = 0.02
 # Clearances of a swing over the ground, in the order in which they are tried.
@@ -31,10 +31,10 @@ SWING_CLEARANCES_M = (0.030, 0.020)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSwing:
-    """A foothold and the way there.
+    """Foothold and the swing to it.
 
     Attributes:
-        foothold: where the foot is set down.
+        foothold: chosen foothold.
         swing: path of the sole to it, over known ground.
         clearance: clearance with which the swing was checked [m].
     """
@@ -51,17 +51,17 @@ def plan_foothold(
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
 ) -> Foothold | None:
-    """Choose where to set a foot.
+    """Choose a foothold.
 
     Args:
         terrain: the newest grid; of extent "map", since a single scan does not show the ground of the hind feet.
-        leg: name of the leg, so that its reach counts; None = any place that is safe.
-        wish: x and y where the gait would set the foot, in base_footprint of the grid [m].
+        leg: name of the leg, whose reach is checked; None = any safe foothold.
+        wish: x and y of the gait's nominal foothold, in base_footprint of the grid [m].
         previous: foothold chosen before for this swing, kept unless another is clearly better.
         robot: model of the robot; None = the robot that the grid names.
 
     Returns:
-        The foothold, or None when there is no safe one within reach.
+        The foothold, or None if no safe one is within reach.
 
     Raises:
         InvalidInput: a wish that is not finite, a leg that the robot does not have.
@@ -78,15 +78,15 @@ def plan_swing(
     *,
     ceiling: Ceiling | None = None,
 ) -> PlannedSwing | None:
-    """Choose where to set a foot, and how it gets there: the best place to which a swing is accepted.
+    """Choose the best foothold to which a swing is accepted, and the swing.
 
     Args:
         terrain: the newest grid, with the stance of its pause in its record: the swing begins where the sole stands.
         leg, wish, previous, robot: as in `plan_foothold`.
-        ceiling: how high unknown ground can be at most (`LinesOfSight`); None lets no swing pass over any.
+        ceiling: upper bound of the height of unknown ground (`LinesOfSight`); None = no swing over unknown ground.
 
     Returns:
-        The swing, or None when no safe place within reach can be swung to.
+        The swing, or None if no safe foothold within reach has an accepted swing.
 
     Raises:
         InvalidInput: as `plan_foothold` and `TerrainGrid.swing`.
@@ -108,7 +108,7 @@ def plan_swing(
 def refusals(
     terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None = None
 ) -> tuple[Reason, ...]:
-    """Reasons for which `plan_swing` found nothing: those of the wish or, where a foothold is near, of the swing."""
+    """Reasons why `plan_swing` found nothing: those of the nominal foothold or, if a foothold is near, of its swing."""
     foothold = plan_foothold(terrain, leg, wish, robot=robot)
     if foothold is None:
         return terrain.check_foothold(wish[0], wish[1], leg=leg, robot=robot).reasons
@@ -124,9 +124,9 @@ def _best_first(
     previous: tuple[float, float] | None,
     robot: RobotModel | None,
 ) -> Iterator[Foothold]:
-    """Places near the wish, then farther, then beside it."""
+    """Best footholds near the nominal one, then farther, then beside it."""
     x, y = wish
-    # Towards the body's centre line first: there the ground was seen, outside it may not have been.
+    # Towards the centre line first: ground outside may not have been scanned.
     sideways = sorted(SIDEWAYS_M, key=lambda aside: abs(y + aside))
     circles = [(0.0, radius) for radius in SEARCH_RADII_M] + [(aside, SEARCH_RADII_M[-1]) for aside in sideways]
     for aside, radius in circles:
@@ -136,7 +136,7 @@ def _best_first(
 
 
 def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
-    """The best place of each of these circles, the nearest circle first."""
+    """Best foothold of each of these circles, the nearest circle first."""
     for dx, dy in sorted(OTHER_OFFSETS_M, key=lambda offset: (np.hypot(*offset), abs(wish[1] + offset[1]))):
         found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
         if found is not None:

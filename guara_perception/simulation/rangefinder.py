@@ -1,4 +1,4 @@
-"""`SimulatedRangefinder`: frames of camera and laser plane for any pose of the body over a world."""
+"""Simulated rangefinder: renders the camera's frames for any pose of the body over a world."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 # Beyond this many sigmas the laser plane's light is below a hundredth of a level.
 REACH_SIGMAS = 4.5
-# A pixel that shows more than this across the laser plane lies on an edge: what is beyond does not belong to it.
+# A pixel that spans more than this across the laser plane is at a depth edge; the part beyond is not counted.
 MAX_FOOTPRINT_M = 0.002
 # Pixels from one sample to the next: enough to find the rows that a laser plane passes, when those within
 # this distance count.
 THINNING_PX = 4
 NEAR_PLANE_M = 0.020
-# A camera this close to the ground, or below, has hit it.
+# A camera or laser closer to the ground than this counts as in collision.
 LEAST_CLEARANCE_M = 0.05
 
 
@@ -92,15 +92,14 @@ class SimulatedRangefinder:
     def set_pose(
         self, transform_base_to_world: npt.ArrayLike, joint_positions: Mapping[str, float] | None = None
     ) -> SceneView:
-        """Put the body somewhere; everything that is the same for all frames from there is computed here.
+        """Set the pose of the body and compute everything that all frames from there share.
 
         Args:
             transform_base_to_world: (4, 4).
-            joint_positions: joint positions of the legs, for their picture and their shadow; None = a robot without
-                legs.
+            joint_positions: joint positions of the legs, which are drawn and cast shadows; None = draw no legs.
 
         Raises:
-            InvalidInput: camera or laser in or just over the ground.
+            InvalidInput: camera or laser is in the ground or too close to it.
         """
         transform = np.asarray(transform_base_to_world, dtype=np.float64)
         camera = transform @ self.calibration.transform_camera_to_base
@@ -121,10 +120,10 @@ class SimulatedRangefinder:
         return self._view
 
     def frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Image, Image]]:
-        """Frames of stripes, one after the other: index, laser on, laser off, each (h, w, 3) BGR uint8.
+        """Yield index, laser-on and laser-off frame of each stripe; frames are (h, w, 3) BGR uint8.
 
         Raises:
-            CalibrationMismatch: an index that the specimen does not have.
+            CalibrationMismatch: the calibration has no stripe of this index.
             InvalidInput: `set_pose` was never called.
         """
         for index in indices:
@@ -134,12 +133,12 @@ class SimulatedRangefinder:
     def frame(
         self, *, laser: float = 1.0, mirror_angle: float = 0.0, mirror_travel: float = 0.0, exposure: float = 1.0
     ) -> Image:
-        """One picture, (h, w, 3) BGR uint8.
+        """Render one frame, (h, w, 3) BGR uint8.
 
         Args:
-            laser: share of the exposure during which the laser shines, 0 ... 1.
+            laser: share of the exposure during which the laser is on, 0 ... 1.
             mirror_angle: mirror angle halfway through the exposure [rad].
-            mirror_travel: angle by which the mirror turns during the exposure [rad].
+            mirror_travel: rotation of the mirror during the exposure [rad].
             exposure: exposure time relative to the nominal one.
 
         Raises:
@@ -159,12 +158,12 @@ class SimulatedRangefinder:
         """Levels (rows, w) of the laser's light and the rows (first, end) where there is any."""
         plane = self.laser_planes.plane_at(mirror_angle)
         normal = self._transform_world_to_base[:3, :3].T @ plane[:3]
-        # The plane in the world, with distances taken from the view's own origin for the sake of float32.
+        # The plane in the world, relative to the origin of the view to keep float32 accurate.
         offset = plane[3] + plane[:3] @ self._transform_world_to_base[:3, 3] + normal @ view.origin
         height, width = view.laser_gain.shape
         top, bottom = self._rows_near(normal, offset, height)
         distance = view.points[top:bottom].reshape(-1, 3) @ normal.astype(np.float32) + np.float32(offset)
-        # A laser plane that turns by twice the travel draws a wider stripe: the swept width adds to the Gaussian's.
+        # The laser plane turns by twice the travel and the stripe widens: the swept width adds to the Gaussian's.
         swept = 2 * mirror_travel * 0.5
         sigma = np.hypot(self.light.stripe_sigma, swept / np.sqrt(12))
         reach = np.float32(REACH_SIGMAS * np.hypot(sigma, MAX_FOOTPRINT_M * self.light.blur))
@@ -178,7 +177,7 @@ class SimulatedRangefinder:
         from_plane = distance[within]
         below = distance[np.minimum(within + width, distance.size - 1)]
         # A pixel takes in light over its own height and, by the lens's blur, from its neighbours'. Widening the
-        # Gaussian by both is exact on smooth ground, and free of the aliasing of a picture blurred afterwards.
+        # Gaussian by both is exact on smooth ground, and avoids the aliasing of a picture blurred afterwards.
         footprint = np.minimum(np.abs(below - from_plane), np.float32(MAX_FOOTPRINT_M))
         variance = np.float32(sigma**2) + footprint**2 * np.float32(1 / 12 + self.light.blur**2)
         strength = gain * np.float32(self.light.stripe_sigma) / np.sqrt(variance)
@@ -204,7 +203,7 @@ class SimulatedRangefinder:
 
 @dataclass(frozen=True, slots=True)
 class LaserPlanes:
-    """Planes over the mirror angle: a smooth curve through the planes of all stripes.
+    """Laser plane as a smooth function of the mirror angle, through the planes of all stripes.
 
     Attributes:
         angles: (s,) mirror angles, ascending [rad].
@@ -216,7 +215,7 @@ class LaserPlanes:
 
     @staticmethod
     def of(calibration: Calibration) -> LaserPlanes:
-        """The laser planes of a calibrated specimen."""
+        """Laser planes of a calibration."""
         stripes = sorted(calibration.stripes, key=lambda stripe: stripe.mirror_angle)
         planes = np.array([stripe.plane for stripe in stripes]) @ inverse(calibration.transform_camera_to_base)
         planes *= np.where(planes[:, :1] < 0, -1.0, 1.0)
@@ -225,14 +224,14 @@ class LaserPlanes:
     def plane_at(self, mirror_angle: float) -> Float:
         """(4,) plane in base_link at a mirror angle [rad].
 
-        Between two stripes the plane turns about their common line, as the mirror turns it; beyond the last ones it
-        goes on as between the last two.
+        Between two stripes the plane turns about their line of intersection, as with the mirror; beyond the first and
+        the last stripe it is extrapolated from the nearest two.
         """
         after = int(np.clip(np.searchsorted(self.angles, mirror_angle), 1, len(self.angles) - 1))
         a, b = self.planes_in_base[after - 1], self.planes_in_base[after]
         share = (mirror_angle - self.angles[after - 1]) / (self.angles[after] - self.angles[after - 1])
         turn = np.arccos(np.clip(a[:3] @ b[:3], -1.0, 1.0))
-        # Spherical interpolation keeps the rate of turning even; any blend of two planes holds their common line.
+        # Spherical interpolation gives a constant rate; every combination of two planes contains their common line.
         weights = np.array([np.sin((1 - share) * turn), np.sin(share * turn)]) / np.sin(turn)
         plane = weights @ np.array([a, b])
         return np.asarray(plane / np.linalg.norm(plane[:3]))

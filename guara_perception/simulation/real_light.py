@@ -1,4 +1,4 @@
-"""`real_light`: light outside a laboratory, with effects as strong as measured on photographs."""
+"""Light outside a laboratory, with effects scaled to their strength in photographs."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ EFFECTS: Mapping[str, Callable[[float], dict[str, Any]]] = MappingProxyType(
 
 
 def real_light(strengths: Mapping[str, float]) -> Light:
-    """Light with one or several effects, scaled to their strength on photographs of laser lines.
+    """Light with one or several effects, scaled to their strength in photographs of laser lines.
 
     Factors of effects on the same field are multiplied, such as those of a clipped and a weak line.
 

@@ -1,8 +1,8 @@
 """The world on a fine raster (`Relief`), and its visibility from a viewpoint above it (`PolarView`).
 
-In a polar view a point at distance r and height z along one bearing is seen under the tangent
-r / (viewpoint height - z) from straight down. What lies behind a larger tangent is hidden, so the running maximum of
-the tangent gives both where a line of sight meets the ground (its inverse) and whether a point is visible.
+In a polar view a point at distance r and height z along a bearing has the tangent r / (viewpoint height - z) of its
+angle from straight down. A point behind a larger tangent is hidden. The running maximum of the tangent therefore tells
+whether a point is visible, and its inverse gives the point at which a line of sight meets the ground.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from guara_perception.arrays import Array, Codes, Float, Float32, Mask
 from guara_perception.simulation.world import World
 
-# Finer than a stripe is wide; walls become slopes of this width.
+# Finer than the width of a stripe; walls become slopes of this width.
 CELL_M = 0.001
 # The texture repeats after 1 m.
 TEXTURE_CELLS = 512
 TEXTURE_CELL_M = 1.0 / TEXTURE_CELLS
-# A point counts as in sight of the light although something up to this much in front of it is as high: raster error.
+# Tolerance of the visibility test for the error of the raster.
 IN_FRONT_M = 0.0025
 TANGENT_TOLERANCE = 0.001
-# Neighbouring lines of sight that meet the ground further apart than this have an edge between them.
+# Neighbouring lines of sight that meet the ground further apart than this enclose a depth edge.
 EDGE_M = 0.001
 
 
@@ -52,7 +52,7 @@ class Relief:
     @staticmethod
     @lru_cache(maxsize=1)
     def of(world: World, cell: float = CELL_M) -> Relief:
-        """Rasterise a world; the last one is kept, for another rangefinder in it."""
+        """Rasterise a world; the last raster is cached for other rangefinders in the same world."""
         heights, material = world.raster(world.x, world.y, cell)
         height = heights.astype(np.float32)
         slope = np.dstack([_slope(height, cell, axis) for axis in (0, 1)]).astype(np.float32)
@@ -82,7 +82,7 @@ def _texture(seed: int) -> Float32:
     noise = np.random.default_rng(seed).standard_normal((TEXTURE_CELLS, TEXTURE_CELLS)).astype(np.float32)
     total = np.zeros_like(noise)
     for sigma, share in ((0.7, 1.0), (2.5, 0.8), (8.0, 0.3)):
-        # Wrapped around, so that the tiles meet without a seam.
+        # Filtered with wrap-around, so that tiles join without a seam.
         wide = cv2.copyMakeBorder(noise, 32, 32, 32, 32, cv2.BORDER_WRAP)
         soft = cv2.GaussianBlur(wide, (0, 0), sigma)[32:-32, 32:-32]
         total += share * soft / soft.std()
@@ -121,7 +121,7 @@ class PolarView:
             viewpoint: (3,) position [m], above all ground within the radius.
             bearing_range: first and last bearing [rad].
             bearing_count: number of bearings.
-            radius: how far to look [m].
+            radius: largest distance [m].
             radius_spacing: spacing of distances [m].
         """
         first, last = bearing_range
@@ -149,7 +149,7 @@ class PolarView:
             np.asarray(cv2.remap(table, column, row, kind, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
             for kind in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)
         )
-        # Beside an edge, the mean of near and far would be a point in the air.
+        # At a depth edge, the mean of near and far would be a point in the air.
         return np.where(np.abs(smooth - nearest) < np.float32(EDGE_M), smooth, nearest)
 
     def sees(self, points: Float32) -> Mask:

@@ -1,4 +1,4 @@
-"""The simulated camera's view from one pose, pixel by pixel, prepared once for all stripes."""
+"""View of the simulated camera from one pose, computed per pixel once for all stripes."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from kinematics.transforms import transform_points
 if TYPE_CHECKING:
     from kinematics import RobotState
 
-# How far camera and laser look, and how finely: half a pixel's width on the ground at most.
+# Range and resolution of the views of camera and laser: at most half a pixel's width on the ground.
 RADIUS_M = 1.3
 RADIUS_SPACING_M = 0.001
 TANGENTS = 2400
 LASER_BEARINGS = 3000
 LASER_RADIUS_M = 0.75
 SUN_DIRECTION = np.array([0.35, 0.45, 0.82])
-# No natural surface is blotched from black to white.
+# Limits of the texture: no natural surface varies from black to white.
 TEXTURE_RANGE = (0.5, 1.6)
 LEG_ALBEDO = (0.30, 0.30, 0.32)
-# Edge of a chessboard's square, and albedo of the black and the white ones: printed black is not that of coal.
+# Edge of a chessboard's square, and albedo of black and white squares: printed black is brighter than coal.
 SQUARE_M = 0.020
 BOARD_ALBEDO = (0.06, 0.75)
 DARK_ALBEDO = 0.03
@@ -38,7 +38,7 @@ MIRRORED_GAIN = 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneView:
-    """Per pixel (h, w): the surface point and how bright it is in ambient and in laser light.
+    """Surface point of each pixel (h, w) and its brightness in ambient and laser light.
 
     Attributes:
         points: (h, w, 3) float32, surface points in the world, relative to `origin`.
@@ -73,7 +73,7 @@ def view_scene(
         relief: the ground.
         rays: (h, w, 3) float32, viewing rays of all pixels in the camera frame, z = 1.
         transform_camera_to_world: (4, 4).
-        beam: (3,) position at which the laser leaves the mirror and (3,) direction of the mirror's axis, in the world.
+        beam: (3,) point at which the laser leaves the mirror and (3,) direction of the mirror axis, in the world.
         body: the robot's own shapes in the world, or None.
         light: light and sensor.
     """
@@ -85,7 +85,7 @@ def view_scene(
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
     albedo, shine = _surface(relief, points, directions, normals)
     if light.chessboard:
-        # What swallows light is not painted: dark ground stays dark.
+        # The chessboard does not cover absorbing material: dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
         albedo += np.float32(light.chessboard) * (board[..., None] - albedo)
     is_body = np.zeros(points.shape[:2], dtype=bool)
@@ -136,7 +136,7 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
 
 
 def _surface(relief: Relief, points: Float32, directions: Float32, normals: Float32) -> tuple[Float32, Float32]:
-    """Albedo (h, w, 3) red, green, blue and shine (h, w); a wall's are sampled just behind it."""
+    """Albedo (h, w, 3) red, green, blue and shine (h, w); those of a wall are sampled just behind it."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
     y = points[..., 1] - behind * normals[..., 1]
@@ -169,7 +169,7 @@ def _laser_gain(
         lobe = np.maximum((leaving * towards).sum(axis=1), 0) ** np.float32(MIRRORED_EXPONENT)
         scattered[shiny] += shine[shiny] * np.float32(MIRRORED_GAIN) * lobe * (cosine[shiny] > 0)
     beside = np.abs(points @ across.astype(np.float32)) <= np.float32(np.sin(light.fan)) * distance
-    # The fan widens the laser plane's light along one direction only: it falls with the distance, not with its square.
+    # The fan spreads the laser in one direction only: its light falls with the distance, not with the square.
     return np.asarray(np.float32(light.laser * 0.5) * scattered * beside / distance, dtype=np.float32)
 
 
@@ -182,7 +182,7 @@ def _add_body(
     directions, points, normals, albedo = (array.reshape(-1, 3) for array in (directions, points, normals, albedo))
     lowest, highest = directions.min(axis=0), directions.max(axis=0)
     for number, corners in enumerate(body.corners()):
-        # A cheap test first: the box lies beside the cone of all lines of sight, or above the camera.
+        # A cheap test first: the box is outside the cone of all lines of sight, or above the camera.
         towards = corners - camera
         depth = -towards[:, 2]
         if depth.max() <= 0.01:
@@ -225,7 +225,7 @@ def _shade(body: Body, laser: Float, points: Float32, lit: Mask) -> None:
         if not inside.size:
             continue
         enter, _ = body.meets(number, laser, flat[inside] - laser.astype(np.float32))
-        # A point on the shape itself is met at the end of its way: lit.
+        # A ray that ends on the shape itself meets it at its end point, which is lit.
         is_lit[inside[enter < np.float32(0.995)]] = False
 
 
@@ -251,7 +251,7 @@ class Body:
         return np.array([transform_points(transform, signs * half) for transform, half in self._boxes])
 
     def meets(self, number: int, viewpoint: Float, directions: Float32) -> tuple[Float32, npt.NDArray[np.int8]]:
-        """Where lines from a viewpoint meet one box.
+        """Intersect lines from a viewpoint with one box.
 
         Args:
             number: number of the box.

@@ -9,21 +9,21 @@ from drivers.cameras.bayer import mosaic
 from guara_perception.arrays import Float32, Image
 from guara_perception.simulation.light import Light
 
-# Noisy pictures without laser that are kept for a scene and an exposure, and used in turn.
+# Noisy pictures without laser, cached for a scene and an exposure and used in turn.
 DARK_PICTURES = 4
 POOL_SIZE = 1 << 22
 # The skirt falls with one over the distance from here on, and ends there [px].
 SKIRT_FROM_PX, SKIRT_TO_PX = 8, 40
 # Light that the lens scatters is spread along the stripe too.
 SKIRT_COLUMNS = 9
-# A halo fades with this deviation from the edge of the clipped core: within 20 px to a tenth.
+# Decay length of a halo from the edge of the clipped core: a tenth is left at 20 px.
 HALO_SIGMA_PX = 9.0
 FULL_SCALE = 255.0
 # Distance of the ghost from the stripe, amplitude and length of its waves, as shares of the picture's height and width;
 # and its blur [px].
 GHOST_OF_HEIGHT, GHOST_AMPLITUDE_OF_HEIGHT, GHOST_WAVE_OF_WIDTH = 0.05, 0.012, 0.4
 GHOST_SIGMA_PX = 1.2
-# A mirror is not everywhere: the ghost is seen between these shares of the picture's width.
+# The ghost is visible between these shares of the picture's width.
 GHOST_COLUMNS = (0.3, 0.75)
 # Deviation of the patches of blotches [px].
 BLOTCH_SIGMA_PX = 3.0
@@ -33,7 +33,7 @@ class Sensor:
     """Turns light into pictures; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
-        """Draw the noise.
+        """Generate the noise.
 
         Args:
             light: light and sensor.
@@ -67,7 +67,7 @@ class Sensor:
         Args:
             light: (rows, w) levels of the red laser at nominal exposure.
             rows: first and end row that it covers.
-            laser: share of the exposure during which the laser shone.
+            laser: share of the exposure during which the laser was on.
             exposure: exposure time relative to the nominal one.
         """
         if not self._light.is_even:
@@ -100,7 +100,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Picture with laser light that differs everywhere from one without."""
+        """Picture with laser light that differs from one without in every pixel."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:
@@ -125,7 +125,7 @@ class Sensor:
         return self._ambient * np.float32(max(1 + self._light.flicker * self._rng.standard_normal(), 0.0))
 
     def _delivered(self, level: Float32, exposure: float) -> Image:
-        """The picture that the camera delivers of these levels (h, w, 3); `level` is overwritten."""
+        """Picture that the camera delivers for levels (h, w, 3); `level` is overwritten."""
         if self._blotches is not None:
             level *= np.float32(exposure)
             level += self._blotches.draw(self._rng)
@@ -208,7 +208,7 @@ def _halo(level: Float32, strength: float) -> Float32:
 
 
 class Blotches:
-    """Noise in patches, cut for each frame from a random part of one large picture."""
+    """Noise in patches; each frame takes a random part of one large picture."""
 
     def __init__(self, noise: Float32, deviation: float) -> None:
         """Filter the noise.
@@ -222,7 +222,7 @@ class Blotches:
         self._patches = np.asarray(soft * np.float32(deviation * 2 * np.sqrt(np.pi) * BLOTCH_SIGMA_PX), np.float32)
 
     def draw(self, rng: np.random.Generator) -> Float32:
-        """The blotches of one picture, (h, w, channels)."""
+        """Blotches of one picture, (h, w, channels)."""
         height, width = self._patches.shape[0] // 2, self._patches.shape[1] // 2
         row, column = int(rng.integers(height + 1)), int(rng.integers(width + 1))
         return self._patches[row : row + height, column : column + width]

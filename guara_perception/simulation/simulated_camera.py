@@ -1,4 +1,4 @@
-"""Simulated rangefinder as a camera of `drivers`, lit by laser and mirror of the emulated board."""
+"""Simulated rangefinder as a camera of `drivers`, with laser and mirror of the emulated board."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from drivers.emulator.emulated_camera import Exposes
     from guara_perception.simulation.rangefinder import SimulatedRangefinder
 
-# The exposure for which the simulated light is set [s].
+# Nominal exposure of the simulated light [s].
 NOMINAL_EXPOSURE_S = 0.008
 
 
 def simulated_camera(
     rangefinder: SimulatedRangefinder, board: Exposes, *, fps: float = 30.0, latency: float = 0.008
 ) -> EmulatedCamera:
-    """A free-running camera on the simulated rangefinder.
+    """Create a free-running camera on the simulated rangefinder.
 
     Args:
         rangefinder: simulated rangefinder whose pose is set; the pose may be set again between scans, from the thread

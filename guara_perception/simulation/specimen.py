@@ -1,4 +1,4 @@
-"""True calibration of a simulated rangefinder: the robot's nominal mounts with errors of assembly."""
+"""True calibration of a simulated rangefinder: the robot's nominal mounts with assembly errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from kinematics import RobotModel
 
 
-# A lens of 3.2 mm before a sensor 3.5 mm wide: sees the area with a margin of 5 % on each side.
+# A 3.2 mm lens on a sensor 3.5 mm wide: the area is in view with a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921
 DISTORTION = (-0.23, 0.06, 0.0, 0.0, 0.0)
 # Errors that remain after careful assembly (two sigma): a degree, 3 mm, 1 % of focal length, 1 % of the width off
@@ -26,19 +26,19 @@ POSITION_SIGMA_M = 0.0015
 FOCAL_SIGMA = 0.005
 CENTRE_SIGMA_OF_WIDTH = 0.006
 DISTORTION_SIGMA = 0.01
-# A stepper of 1.8 degrees with 256 microsteps turns the mirror: angles that it can really hold.
+# A stepper of 1.8 degrees with 256 microsteps turns the mirror: the angles at which it can stop.
 MIRROR_STEP = 122718e-9
 
 
 def specimen(
     robot: RobotModel, size: tuple[int, int] = (640, 512), seed: int | None = 0, *, mirror_step: float = MIRROR_STEP
 ) -> Calibration:
-    """The true calibration of a simulated rangefinder.
+    """Create the true calibration of a simulated rangefinder.
 
     Args:
-        robot: robot whose nominal mounts and scan pattern are taken.
+        robot: robot with the nominal mounts and the scan pattern.
         size: picture width and height [px].
-        seed: seed of the errors of assembly; None = none, exactly nominal.
+        seed: seed of the assembly errors; None = exactly nominal.
         mirror_step: mirror angles are multiples of this [rad]; 0 = any angle.
 
     Raises:
@@ -48,7 +48,7 @@ def specimen(
     if min(size) < 64:
         raise InvalidInput(f"picture size is {width}x{height}, it must be 64x64 px or more")
     errors = np.zeros(16) if seed is None else np.random.default_rng(seed).standard_normal(16)
-    # Pixels are square: the focal length goes with the larger of what width and height (at 5:4) ask for.
+    # Square pixels: the larger of the focal lengths for the width and for the height (at 5:4).
     focal = FOCAL_LENGTH_OF_WIDTH * max(width, 1.25 * height) * (1 + FOCAL_SIGMA * errors[0])
     centre = np.array([width - 1, height - 1]) / 2 + CENTRE_SIGMA_OF_WIDTH * width * errors[1:3]
     camera = CameraModel(
@@ -82,7 +82,7 @@ def specimen(
 
 
 def rotation(turn: npt.ArrayLike) -> Float:
-    """Rotation (3, 3) by a small or large turn vector (3,) [rad]."""
+    """Rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
     vector = np.asarray(turn, np.float64)
     angle = float(np.linalg.norm(vector))
     if angle < 1e-12:
@@ -93,10 +93,10 @@ def rotation(turn: npt.ArrayLike) -> Float:
 
 
 def _laser_planes(robot: RobotModel, angles: Float, errors: Float) -> Float:
-    """Planes (s, 4) in base_link of the laser plane behind a mirror that stands at 45 degrees to a level laser."""
+    """Planes (s, 4) in base_link of the laser plane reflected by a mirror at 45 degrees to a level laser."""
     position = robot.transform_laser_to_base[:3, 3] + POSITION_SIGMA_M * np.array([errors[0], 0, errors[1]])
     axis = rotation(ANGLE_SIGMA * 0.3 * np.array([errors[2], 0, errors[3]])) @ np.array([0.0, 1.0, 0.0])
-    # The incoming laser plane holds the axis but for its own small tilt; at zero angle it leaves straight down.
+    # The incoming laser plane contains the axis up to a small tilt; at angle zero it is reflected straight down.
     beam = rotation(ANGLE_SIGMA * 0.3 * np.array([0, 0, errors[4]])) @ np.array([0.0, 0.0, 1.0])
     planes = []
     for angle in angles:

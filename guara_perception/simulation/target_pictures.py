@@ -1,4 +1,4 @@
-"""Pictures of calibration targets as the simulated camera takes them: a board held anywhere, crosses on the floor."""
+"""Simulated pictures of calibration targets: a board in any pose, and crosses on the floor."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BORDER = 0.6
 
 @dataclass(frozen=True, slots=True)
 class TargetCamera:
-    """The camera, with its rays worked out once.
+    """Simulated camera for pictures of targets, with precomputed rays.
 
     Attributes:
         camera: true intrinsic model.
@@ -40,14 +40,14 @@ class TargetCamera:
 
     @classmethod
     def of(cls, camera: CameraModel, light: Light | None = None, seed: int = 0) -> TargetCamera:
-        """Work out the rays of every pixel."""
+        """Create the camera and compute the ray of every pixel."""
         width, height = camera.size
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
         rays = camera.rays(pixels).reshape(height, width, 3)
         return cls(camera, rays / rays[..., 2:], light or Light(), seed)
 
     def board(self, board: BoardSpec, transform_board_to_camera: Float) -> Image:
-        """A board (h, w, 3) BGR; its origin is its first inner corner, as in `BoardSpec.points`."""
+        """Render a board, (h, w, 3) BGR; its origin is its first inner corner, as in `BoardSpec.points`."""
         x, y, size = self._on_plane(transform_board_to_camera)
         s = board.square
         b = 1 + BORDER
@@ -56,7 +56,7 @@ class TargetCamera:
         return self._picture(GROUND + paper * (PAPER - GROUND) + ink * (INK - PAPER))
 
     def crosses(self, points_in_footprint: Float, transform_camera_to_footprint: Float) -> Image:
-        """Crosses on white cards on the floor, (h, w, 3) BGR."""
+        """Render crosses on white cards on the floor, (h, w, 3) BGR."""
         x, y, size = self._on_plane(np.asarray(np.linalg.inv(transform_camera_to_footprint), np.float64))
         level: Float = GROUND + _texture(x, y, self.seed)
         for px, py in points_in_footprint:
@@ -70,7 +70,7 @@ class TargetCamera:
         return self._picture(level)
 
     def _on_plane(self, transform_plane_to_camera: Float) -> tuple[Float, Float, Float]:
-        """Where each pixel's ray meets the plane z = 0 of a frame [m], and how much of it a pixel covers [m]."""
+        """Points at which the pixels' rays meet the plane z = 0 of a frame [m], and widths of the pixels there [m]."""
         rotation, origin = transform_plane_to_camera[:3, :3], transform_plane_to_camera[:3, 3]
         into = self.rays @ rotation
         start = -origin @ rotation
@@ -93,7 +93,7 @@ class TargetCamera:
 
 
 def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> Float:
-    """Share of ink in a window of `width` about each position, all in squares; by the integral of the cells."""
+    """Share of ink in a window of `width` about each position, in squares, from the integral of the pattern."""
     per_square = cells.shape[1] // columns
     whole = np.pad(cells.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
@@ -112,13 +112,13 @@ def _ink(cells: Mask, column: Float, row: Float, width: Float, columns: int) -> 
 
 
 def _inside(position: Float, low: float, high: float, width: Float) -> Float:
-    """Share of `width` about each position that lies within low ... high."""
+    """Share of a window of `width` about each position that is within low ... high."""
     covered = np.minimum(position + width / 2, high) - np.maximum(position - width / 2, low)
     return np.asarray(np.clip(covered / width, 0.0, 1.0))
 
 
 def _texture(x: Float, y: Float, seed: int) -> Float:
-    """Soft spots on the floor."""
+    """Smooth texture of the floor."""
     waves = np.random.default_rng(seed).standard_normal((12, 3))
     total = np.zeros(x.shape)
     for kx, ky, phase in waves:

@@ -1,4 +1,4 @@
-"""The simulated walk: the robot goes from stance pause to stance pause on footholds that a planner chooses."""
+"""Simulated walk from stance pause to stance pause, on footholds chosen by a planner."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from kinematics.stance_pose import ENCODER_NOISE
 
 Choice = tuple[float, float] | None
 
-# Declared around the feet of the first stance: backwards as far as a foot may slip, ahead to the scanned area.
+# Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkNoise:
-    """Errors of footsteps and of reports.
+    """Errors of footsteps and of reported stances.
 
     Attributes:
         joint: standard deviation of the bias of a joint, the same in every reading of a pause [rad]; `fresh_reading`
-            adds what differs from reading to reading.
-        contact: standard deviation of the height at which a sole comes to rest [m].
-        slip: standard deviation of a sole's position, per axis, when it is set down [m].
+            adds the noise of single readings.
+        contact: standard deviation of the height of a sole in contact [m].
+        slip: standard deviation of a sole's position at touch-down, per axis [m].
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
             reported.
     """
@@ -49,12 +49,12 @@ class WalkNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footstep:
-    """A foot that was set down.
+    """Foot placed on the ground.
 
     Attributes:
         leg: name of the leg.
-        target_in_footprint: (2,) the chosen foothold, in base_footprint of the pause before [m].
-        sole_in_world: (3,) position where the sole came to rest [m].
+        target_in_footprint: (2,) the chosen foothold, in base_footprint of the previous pause [m].
+        sole_in_world: (3,) position of the sole on the ground [m].
     """
 
     leg: str
@@ -64,15 +64,15 @@ class Footstep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkPause:
-    """One stance pause: what the gait controller reports, and the truth behind it.
+    """Stance pause: the report of the gait controller, and the truth.
 
     Attributes:
         step: number of the pause.
         stance: reported stance: joint positions with their bias, support feet, gravity with noise or None.
-        known_ground: what the gait declares, in base_footprint; at the first pause only.
-        next_leg: the leg that swings after this pause.
-        nominal: where its foot should land, x and y in base_footprint of this pause [m].
-        last_footstep: the foot set down before this pause, None at the first.
+        known_ground: ground declared safe by the gait, in base_footprint; at the first pause only.
+        next_leg: leg that swings after this pause.
+        nominal: nominal landing of its foot, x and y in base_footprint of this pause [m].
+        last_footstep: last footstep before this pause, None at the first.
         joint_positions: true joint positions, by joint [rad].
         transform_base_to_world: true pose (4, 4).
         transform_footprint_to_world: true pose (4, 4).
@@ -91,7 +91,7 @@ class WalkPause:
     soles_in_world: Mapping[str, Float]
 
     def to_world(self, x: float, y: float) -> tuple[float, float]:
-        """X and y in the world of a point on the ground in base_footprint of this pause."""
+        """Transform a point on the ground from base_footprint of this pause to x and y in the world."""
         point = self.transform_footprint_to_world @ (x, y, 0.0, 1.0)
         return float(point[0]), float(point[1])
 
@@ -111,14 +111,14 @@ def simulate_walk(
 ) -> Iterator[WalkPause]:
     """Walk along the world's x axis from the origin, kinematically.
 
-    Between two pauses the body moves forward with four feet down, then one foot swings. The caller gets a pause, scans;
-    when it asks for the next one, `choose` is called with this pause for the foothold of `next_leg`.
+    Between two pauses the body moves forward on all feet, then one foot swings. The caller scans at each pause that it
+    gets. When it asks for the next pause, `choose` is called with the present one for the foothold of `next_leg`.
 
     Args:
         world: the terrain; level around the origin, since the gait declares it so.
         robot: the robot.
-        choose: gives x and y of the foothold in base_footprint of the pause, or None when there is no safe one;
-            None = every foot goes where the gait would put it.
+        choose: returns x and y of the foothold in base_footprint of the pause, or None if there is no safe one;
+            None = every foot lands at its nominal foothold.
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
@@ -128,7 +128,7 @@ def simulate_walk(
 
     Raises:
         WalkEnded: the planner found no foothold.
-        OutOfReach: a foothold that the legs cannot reach.
+        OutOfReach: the legs cannot reach a foothold.
     """
     gait = WaveGait.of(robot)
     noise = noise or WalkNoise()
@@ -171,7 +171,7 @@ def simulate_walk(
 
 
 def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | None) -> tuple[float, float]:
-    """The planner's answer for a pause, x and y in base_footprint.
+    """Foothold that the planner chose at a pause, x and y in base_footprint.
 
     Raises:
         WalkEnded: the planner found no foothold.
@@ -186,7 +186,7 @@ def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | No
 def true_footprint(
     robot: RobotModel, joints: Mapping[str, float], feet: tuple[str, ...], transform_base_to_world: Float
 ) -> Float:
-    """transform_footprint_to_world (4, 4), from the truth."""
+    """True transform_footprint_to_world (4, 4)."""
     down = -transform_base_to_world[2, :3]
     pose = robot.stance_pose(Stance(joints, feet, (down[0], down[1], down[2])), find_unloaded=False)
     return np.asarray(transform_base_to_world @ pose.transform_footprint_to_base)
@@ -210,6 +210,6 @@ def reported_stance(
 
 
 def fresh_reading(stance: Stance, rng: np.random.Generator, noise: float = ENCODER_NOISE) -> Stance:
-    """Stance of another reading of the joints: white noise [rad] is added to the biased positions."""
+    """Stance with a new reading of the joints: white noise [rad] is added to the biased positions."""
     joints = {name: value + noise * rng.standard_normal() for name, value in stance.joint_positions.items()}
     return dataclasses.replace(stance, joint_positions=joints)

@@ -1,4 +1,4 @@
-"""`World`: the simulated terrain, its exact height and material at any point; read from a TOML file."""
+"""Simulated terrain with exact height and material at any point, read from a TOML file."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from kinematics.untrusted import LARGEST_FILE, parse_toml
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
 LONGEST_WAVE_M = 1.0
-# Worlds of the package, by the name of their file.
+# Worlds that come with the package, by file name.
 WORLDS = Path(__file__).resolve().parent / "worlds"
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A piece of ground with what stands on it; z = 0 is the ground without undulation.
+    """Ground with features on it; z = 0 is the ground without undulation.
 
-    Beyond its area the ground goes on as it is at the border.
+    Beyond the area the ground continues as at the border.
 
     Attributes:
         x: smallest and largest x of the area [m].
         y: smallest and largest y [m].
-        features: what stands on the ground, in the order in which it is put down; each feature stands on those before.
+        features: features in order; each one stands on the ground and those before it.
         material: material of the bare ground.
         undulation: standard deviation of the bare ground about z = 0 [m].
         seed: seed of undulation and texture.
-        flat_until: no undulation before this x [m]; it sets in smoothly over 0.2 m.
-        light: light in which the world is seen.
+        flat_until: there is no undulation before this x, and it grows smoothly over the next 0.2 m [m].
+        light: illumination of the world.
     """
 
     x: tuple[float, float] = (-1.0, 3.0)
@@ -80,7 +80,7 @@ class World:
         """Reject a feature that leaves the area.
 
         Raises:
-            InvalidInput: saying where it is and where it may be.
+            InvalidInput: the feature is outside; the message gives its bounds and the allowed ones.
         """
         x0, x1, y0, y1 = feature.bounds
         if x0 < self.x[0] or x1 > self.x[1] or y0 < self.y[0] or y1 > self.y[1]:
@@ -100,7 +100,7 @@ class World:
         return self._evaluate(px, py, self.features)[1]
 
     def raster(self, x: tuple[float, float], y: tuple[float, float], cell: float) -> tuple[Float, Codes]:
-        """Heights and materials at the centres of a fine grid a[iy, ix] over an area; quick for many features."""
+        """Heights and materials at the centres of a fine grid a[iy, ix] over an area; fast for many features."""
         cx = np.arange(x[0] + cell / 2, x[1], cell)
         cy = np.arange(y[0] + cell / 2, y[1], cell)
         heights = self._undulated(cx, cy)
@@ -120,12 +120,12 @@ class World:
         return heights, materials
 
     def sole_height(self, x: float, y: float, length: float, width: float) -> float:
-        """Height at which a level, stiff sole of length x width centred at a point comes to rest [m]."""
+        """Height of a level, rigid sole of length x width that rests centred at a point [m]."""
         u, v = np.meshgrid(np.linspace(-0.5, 0.5, 17) * length, np.linspace(-0.5, 0.5, 13) * width)
         return float(self.height(x + u, y + v).max())
 
     def _undulated(self, cx: Float, cy: Float) -> Float:
-        """Heights (ny, nx) of the bare ground; by the sine of a sum, thousands of sines instead of millions."""
+        """Heights (ny, nx) of the bare ground; the addition theorem needs thousands of sines instead of millions."""
         if self.undulation <= 0:
             return np.zeros((cy.size, cx.size))
         cx, cy = np.clip(cx, *self.x), np.clip(cy, *self.y)
@@ -164,7 +164,7 @@ def _waves(seed: int) -> Float:
 _TABLE = re.compile(r"^\s*\[\[?\s*([A-Za-z_]+)\s*\]\]?")
 _KEY = re.compile(r"^\s*([A-Za-z_]+)\s*=")
 LIGHT = "light"
-# Types of a number; `isinstance` would take true and false for numbers.
+# Types of a number; `isinstance` would accept true and false.
 NUMBERS = (int, float)
 _TYPES = {"float": "a number", "int": "a whole number", "str": "a text", "tuple[float, float]": "two numbers"}
 
@@ -173,16 +173,16 @@ def load_world(name_or_path: str | Path) -> World:
     """Read a world file.
 
     Top level: `x`, `y` (area, two numbers each), `material`, `undulation`, `flat_until`, `seed`; then a table
-    `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each thing on the ground,
-    put down in the order of the file. Metres and radians. A table `[light]` gives effects of real light by name, each
-    as a fraction of what photographs show (`real_light`).
+    `[[box]]`, `[[rock]]`, `[[ramp]]`, `[[pit]]`, `[[patch]]`, `[[step]]` or `[[stairs]]` for each feature, in the
+    order in which they are placed. Units are metres and radians. A table `[light]` gives effects of real light by name,
+    each relative to its strength in photographs (`real_light`).
 
     Args:
         name_or_path: a .toml file, or the name of a world that comes with the package.
 
     Raises:
-        MissingFile: there is neither such a file nor such a world; the message lists the names.
-        FileFormatError: the file is wrong; the message names file and line, what was given and what is allowed.
+        MissingFile: neither a file nor a world has this name; the message lists the worlds.
+        FileFormatError: the file is wrong; the message gives file, line, value and what is allowed.
     """
     path = Path(name_or_path)
     named = WORLDS / f"{name_or_path}.toml"
@@ -200,7 +200,7 @@ def load_world(name_or_path: str | Path) -> World:
 
 
 def parse_world(text: str, source: str) -> World:
-    """A world from the text of a file; `source` is its name for messages.
+    """Parse the text of a world file; `source` is the name of the file in messages.
 
     Raises:
         FileFormatError: see `load_world`.
@@ -234,7 +234,7 @@ def parse_world(text: str, source: str) -> World:
 
 @contextmanager
 def _lines_named(source: str, lines: Mapping[str, int], table: str = "") -> Iterator[None]:
-    """Raise InvalidInput as FileFormatError with the line of the key that its text begins with."""
+    """Convert InvalidInput to FileFormatError with the line of the key named first in its text."""
     try:
         yield
     except InvalidInput as error:
@@ -243,7 +243,7 @@ def _lines_named(source: str, lines: Mapping[str, int], table: str = "") -> Iter
 
 
 def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
-    """The light of a world from its table."""
+    """Light of a world from its table."""
     if not isinstance(strengths, dict):
         raise FileFormatError(f"{source}: write [light], and below it an effect and its strength in each line")
     for name, strength in strengths.items():
@@ -255,7 +255,7 @@ def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
 
 
 def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
-    """Line of every key, by (name of the table, its number among those of that name); its own line under the key ""."""
+    """Line of every key, by (name of the table, its number among those of that name); its own has the key ""."""
     found: dict[tuple[str, int], dict[str, int]] = {("", 0): {}}
     counts: dict[str, int] = {}
     table = ("", 0)
@@ -276,7 +276,7 @@ def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
 def _options(
     cls: type[Any], entry: Mapping[str, Any], source: str, lines: Mapping[str, int], what: str
 ) -> dict[str, Any]:
-    """Keyword arguments of a dataclass from a table, types checked."""
+    """Keyword arguments of a dataclass from a table, with types checked."""
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name not in ("features", LIGHT)}
     result: dict[str, Any] = {}
     for key, value in entry.items():

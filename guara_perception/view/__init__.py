@@ -1,4 +1,4 @@
-"""The view in the browser: grids, stripes and footholds on the robot, in three dimensions.
+"""Browser view in 3-D: robot, grids, stripes and footholds.
 
 Imports grids and their `drawing`; only `app` imports it. viser is loaded when a view is opened.
 """

@@ -54,7 +54,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         self._timeline = Timeline()
         self._viewed_from = np.zeros(3)
         self._drawn: dict[str, tuple[Any, ...]] = {}
-        # What was clicked, (3,) in odom.
+        # Clicked point (3,) in odom.
         self._clicked: Float | None = None
         self._halt = threading.Event()
         self._player: threading.Thread | None = None
@@ -83,7 +83,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._redraw()
 
     def add(self, moment: Moment) -> None:
-        """Add a moment of a live walk, and show it unless an earlier one was selected."""
+        """Add a moment of a live walk; show it unless an earlier one is selected."""
         with self._lock:
             follow = self._timeline.is_newest
             self._timeline.add(moment)

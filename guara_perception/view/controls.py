@@ -19,7 +19,7 @@ NO_CELL = "Click on the ground: what is known of that cell, and why a foot may o
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
 LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weight:bold"
-# Regions are many lines on the ground.
+# Regions are hidden at first: they put many lines on the ground.
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
@@ -125,7 +125,7 @@ def for_page(image: Image) -> Image:
 
 
 def legend_html(mesh: TerrainMesh) -> str:
-    """Legend of a mesh: hazards in three groups, or a colour bar; and what is not drawn."""
+    """Legend of a mesh: hazards in three groups, or a colour bar, and the parts that are not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
     rows.append(_row("not drawn", NEVER_LOOKED_AT, "border:1px dashed #888"))
@@ -171,7 +171,7 @@ def _css(colour: str) -> str:
 
 
 def status_text(terrain: TerrainGrid) -> str:
-    """The status of a grid, in a few lines of Markdown."""
+    """Status of a grid in a few lines of Markdown."""
     record = terrain.record
     lines = [f"**step {terrain.step}**, {record.mode or 'unknown'} scan, {terrain.extent}"]
     known, free = float(np.isfinite(terrain.elevation).mean()), float((terrain.traversability > 0).mean())

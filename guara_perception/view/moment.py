@@ -11,17 +11,17 @@ from guara_perception.arrays import Float, Image
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import MapRecord, ScanRecord
 
-# Moments of a live walk in memory: a map has 2 MB.
+# Most moments of a live walk kept in memory; a map takes 2 MB.
 KEPT = 60
 
 
 def no_stripes() -> list[Float]:
-    """Source of stripes that has none."""
+    """Source without stripes."""
     return []
 
 
 def no_picture() -> Image | None:
-    """Source of a picture that has none."""
+    """Source without a picture."""
     return None
 
 
@@ -64,7 +64,7 @@ class Moment:
 
     @property
     def record(self) -> ScanRecord | MapRecord:
-        """The record of that grid."""
+        """Record of `any_grid`."""
         return self.any_grid.record
 
     @property
@@ -123,7 +123,7 @@ class Timeline:
             self.number = len(self._moments) - 1
 
     def go_to(self, number: int) -> bool:
-        """Show the moment of this number, or the nearest; return True if that is another one."""
+        """Show the moment of this number, or the nearest; return True if the shown moment changes."""
         before, self.number = self.number, max(0, min(number, len(self._moments) - 1))
         return self.number != before
 

@@ -19,7 +19,7 @@ Colour = tuple[float, float, float]
 BODY_COLOUR: Colour = (0.47, 0.51, 0.57)
 LEG_COLOUR: Colour = (0.37, 0.41, 0.48)
 Faces = Index
-# Sides of the polygon that stands for a circle.
+# Sides of the polygon that approximates a circle.
 ROUND_SIDES = 24
 
 

@@ -22,15 +22,15 @@ STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 1
 REGION_COLOUR = (0, 89, 61)
 HOLE_COLOUR, OBSTACLE_COLOUR = (122, 31, 31), tuple(round(255 * value) for value in rgb(HAZARD_COLOURS[Hazard.STEP]))
 SOLE_THICKNESS_M = 0.004
-# Lines on the ground lie this much above it [m].
+# Height of lines above the ground [m].
 LIFT_M = 0.002
 LINE_PX = 2.0
-# Outlines follow the edges of cells to within this, a little more than a cell [m].
+# Tolerance of simplified outlines, a little more than a cell [m].
 OUTLINE_M = 0.006
-# Size and largest number of points, which leave the ground between the stripes visible.
+# Point size and largest number of points; the ground between the stripes stays visible.
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
-# Height of the ground plane: lower than a leg reaches.
+# Height of the ground plane, below the reach of a leg.
 GROUND_M = -0.09
 
 Picked = Callable[[Float, Float], None]

@@ -21,10 +21,10 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 COLOURINGS = ("hazard", "elevation", "traversability")
-# A ray is sampled at this share of a cell, up to this distance [m].
+# Sampling step of a ray as a share of a cell, and its largest distance [m].
 SHARE_OF_CELL = 0.5
 FAR_M = 20.0
-# How far above the highest and below the lowest cell the ray is sampled [m].
+# Margin above the highest and below the lowest cell within which the ray is sampled [m].
 MARGIN_M = 0.005
 
 
@@ -40,10 +40,10 @@ class Scale:
     high_text: str
 
 
-# The ends of the height colours are multiples of the first, and at least the second apart [m].
+# The range of the height colours is rounded to multiples of the first and at least as wide as the second [m].
 ROUNDED_TO_M, LEAST_HEIGHT_RANGE_M = 0.01, 0.06
 
-# Fraction of the known cells that may lie beyond either end.
+# Fraction of the known cells that may be beyond either end of the range.
 BEYOND = 0.005
 
 # Largest height difference of joined neighbours: a wall that was not measured is not drawn.
@@ -60,9 +60,9 @@ class TerrainMesh:
         vertices: (n, 3) float32 in base_footprint [m].
         faces: (m, 3) uint32, facing up.
         picture: (ny, nx, 3) uint8, red, green, blue of each cell.
-        texture_positions: (n, 2) float32, where in the picture each vertex lies: to the right and upwards, 0 ... 1,
-            the picture's first row on top.
-        legend: (name, colour) of what is shown, for the hazard colouring; empty otherwise.
+        texture_positions: (n, 2) float32, position of each vertex in the picture, 0 ... 1 to the right and upwards;
+            the first row of the picture is on top.
+        legend: (name, colour) of the hazards shown; empty for other colourings.
         scale: colour scale of the other colourings.
     """
 
@@ -129,7 +129,7 @@ def _height_scale(elevation: Float32) -> Scale:
 
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
-    """Heights (ny, nx) of drawn cells [m]: unknown ones as high as the nearest known one, 0 if there is none."""
+    """Heights (ny, nx) of drawn cells [m]; an unknown cell has that of the nearest known one, or 0."""
     elevation = terrain.elevation
     known = np.isfinite(elevation)
     if not known.any():
@@ -145,7 +145,7 @@ def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.Array
     """First position (3,) of a ray at or below the drawn terrain, None if it misses.
 
     Args:
-        terrain: grid; unknown cells are as high as they are drawn.
+        terrain: grid; unknown cells have the height at which they are drawn.
         origin, direction: (3,) in the frame of the grid [m]; the direction of any length.
     """
     start, along = np.asarray(origin, dtype=np.float64), np.asarray(direction, dtype=np.float64)
