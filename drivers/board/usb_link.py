@@ -248,9 +248,8 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Commands that install the rule, one per line."""
+    """Command line that installs the rule; it can be pasted wherever it is printed, even within a longer line."""
     return (
-        f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE}\n"
-        "sudo udevadm control --reload-rules && sudo udevadm trigger\n"
-        "then unplug the board and plug it in again"
+        f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE} && "
+        "sudo udevadm control --reload-rules && sudo udevadm trigger # then unplug the board and plug it in again"
     )

@@ -21,7 +21,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
 @click.option("--step", type=int, help="pause of the scan, for a recording that holds several")
-@click.option("--keep-going", is_flag=True, help="leave the ground of a bad frame unknown instead of refusing the scan")
+@click.option("--keep-going", is_flag=True, help="leave the ground of a bad or missing frame unknown")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead")
 def command(
     scan: Path,
@@ -63,7 +63,7 @@ def command(
             raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}, several with commas between")
         # Beside a paper's method, precise goes without it.
         check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
-    recorded = open_scan(scan, step)
+    recorded = open_scan(scan, step, missing_ok=keep_going)
     calibrated = calibration_for(scan, calibration)
     try:
         model = load_robot(robot if robot is not None else recorded.robot)

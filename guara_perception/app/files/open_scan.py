@@ -10,12 +10,13 @@ from guara_perception.exceptions import InvalidInput, MissingFile
 from guara_perception.scan import Scan
 
 
-def open_scan(path: str | Path, step: int | None = None) -> Scan:
+def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = False) -> Scan:
     """Open one recorded scan: a folder, or an .mcap file.
 
     Args:
         path: scan folder or recording.
         step: pause to open, for a recording that holds several.
+        missing_ok: open a folder although frames that it names are not there; what they would show stays unknown.
 
     Raises:
         MissingFile: nothing there.
@@ -23,7 +24,7 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
         InvalidInput: neither a folder nor an .mcap file; or the recording holds several scans and `step` does not
             say which.
     """
-    scans = open_scans(path)
+    scans = open_scans(path, missing_ok=missing_ok)
     # A pause may hold two scans, a coarse one and then the same with the stripes in between: the later one has more.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
@@ -36,13 +37,13 @@ def open_scan(path: str | Path, step: int | None = None) -> Scan:
     raise InvalidInput(f"{path}: {wanted}it holds scans of the steps {held}: give one of these (--step)")
 
 
-def open_scans(path: str | Path) -> list[Scan]:
+def open_scans(path: str | Path, *, missing_ok: bool = False) -> list[Scan]:
     """Open all scans of a folder (one) or of an .mcap recording, in recorded order; errors as in `open_scan`."""
     path = Path(path)
     if not path.exists():
         raise MissingFile(f"{path}: no such scan")
     if path.is_dir():
-        return [open_scan_folder(path)]
+        return [open_scan_folder(path, missing_ok=missing_ok)]
     if path.suffix != ".mcap":
         raise InvalidInput(f"{path}: a scan is a folder that holds scan.json, or a file that ends in .mcap")
     from guara_perception.app.files.scan_recording import open_recorded_scans

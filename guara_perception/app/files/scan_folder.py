@@ -37,8 +37,12 @@ MAXIMUM_STEP = 2**31 - 1
 PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
-def open_scan_folder(folder: str | Path) -> Scan:
+def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
     """Read and check `scan.json`; frames are read when they are asked for.
+
+    Args:
+        folder: the scan folder.
+        missing_ok: open it although frames that it names are not there; reading one of them raises MissingFile.
 
     Raises:
         MissingFile: the folder, its scan.json or a frame that it names is not there.
@@ -57,7 +61,7 @@ def open_scan_folder(folder: str | Path) -> Scan:
                     f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}; allowed: a path inside the "
                     f"folder"
                 )
-            if name is not None and not (folder / name).is_file():
+            if name is not None and not missing_ok and not (folder / name).is_file():
                 raise MissingFile(
                     f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}, it is not there"
                 )

@@ -145,6 +145,22 @@ def test_keep_going_leaves_a_bad_frame_unknown(guara, paper_copy: Path, calibrat
 
 
 @pytest.mark.slow
+def test_keep_going_goes_on_without_a_missing_frame(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
+    """It costs its stripe, which was fired: no ground of it is known; without the option the scan is refused."""
+    arguments = ["process", paper_copy, "-c", calibration_file, "-o", tmp_path / "out.npz"]
+    assert guara(*arguments).code == 0
+    whole = gp.load_terrain(tmp_path / "out.npz")
+    (paper_copy / "on_010.jpg").unlink()
+    refused = guara(*arguments)
+    assert refused.code == 2 and "stripe index 20 names frame on_010.jpg, it is not there" in refused.err
+    said = guara(*arguments, "--keep-going")
+    assert said.code == 0 and "on_010.jpg" in said.out
+    terrain = gp.load_terrain(tmp_path / "out.npz")
+    assert list(terrain.metadata["frames_bad"]) == ["20"]
+    assert not (terrain.hazard[whole.hazard != 0] == 0).any() and (terrain.hazard == 0).any()
+
+
+@pytest.mark.slow
 def test_keep_going_leaves_an_unreadable_frame_unknown(guara, paper_copy: Path, calibration_file: Path, tmp_path: Path):
     """A frame file that was cut off costs its stripe with --keep-going, and is refused by name without."""
     name = "on_010.jpg"

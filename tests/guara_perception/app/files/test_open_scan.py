@@ -21,7 +21,9 @@ CASES = {
 def test_which_scan_must_be_said(monkeypatch: pytest.MonkeyPatch, case: str) -> None:
     """The steps that there are, and how to choose."""
     steps, wanted, expected_text = CASES[case]
-    monkeypatch.setattr(module, "open_scans", lambda _: [SimpleNamespace(step=step) for step in steps])
+    monkeypatch.setattr(
+        module, "open_scans", lambda _, missing_ok=False: [SimpleNamespace(step=step) for step in steps]
+    )
     with pytest.raises(gp.InvalidInput) as caught:
         gp.open_scan(Path("walk.mcap"), wanted)
     assert expected_text in str(caught.value)
@@ -30,5 +32,5 @@ def test_which_scan_must_be_said(monkeypatch: pytest.MonkeyPatch, case: str) -> 
 def test_of_a_pause_with_two_scans_the_later_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The coarse scan, and the same scan with the stripes in between."""
     scans = [SimpleNamespace(step=4, mode="coarse"), SimpleNamespace(step=4, mode="standard")]
-    monkeypatch.setattr(module, "open_scans", lambda _: scans)
+    monkeypatch.setattr(module, "open_scans", lambda _, missing_ok=False: scans)
     assert gp.open_scan("walk.mcap").mode == "standard"
