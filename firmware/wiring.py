@@ -1,100 +1,147 @@
-"""Draws docs/images/wiring.svg: what is wired to which pin of the Pico. Pin numbers come from pins.h.
+"""Draws the circuit of `circuit.py` and lists what to buy.
 
-`python wiring.py > ../docs/images/wiring.svg`
+`python wiring.py` writes docs/images/wiring.svg, docs/images/head.svg, docs/hardware/bom.csv and guara_board.kicad_sch.
 """
 
 from __future__ import annotations
 
-import re
-import sys
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-PINS = Path(__file__).resolve().parent / "pins.h"
-# GPIO to pin of the Pico's board.
-BOARD_PIN = {2: 4, 3: 5, 4: 6, 5: 7, 6: 9, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 16}
+from circuit import ALIVE, CAMERA, HOME, LASER, MOTOR, PARTS, SENSOR, SUPPLY, Part, signals
+from head import HEAD
+from head import drawing as head_drawing
 
-WIDTH, HEIGHT = 1000, 600
-PICO = (370, 70, 260, 400)
-ROW, FIRST_ROW = 46, 110
-# Side of the Pico, signals that the part is wired to, and its lines of text.
-PARTS = (
-    ("left", ("LASER",), ("P-MOSFET B, laser", "N-MOSFET 2N7002 at its gate")),
-    ("left", ("SUPPLY",), ("P-MOSFET A, supply", "two 2N7002 in series at its gate")),
-    ("left", ("HEARTBEAT",), ("monostable 74HC123, 0.45 s", "output to the second 2N7002 of A")),
-    ("left", ("LIGHT",), ("comparator LM393 with BPW34", "high while the laser shines")),
-    ("right", ("STEP", "DIRECTION", "MOTOR_OFF"), ("stepper driver TMC2209", "STEP, DIR, EN; 64 microsteps")),
-    ("right", ("HOME",), ("home switch to ground", "closed below step 0")),
-    ("right", ("TRIGGER",), ("camera, trigger input", "3.3 V, or by an optocoupler")),
-    ("right", ("EXPOSURE",), ("camera, EXPOSURE_ACTIVE", "3.3 V, high while it exposes")),
-    ("right", ("EXPOSURE_WIRED",), ("jumper to ground", "set when the line above is wired")),
-)
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+COLUMNS = ((SUPPLY, HOME), (LASER,), (ALIVE, SENSOR), (MOTOR, CAMERA))
+# In units of the grid: width of a column, of a box with few and with many pins, and of a pin.
+COLUMN, SMALL, LARGE, PIN = 30, 8, 12, 2
+UNIT_PX = 10
 
 
-def pins() -> dict[str, int]:
-    """Return the GPIO of each signal, as pins.h has it."""
-    return {name: int(number) for name, number in re.findall(r"PIN_(\w+) = (\d+)", PINS.read_text())}
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Box of a part on the sheet, in units of the grid; y downwards."""
+
+    part: Part
+    x: int
+    y: int
+    width: int
+
+    @property
+    def rows(self) -> int:
+        """Rows of pins."""
+        return (len(self.part.pins) + 1) // 2
+
+    def ends(self) -> Iterator[tuple[int, str, str | None, int, int, bool]]:
+        """Number, name and net of each pin, where its end is, and True on the left side."""
+        count = len(self.part.pins)
+        for number, (name, net) in enumerate(self.part.pins, 1):
+            left = number <= self.rows
+            # As on the part itself: down the left side, up the right one.
+            row = number - 1 if left else count - number
+            yield number, name, net, self.x - PIN if left else self.x + self.width + PIN, self.y + 1 + 2 * row, left
 
 
-def _text(x: float, y: float, text: str, anchor: str = "start", size: int = 13, weight: str = "normal") -> str:
-    return (
-        f'<text x="{x}" y="{y}" text-anchor="{anchor}" font-size="{size}" font-weight="{weight}">{escape(text)}</text>'
-    )
+def sheet() -> tuple[list[tuple[str, int, int]], list[Place]]:
+    """Return the headings (text, x, y) and the places of all parts."""
+    headings, places = [], []
+    for number, groups in enumerate(COLUMNS):
+        y = 4
+        for group in groups:
+            headings.append((group, number * COLUMN + 1, y))
+            y += 4
+            for part in PARTS:
+                if part.group == group:
+                    width = LARGE if len(part.pins) > 4 else SMALL
+                    place = Place(part, number * COLUMN + (COLUMN - width) // 2, y, width)
+                    places.append(place)
+                    y += 2 * place.rows + 3
+            y += 2
+    return headings, places
 
 
-def _box(x: float, y: float, width: float, height: float, fill: str) -> str:
-    return f'<rect x="{x}" y="{y}" width="{width}" height="{height}" rx="4" fill="{fill}" stroke="#333"/>'
+def _text(x: float, y: float, text: str, anchor: str = "start", size: int = 11, style: str = "") -> str:
+    return f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}" font-size="{size}" {style}>{escape(text)}</text>'
 
 
-def _wire(points: list[tuple[float, float]], colour: str = "#333") -> str:
-    path = " ".join(f"{x},{y}" for x, y in points)
-    return f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
+def _wrapped(text: str, width: int) -> list[str]:
+    lines = [""]
+    for word in text.split():
+        if len(lines[-1]) + len(word) >= width:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return lines
 
 
 def drawing() -> str:
-    """Return the diagram as SVG."""
-    gpio = pins()
-    left, top, width, height = PICO
+    """Return the circuit as SVG."""
+    headings, places = sheet()
+    width = len(COLUMNS) * COLUMN * UNIT_PX
+    height = (max(place.y + 2 * place.rows for place in places) + 3) * UNIT_PX
     out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>',
-        _box(left, top, width, height, "#e8f1e4"),
-        _text(left + width / 2, top - 14, "Raspberry Pi Pico (RP2040)", "middle", 15, "bold"),
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif">',
+        f'<rect width="{width}" height="{height}" fill="white"/>',
+        _text(10, 22, "Laser board: pins with the same net name are joined. Red: the laser's current.", size=15),
     ]
-    rows = {"left": FIRST_ROW, "right": FIRST_ROW}
-    for side, signals, lines in PARTS:
-        first = rows[side]
-        gap = ROW if len(signals) == 1 else 30
-        ys = [first + gap * number for number in range(len(signals))]
-        rows[side] = ys[-1] + (62 if side == "right" else 92)
-        edge, inner, outer, anchor = (
-            (left, left + 8, 300, "start") if side == "left" else (left + width, left + width - 8, 700, "end")
+    for group, x, y in headings:
+        for line, text in enumerate(_wrapped(group, 44)):
+            out.append(_text(x * UNIT_PX, y * UNIT_PX + 14 * line, text, size=12, style='font-weight="bold"'))
+    path = {"VBUS", "5V", "HAND", "CHAIN", "LASER_PLUS"}
+    wired = signals()
+    for place in places:
+        part = place.part
+        x, y, box_width = place.x * UNIT_PX, place.y * UNIT_PX, place.width * UNIT_PX
+        fill = "#e8f1e4" if part.ref == "U1" else "#f4efe2"
+        out.append(
+            f'<rect x="{x}" y="{y}" width="{box_width}" height="{20 * place.rows}" rx="3" fill="{fill}" stroke="#333"/>'
         )
-        box_x = 60 if side == "left" else 700
-        out.append(_box(box_x, ys[0] - 24, 240, ys[-1] - ys[0] + 48, "#f4efe2"))
-        centre = (ys[0] + ys[-1]) / 2
-        out += [_text(box_x + 120, centre - 3 + 16 * line, text, "middle", 12) for line, text in enumerate(lines)]
-        for signal, y in zip(signals, ys, strict=True):
-            out.append(_wire([(edge, y), (outer, y)]))
-            out.append(_text(inner, y + 4, f"GP{gpio[signal]} {signal}", "start" if anchor == "start" else "end", 12))
-            x = edge - 6 if side == "left" else edge + 6
-            out.append(_text(x, y - 5, str(BOARD_PIN[gpio[signal]]), "end" if side == "left" else "start", 11))
-    # The chain of the laser's current, from the supply to the diode.
-    red = "#b00020"
-    chain = ["USB 5 V (pin 40, VBUS)", "A: SUPPLY and monostable", "B: LASER", "module of class 2", "ground"]
-    y, x = 545, 30
-    out.append(_text(30, 515, "the laser's current passes:", size=12, weight="bold"))
-    for number, name in enumerate(chain):
-        box_width = 8 + 7.2 * len(name)
-        if number:
-            out.append(_wire([(x - 14, y), (x, y)], red))
-        out.append(_box(x, y - 14, box_width, 28, "#fbe9eb"))
-        out.append(_text(x + box_width / 2, y + 4, name, "middle", 12))
-        x += box_width + 14
-    out.append(_text(30, 588, "All grounds are joined. Every 2N7002 has 100 kOhm from gate to ground.", "start", 11))
+        out.append(_text(x + box_width / 2, y - 3, f"{part.ref}  {part.value}", "middle", style='font-weight="bold"'))
+        for number, name, net, at_x, at_y, left in place.ends():
+            edge = x if left else x + box_width
+            end, line_y = at_x * UNIT_PX, at_y * UNIT_PX
+            colour = "#b00020" if net in path else "#333" if net else "#bbb"
+            out.append(f'<path d="M{edge},{line_y}H{end}" stroke="{colour}" stroke-width="1.5"/>')
+            out.append(_text((edge + end) / 2, line_y - 2, str(number), "middle", 8))
+            anchor, outer = ("start", "end") if left else ("end", "start")
+            out.append(_text(edge + (3 if left else -3), line_y + 4, name, anchor, 10))
+            if net:
+                bold = 'font-weight="bold"' if part.ref == "U1" and number in wired else ""
+                out.append(_text(end + (-3 if left else 3), line_y + 4, net, outer, 10, f'fill="{colour}" {bold}'))
     out.append("</svg>")
     return "\n".join(out) + "\n"
 
 
+def shopping() -> str:
+    """Return the list of parts as CSV, equal ones in one line."""
+    lines: dict[tuple[str, ...], list[str]] = {}
+    for part in (*HEAD, *PARTS):
+        lines.setdefault((part.value, part.package, part.look_for, *part.makers), []).append(part.ref)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["reference", "value", "package", "quantity", "look for", "class 1", "class 2", "class 3"])
+    for (value, package, *rest), refs in lines.items():
+        writer.writerow([" ".join(refs), value, package, len(refs), *rest])
+    return out.getvalue()
+
+
+def files() -> dict[Path, str]:
+    """Return the text of every file that is made of the tables."""
+    from kicad import schematic
+
+    return {
+        DOCS / "images" / "wiring.svg": drawing(),
+        DOCS / "images" / "head.svg": head_drawing(),
+        DOCS / "hardware" / "bom.csv": shopping(),
+        DOCS / "hardware" / "guara_board.kicad_sch": schematic(*sheet()),
+    }
+
+
 if __name__ == "__main__":
-    sys.stdout.write(drawing())
+    for path, text in files().items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
