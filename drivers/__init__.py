@@ -6,67 +6,43 @@ same interface. pyusb and OpenCV are imported when a device is opened.
 
 from __future__ import annotations
 
-from drivers.arrays import Image
-from drivers.board.board import Board
-from drivers.board.board_config import BoardConfig
-from drivers.board.board_records import BoardIdentity, BoardStatus
-from drivers.board.laser_board import LaserBoard
-from drivers.board.protocol import BoardFault, BoardFlag
-from drivers.board.usb_link import UDEV_RULE_FILE, udev_instructions, udev_rule
-from drivers.cameras.aravis_camera import AravisCamera
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, setting_changes
-from drivers.cameras.opencv_camera import OpenCvCamera
-from drivers.cameras.replay_camera import ReplayCamera
-from drivers.cameras.v4l2_camera import V4l2Camera
-from drivers.errors import AcquisitionError, BoardError, CameraError, DriverError
-from drivers.frame import Frame
-from drivers.sweep.acquisition import StripeStream, acquire, prepare
-from drivers.sweep.camera_lag import LagMeasurement, measure_lag
-from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
-from drivers.sweep.light_check import LightCheck
-from drivers.sweep.metering import MeteringResult, meter_exposure
-from drivers.sweep.options import AcquireOptions, OffFrames, SweepOptions
-from drivers.sweep.proof import ProofLimits
-
-__all__ = [
-    "UDEV_RULE_FILE",
-    "AcquireOptions",
-    "AcquisitionError",
-    "AravisCamera",
-    "Board",
-    "BoardConfig",
-    "BoardError",
-    "BoardFault",
-    "BoardFlag",
-    "BoardIdentity",
-    "BoardStatus",
-    "Camera",
-    "CameraError",
-    "CameraSettings",
-    "DriverError",
-    "Frame",
-    "HeldSettings",
-    "Image",
-    "LagMeasurement",
-    "LaserBoard",
-    "LightCheck",
-    "MeteringResult",
-    "OffFrames",
-    "OpenCvCamera",
-    "ProofLimits",
-    "ReplayCamera",
-    "ScanReport",
-    "StripeCapture",
-    "StripeEvidence",
-    "StripeStream",
-    "StripeVerdict",
-    "SweepOptions",
-    "V4l2Camera",
-    "acquire",
-    "measure_lag",
-    "meter_exposure",
-    "prepare",
-    "setting_changes",
-    "udev_instructions",
-    "udev_rule",
-]
+from drivers.arrays import Image as Image
+from drivers.board.board import Board as Board
+from drivers.board.board_config import BoardConfig as BoardConfig
+from drivers.board.board_records import BoardIdentity as BoardIdentity
+from drivers.board.board_records import BoardStatus as BoardStatus
+from drivers.board.laser_board import LaserBoard as LaserBoard
+from drivers.board.protocol import BoardFault as BoardFault
+from drivers.board.protocol import BoardFlag as BoardFlag
+from drivers.board.usb_link import UDEV_RULE_FILE as UDEV_RULE_FILE
+from drivers.board.usb_link import udev_instructions as udev_instructions
+from drivers.board.usb_link import udev_rule as udev_rule
+from drivers.cameras.aravis_camera import AravisCamera as AravisCamera
+from drivers.cameras.camera import Camera as Camera
+from drivers.cameras.camera import CameraSettings as CameraSettings
+from drivers.cameras.camera import HeldSettings as HeldSettings
+from drivers.cameras.camera import setting_changes as setting_changes
+from drivers.cameras.opencv_camera import OpenCvCamera as OpenCvCamera
+from drivers.cameras.replay_camera import ReplayCamera as ReplayCamera
+from drivers.cameras.v4l2_camera import V4l2Camera as V4l2Camera
+from drivers.errors import AcquisitionError as AcquisitionError
+from drivers.errors import BoardError as BoardError
+from drivers.errors import CameraError as CameraError
+from drivers.errors import DriverError as DriverError
+from drivers.frame import Frame as Frame
+from drivers.sweep.acquisition import StripeStream as StripeStream
+from drivers.sweep.acquisition import acquire as acquire
+from drivers.sweep.acquisition import prepare as prepare
+from drivers.sweep.camera_lag import LagMeasurement as LagMeasurement
+from drivers.sweep.camera_lag import measure_lag as measure_lag
+from drivers.sweep.capture import ScanReport as ScanReport
+from drivers.sweep.capture import StripeCapture as StripeCapture
+from drivers.sweep.capture import StripeEvidence as StripeEvidence
+from drivers.sweep.capture import StripeVerdict as StripeVerdict
+from drivers.sweep.light_check import LightCheck as LightCheck
+from drivers.sweep.metering import MeteringResult as MeteringResult
+from drivers.sweep.metering import meter_exposure as meter_exposure
+from drivers.sweep.options import AcquireOptions as AcquireOptions
+from drivers.sweep.options import OffFrames as OffFrames
+from drivers.sweep.options import SweepOptions as SweepOptions
+from drivers.sweep.proof import ProofLimits as ProofLimits

@@ -5,28 +5,16 @@
 
 from __future__ import annotations
 
-from drivers.emulator.backend import EmulatedBackend, emulated_backend
-from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.config import EmulatorConfig
-from drivers.emulator.emulated_camera import CameraFault, EmulatedCamera
-from drivers.emulator.faults import Fault, FaultKind
-from drivers.emulator.light import Switching
-from drivers.emulator.shutter import Shutter
-from drivers.emulator.views import BoardView, ExposureView
-from drivers.timing import EmulatedClock
-
-__all__ = [
-    "EmulatedClock",
-    "Shutter",
-    "BoardView",
-    "CameraFault",
-    "EmulatedBackend",
-    "EmulatedBoard",
-    "EmulatedCamera",
-    "EmulatorConfig",
-    "ExposureView",
-    "Fault",
-    "FaultKind",
-    "Switching",
-    "emulated_backend",
-]
+from drivers.emulator.backend import EmulatedBackend as EmulatedBackend
+from drivers.emulator.backend import emulated_backend as emulated_backend
+from drivers.emulator.board import EmulatedBoard as EmulatedBoard
+from drivers.emulator.config import EmulatorConfig as EmulatorConfig
+from drivers.emulator.emulated_camera import CameraFault as CameraFault
+from drivers.emulator.emulated_camera import EmulatedCamera as EmulatedCamera
+from drivers.emulator.faults import Fault as Fault
+from drivers.emulator.faults import FaultKind as FaultKind
+from drivers.emulator.light import Switching as Switching
+from drivers.emulator.shutter import Shutter as Shutter
+from drivers.emulator.views import BoardView as BoardView
+from drivers.emulator.views import ExposureView as ExposureView
+from drivers.timing import EmulatedClock as EmulatedClock

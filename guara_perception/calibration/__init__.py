@@ -5,7 +5,8 @@ Imports `stripes`; `ranging`, `simulation`, `app` and the scan processor use it.
 
 from __future__ import annotations
 
-from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
-from guara_perception.calibration.file import load_calibration, save_calibration
-
-__all__ = ["Calibration", "CameraModel", "StripePlane", "load_calibration", "save_calibration"]
+from guara_perception.calibration.calibration import Calibration as Calibration
+from guara_perception.calibration.calibration import CameraModel as CameraModel
+from guara_perception.calibration.calibration import StripePlane as StripePlane
+from guara_perception.calibration.file import load_calibration as load_calibration
+from guara_perception.calibration.file import save_calibration as save_calibration

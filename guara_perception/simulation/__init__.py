@@ -5,18 +5,10 @@ Imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drive
 
 from __future__ import annotations
 
-from guara_perception.simulation.light import Light
-from guara_perception.simulation.rangefinder import SimulatedRangefinder
-from guara_perception.simulation.real_light import EFFECTS, real_light
-from guara_perception.simulation.specimen import specimen
-from guara_perception.simulation.world import World, load_world
-
-__all__ = [
-    "EFFECTS",
-    "Light",
-    "SimulatedRangefinder",
-    "World",
-    "load_world",
-    "real_light",
-    "specimen",
-]
+from guara_perception.simulation.light import Light as Light
+from guara_perception.simulation.rangefinder import SimulatedRangefinder as SimulatedRangefinder
+from guara_perception.simulation.real_light import EFFECTS as EFFECTS
+from guara_perception.simulation.real_light import real_light as real_light
+from guara_perception.simulation.specimen import specimen as specimen
+from guara_perception.simulation.world import World as World
+from guara_perception.simulation.world import load_world as load_world

@@ -5,7 +5,7 @@ Imports no other subpackage; `calibration`, `ranging` and the scan processor use
 
 from __future__ import annotations
 
-from guara_perception.stripes.band import StripeProfile, StripeStatus
-from guara_perception.stripes.extract import METHODS, extract_stripe
-
-__all__ = ["METHODS", "StripeProfile", "StripeStatus", "extract_stripe"]
+from guara_perception.stripes.band import StripeProfile as StripeProfile
+from guara_perception.stripes.band import StripeStatus as StripeStatus
+from guara_perception.stripes.extract import METHODS as METHODS
+from guara_perception.stripes.extract import extract_stripe as extract_stripe
