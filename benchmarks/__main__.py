@@ -13,6 +13,7 @@ PROGRAMS = {
     "kinematics": "what each call of the package kinematics costs",
     "light": "effects, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",
     "node": "a running node: sweep, latency, processor time, memory",
+    "passive": "stereo and optical flow by OpenCV beside the laser, on the same simulated scene",
     "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",
     "photographs": "stripes on photographs of real laser lines beside peers, and drawn",
     "record_restarts": "nodes that record, killed again and again: how many come up, which files open",

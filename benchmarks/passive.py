@@ -1,0 +1,230 @@
+"""Stereo and optical flow by OpenCV beside the laser stripe, on the same simulated scene of five boxes.
+
+`python -m benchmarks passive [--pictures FOLDER]`. The stereo pair is exactly rectified, the flow is between pictures
+of two pauses 35 mm apart, with the true poses: what a real pair or odometry adds is left out. Error is that of 5 mm
+cells away from edges; known counts these cells. Memory is what the process grew by at its peak.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import multiprocessing
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.true_ground import TrueGround
+from guara_perception.arrays import Array, Float, Image, Mask
+from guara_perception.settings import Settings
+from guara_perception.simulation import SimulatedRangefinder, World, specimen
+from guara_perception.simulation.features import Box
+from guara_perception.terrain.layers.geometry import GridGeometry
+from kinematics import Stance, load_robot
+
+# Distance of the two cameras, and of two pauses of the gait [m].
+BASELINE_M, STEP_M = 0.060, 0.035
+BLOCK = 5
+DISPARITIES = 96
+# Cells in whose neighbourhood the ground rises by more than this are edges.
+JUMP_M = 0.003
+BOXES = ((0.60, 0.17, 0.02), (0.60, 0.0, 0.03), (0.60, -0.17, 0.04), (0.80, 0.09, 0.06), (0.80, -0.09, 0.08))
+SIZES = {(640, 512): "coarse", (1280, 1024): "standard"}
+
+
+class Scene:
+    """Five boxes on gravel before a standing robot, and a camera without distortion."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        """Render with pictures of `size`."""
+        self.robot, self.mode = load_robot("guara"), SIZES[size]
+        exact = specimen(self.robot, size)
+        camera = dataclasses.replace(exact.camera, distortion=np.zeros(5))
+        self.calibration = dataclasses.replace(exact, camera=camera)
+        boxes = tuple(Box(x=x, y=y, size=(0.05, 0.05), height=height) for x, y, height in BOXES)
+        self.world = World(features=boxes, material="gravel")
+        self.stance = Stance(self.robot.posture(self.robot.config.scan_posture), self.robot.legs, (0.0, 0.0, -1.0))
+        self._base = self.robot.stance_pose(self.stance).transform_base_to_footprint
+        self._rangefinder = SimulatedRangefinder(self.world, self.calibration, self.robot, seed=0)
+        self.camera = self._base @ self.calibration.transform_camera_to_base
+        settings = Settings.of(self.robot)
+        self.grid = GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
+
+    def frames(self, offset: Float, indices: range) -> list[tuple[int, Image, Image | None]]:
+        """Frames with the body moved by (3,)."""
+        moved = self._base.copy()
+        moved[:3, 3] += offset
+        self._rangefinder.set_pose(moved, self.stance.joint_positions)
+        return list(self._rangefinder.frames(indices))
+
+    def picture(self, offset: Float) -> Image:
+        """Grey picture without laser."""
+        ((_, on, off),) = self.frames(offset, range(1))
+        return cv2.cvtColor(on if off is None else off, cv2.COLOR_BGR2GRAY)
+
+    def heights(self, points_in_camera: Float) -> Float:
+        """Median height of each cell (ny, nx) of points (n, 3), NaN where there is none."""
+        points = points_in_camera @ self.camera[:3, :3].T + self.camera[:3, 3]
+        iy, ix = self.grid.indices(points[:, 0], points[:, 1])
+        inside = self.grid.contains(iy, ix) & (np.abs(points[:, 2]) < 0.2)
+        cell, z = (iy * self.grid.shape[1] + ix)[inside], points[inside, 2]
+        order = np.lexsort((z, cell))
+        cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+        heights = np.full(self.grid.size, np.nan)
+        heights[cells] = z[order][first + count // 2]
+        return heights.reshape(self.grid.shape)
+
+
+def stereo(scene: Scene) -> Callable[[], Float]:
+    """Semi-global matching of two cameras side by side."""
+    left, right = (scene.picture(side * scene.camera[:3, 0] * BASELINE_M) for side in (0, 1))
+    focal = float(scene.calibration.camera.matrix[0, 0])
+    scale = left.shape[1] // 640
+
+    def compute() -> Float:
+        matcher = cv2.StereoSGBM.create(
+            minDisparity=16 * scale,
+            numDisparities=DISPARITIES * scale,
+            blockSize=BLOCK,
+            P1=8 * BLOCK**2,
+            P2=32 * BLOCK**2,
+            disp12MaxDiff=1,
+            uniquenessRatio=10,
+            speckleWindowSize=100,
+            speckleRange=2,
+        )
+        disparity = matcher.compute(left, right).astype(np.float64) / 16
+        rows, columns = np.nonzero(disparity > 16 * scale)
+        return scene.heights(rays(scene, columns, rows) * (focal * BASELINE_M / disparity[rows, columns])[:, None])
+
+    return compute
+
+
+def flow(scene: Scene) -> Callable[[], Float]:
+    """Dense inverse search between the pictures of two pauses, triangulated with the true motion."""
+    offset = np.array([STEP_M, 0.0, 0.0])
+    first, second = scene.picture(np.zeros(3)), scene.picture(offset)
+    motion = scene.camera[:3, :3].T @ offset
+
+    def compute() -> Float:
+        moved, back = (
+            cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(
+                *pair, np.zeros((*first.shape, 2), np.float32)
+            )
+            for pair in ((first, second), (second, first))
+        )
+        rows, columns = (each.ravel() for each in np.indices(first.shape))
+        to = np.column_stack((columns, rows)) + moved.reshape(-1, 2)
+        target = to.reshape(*first.shape, 2).astype(np.float32)
+        returned = cv2.remap(back, target, np.empty(0, np.float32), cv2.INTER_LINEAR)
+        agrees = np.abs(moved.reshape(-1, 2) + returned.reshape(-1, 2)).max(axis=1) < 1.0
+        a, b = rays(scene, columns, rows)[agrees], rays(scene, to[:, 0], to[:, 1])[agrees]
+        # The point a s of the first ray that is nearest to the second, motion + b t.
+        aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+        depth = (bb * (a @ motion) - ab * (b @ motion)) / np.maximum(aa * bb - ab**2, 1e-12)
+        return scene.heights(a * depth[:, None])
+
+    return compute
+
+
+def rays(scene: Scene, columns: Array, rows: Array) -> Float:
+    """Rays (n, 3) of pixels with z = 1."""
+    matrix = scene.calibration.camera.matrix
+    x, y = (columns - matrix[0, 2]) / matrix[0, 0], (rows - matrix[1, 2]) / matrix[1, 1]
+    return np.column_stack((x, y, np.ones(len(x))))
+
+
+def laser(scene: Scene, method: str) -> Callable[[], Float]:
+    """The scan of this project."""
+    frames = scene.frames(np.zeros(3), Settings.of(scene.robot).pattern(scene.mode))
+
+    def compute() -> Float:
+        processor = gp.ScanProcessor(scene.calibration, scene.robot, scene.stance, scene.mode, method=method)
+        for index, on, off in frames:
+            processor.add(index, on, off)
+        return np.asarray(processor.finish().elevation, np.float64)
+
+    return compute
+
+
+WAYS: dict[str, Callable[[Scene], Callable[[], Float]]] = {
+    "precise": partial(laser, method="precise"),
+    "paper": partial(laser, method="paper"),
+    "paper-literal-ortho": partial(laser, method="paper-literal-ortho"),
+    "stereo, SGBM, 60 mm": stereo,
+    "flow, DIS, 35 mm": flow,
+}
+
+
+def measured(way: str, size: tuple[int, int]) -> tuple[Float, float, float]:
+    """Heights, processor time [ms] and memory [MB] of one way."""
+    cv2.setNumThreads(1)
+    compute = WAYS[way](Scene(size))
+    # Linux then counts the peak anew.
+    Path("/proc/self/clear_refs").write_text("5")
+    before, start = peak_mb(), time.process_time()
+    heights = compute()
+    return heights, 1e3 * (time.process_time() - start), peak_mb() - before
+
+
+def peak_mb() -> float:
+    """Peak of the memory that this process held."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
+
+
+def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
+    """True grid, and which of its cells are away from edges."""
+    grid, _ = TrueGround.of(scene.world).grid(np.eye(4), scene.grid, scene.robot)
+    around = np.ones((5, 5), np.uint8)
+    height = np.asarray(grid.elevation, np.float32)
+    return grid, cv2.dilate(height, around) - cv2.erode(height, around) < JUMP_M
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of the heights by each way")
+    parser.add_argument("--small", action="store_true", help="only pictures of 640 x 512")
+    arguments = parser.parse_args()
+    print("| picture | way | mean mm | 95 % mm | known % | processor ms | memory MB |\n|---|---|---|---|---|---|---|")
+    drawn: dict[str, Float] = {}
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        for size in list(SIZES)[: 1 if arguments.small else None]:
+            true, flat = truth(Scene(size))
+            for way in WAYS:
+                heights, milliseconds, megabytes = pool.apply(measured, (way, size))
+                known = flat & np.isfinite(heights)
+                error = 1e3 * np.abs(heights - true.elevation)[known]
+                print(
+                    f"| {size[0]} x {size[1]} | {way} | {error.mean():.2f} | {np.percentile(error, 95):.1f} | "
+                    f"{100 * known.sum() / flat.sum():.1f} | {milliseconds:.0f} | {megabytes:.0f} |",
+                    flush=True,
+                )
+                drawn.setdefault(way, heights)
+    if arguments.pictures:
+        arguments.pictures.mkdir(parents=True, exist_ok=True)
+        draw(arguments.pictures / "paper-ways.png", drawn)
+
+
+def draw(path: Path, heights: dict[str, Float]) -> None:
+    """Heights by each way side by side, x up, y left; unknown grey."""
+    tiles = []
+    for name, each in heights.items():
+        level = np.clip(255 * (np.nan_to_num(each) + 0.01) / 0.1, 0, 255).astype(np.uint8)
+        colours = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
+        colours[np.isnan(each)] = 128
+        tile = cv2.resize(colours[::-1].transpose(1, 0, 2)[::-1], None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+        tile = cv2.copyMakeBorder(tile, 24, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+        cv2.putText(tile, name, (6, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        tiles.append(tile)
+    cv2.imwrite(str(path), np.hstack(tiles))
+
+
+if __name__ == "__main__":
+    main()
