@@ -1,4 +1,4 @@
-"""Types of arrays of this package, and read-only arrays."""
+"""Array types of this package, and read-only arrays."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Mask = npt.NDArray[np.bool_]
 
 
 def read_only(array: npt.ArrayLike) -> Array:
-    """The same values in an array that cannot be written, not even through another array on the same memory.
+    """Read-only array of the same values, whose memory cannot be written through another array either.
 
-    An array whose memory is read-only already is returned as it is. Any other is copied, so that the caller's array
-    stays writable.
+    An array whose memory is already read-only is returned unchanged. Any other is copied, so the caller's array stays
+    writable.
     """
     given = np.asarray(array)
     if _is_frozen(given):
@@ -28,7 +28,7 @@ def read_only(array: npt.ArrayLike) -> Array:
 
 
 class FrozenArrays:
-    """Base of frozen dataclasses that makes their array fields read-only."""
+    """Base class of frozen dataclasses; makes their array fields read-only."""
 
     __slots__ = ()
 
@@ -39,7 +39,7 @@ class FrozenArrays:
 
 
 def _is_frozen(array: Array) -> bool:
-    """Test that the array and everything that it is a view of are read-only."""
+    """Test that an array and every array it is a view of are read-only."""
     memory: Any = array
     while isinstance(memory, np.ndarray):
         if memory.flags.writeable:

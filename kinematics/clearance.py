@@ -1,4 +1,4 @@
-"""Clearance of sole and leg over the ground when a leg stands on a foothold."""
+"""Clearance of sole and leg above the ground when a leg stands on a foothold."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ SPACING = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootholdClearance:
-    """Clearances of one foothold [m]; negative means into the ground, NaN that ground below is unknown.
+    """Clearances at one foothold [m]: negative where ground is penetrated, NaN where the ground below is unknown.
 
     Attributes:
-        leg: least height of the leg over the ground straight below, beyond a sole's length from the sole's centre.
-        sole: least height of the sole over the ground: how deep its highest bump would press in.
-        sole_gap: largest height of the sole over the ground: what it hangs over.
-        joint_positions: (joints of the leg,) [rad] that set the sole there.
+        leg: smallest height of the leg above the ground, without its part within a sole's length of the sole's centre.
+        sole: smallest height of the sole above the ground; negative where a bump would press into it.
+        sole_gap: largest height of the sole above the ground.
+        joint_positions: (n,) positions of the leg's joints that place the sole there [rad].
     """
 
     leg: float
@@ -44,13 +44,13 @@ class FootholdClearance:
 def foothold_clearance(
     pose: StancePose, leg: str, sole_in_footprint: npt.ArrayLike, height_at: HeightFunction
 ) -> FootholdClearance:
-    """Clearances of a leg whose level sole stands on a foothold, with the body where a stance pose has it.
+    """Clearances of a leg that stands on a foothold with a level sole, for a given stance pose of the body.
 
     Args:
         pose: the stance pose.
         leg: the leg's name.
         sole_in_footprint: (3,) sole centre [m].
-        height_at: the ground.
+        height_at: height of the ground.
 
     Raises:
         UnknownName: no such leg.
@@ -59,7 +59,7 @@ def foothold_clearance(
     """
     sole = np.asarray(sole_in_footprint, dtype=np.float64)
     if sole.shape != (3,) or not np.all(np.isfinite(sole)):
-        raise ArgumentError(f"sole_in_footprint has shape {sole.shape}; (3,) finite numbers are needed")
+        raise ArgumentError(f"sole_in_footprint is {sole.tolist()}; allowed: 3 finite numbers")
     reach = reach_from_pose(pose, leg, sole)
     if not reach.is_reachable:
         raise StanceError(f"leg {leg!r} does not reach the foothold ({sole[0]:.3f}, {sole[1]:.3f}, {sole[2]:.3f})")
@@ -70,11 +70,11 @@ def foothold_clearance(
     state = RobotState(tree, positions)
     length, width = tree.config.sole
     patch = _box_points(np.array([length, width, 0.0]) / 2.0)
-    # A leg of three joints cannot hold its sole level: its foot is round, and the patch lies as the ground does.
+    # A leg of fewer than four joints cannot level its sole. Its foot is taken as round, with a level contact patch.
     round_foot = len(config.joints) < 4
     on_sole = _above_ground(sole + patch if round_foot else _in_footprint(pose, state, config.sole, patch), height_at)
     over_leg = _above_ground(_leg_points(pose, state, leg), height_at)
-    # A NaN anywhere makes the least NaN: ground that is not known is not clear.
+    # min and max propagate NaN: one sample over unknown ground makes the clearance unknown.
     return FootholdClearance(
         float(np.min(over_leg, initial=np.inf)),
         float(np.min(on_sole)),
@@ -84,7 +84,7 @@ def foothold_clearance(
 
 
 def _leg_points(pose: StancePose, state: RobotState, leg: str) -> Float:
-    """Points (n, 3) on the leg's shapes in the footprint, but for the foot's: within a sole's length of its centre."""
+    """Points (n, 3) in base_footprint of the leg's shapes, except within a sole's length of the sole's centre."""
     config = state.tree.leg(leg)
     above = {joint.child: joint for joint in state.tree.urdf.joints}
     centre = _in_footprint(pose, state, config.sole, np.zeros((1, 3)))
@@ -105,12 +105,12 @@ def _in_footprint(pose: StancePose, state: RobotState, frame: str, points: Float
 def _above_ground(points: Float, height_at: HeightFunction) -> Float:
     heights = np.asarray(height_at(points[:, 0], points[:, 1]), dtype=np.float64)
     if heights.shape != (len(points),):
-        raise ArgumentError(f"the height function answered with shape {heights.shape} to {len(points)} points")
+        raise ArgumentError(f"height_at returned shape {heights.shape}; allowed: ({len(points)},)")
     return np.asarray(points[:, 2] - heights)
 
 
 def _shape_points(shape: Shape) -> Float:
-    """Points on the surface of a shape in its link's frame: its rims and sides, where the lowest points are."""
+    """Points (n, 3) on the surface of a shape in its link's frame, without the inside of a cylinder's end faces."""
     if shape.kind == "box":
         points = _box_points(np.asarray(shape.size) / 2.0)
     elif shape.kind == "cylinder":
@@ -124,7 +124,7 @@ def _shape_points(shape: Shape) -> Float:
 
 
 def _spaced(half: float, spacing: float = SPACING) -> Float:
-    """Evenly spaced numbers from -half to half, both included, no further apart than the spacing."""
+    """Evenly spaced numbers from -half to half, both included, at most `spacing` apart."""
     return np.linspace(-half, half, max(2, int(np.ceil(2.0 * half / spacing)) + 1))
 
 
@@ -134,7 +134,7 @@ def _circle(radius: float, height: float) -> Float:
 
 
 def _box_points(half: Float) -> Float:
-    """Points (n, 3) all over the surface of a box of half extents (3,), corners included."""
+    """Points (n, 3) on the whole surface of a box of half extents (3,), corners included."""
     axes = [_spaced(h) if h > 0.0 else np.zeros(1) for h in half]
     points = np.array(list(product(*axes)))
     on_surface = np.any(np.abs(points) >= half - 1e-12, axis=1)

@@ -46,14 +46,14 @@ PATIENCE = 120.0
 NODE = """
 import sys, time
 import guara_perception as gp
-from guara_perception.app.messages import restamped
+from guara_perception.app.messages import with_stamp
 from guara_perception.app.publisher import send_terrain
 from transport import open_node
 from transport.server import PerceptionServer
 
 with open_node() as session:
     server = PerceptionServer(session)
-    send_terrain(server, restamped(gp.load_terrain(sys.argv[1]), time.time_ns(), 12))
+    send_terrain(server, with_stamp(gp.load_terrain(sys.argv[1]), time.time_ns(), 12))
     server.flush(30)
     print("ready", flush=True)
     sys.stdin.read()

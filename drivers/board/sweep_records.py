@@ -1,4 +1,4 @@
-"""Records of protocol 1.1, stripe and motion, to and from the bytes that `PROTOCOL.md` defines."""
+"""Stripe and motion records of protocol 1.1, packed to and unpacked from the bytes that `PROTOCOL.md` defines."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class StripeRecord:
         clock: the board's clock at the trigger [s], modulo 2^32 us.
         exposures: number of exposures until the next trigger; 0 where they are not counted.
         delay: time from the trigger to the exposure [s].
-        exposure: its length [s].
-        lit: time that the laser was on [s].
+        exposure: duration of the exposure [s].
+        lit: time for which the laser was on [s].
         faults: faults that were set.
         step: motor step of the mirror.
     """
@@ -45,7 +45,7 @@ class StripeRecord:
     step: int
 
     def pack(self) -> bytes:
-        """The record as the board sends it."""
+        """Bytes of the record as the board sends it."""
         return seal(
             STRIPE.pack(
                 STRIPE_MARK,
@@ -68,13 +68,13 @@ class StripeRecord:
         """Read the record.
 
         Raises:
-            BadReply: wrong length, damaged, or not that of a stripe.
+            BadReply: wrong length, wrong checksum, or not a stripe record.
         """
         mark, shot, motion, place, left, clock, exposures, delay, exposure, lit, faults, step, _, _ = STRIPE.unpack(
             checked(data, STRIPE_SIZE, "stripe record")
         )
         if mark != STRIPE_MARK or shot not in (Shot.OFF, Shot.STRIPE):
-            raise BadReply(f"a record of 32 bytes begins with {data[:2].hex()}: update the driver")
+            raise BadReply(f"unknown stripe record, its first bytes are {data[:2].hex()}: update the driver")
         clock, delay, exposure, lit = (microseconds * 1e-6 for microseconds in (clock, delay, exposure, lit))
         faults = BoardFault(faults)
         return cls(Shot(shot), motion, place, left, clock, exposures, delay, exposure, lit, faults, step)
@@ -85,11 +85,11 @@ class MotionProfile:
     """Speeds, acceleration and settling of the motor, as the board reports them.
 
     Attributes:
-        start_speed: speed at which it starts, and at which it stops [steps/s].
+        start_speed: speed at the start and at the end of a motion [steps/s].
         top_speed: highest speed [steps/s].
         acceleration: acceleration between the two speeds [steps/s^2].
-        settle: rest after a motion before the mirror is still [s].
-        overshoot: steps by which a downward move goes too far.
+        settle: settling time of the mirror after a motion [s].
+        overshoot: steps by which a downward motion overshoots its target before it comes back.
     """
 
     start_speed: float
@@ -99,7 +99,7 @@ class MotionProfile:
     overshoot: int
 
     def pack(self) -> bytes:
-        """The record as the board sends it."""
+        """Bytes of the record as the board sends it."""
         speeds = (round(value) for value in (self.start_speed, self.top_speed, self.acceleration))
         return seal(MOTION.pack(*speeds, round(self.settle * 1e6), self.overshoot, 0))
 
@@ -108,23 +108,23 @@ class MotionProfile:
         """Read the record.
 
         Raises:
-            BadReply: wrong length or damaged.
+            BadReply: wrong length or checksum.
         """
         start, top, acceleration, settle, overshoot, _ = MOTION.unpack(checked(data, MOTION_SIZE, "motion record"))
         return cls(start, top, acceleration, settle * 1e-6, overshoot)
 
     def time(self, steps: int) -> float:
-        """Duration of a motion over a number of steps, without settling [s].
+        """Duration of a motion, without settling [s].
 
         Args:
-            steps: signed number of steps; a downward motion goes too far and comes back.
+            steps: signed number of steps; negative is downward, with the overshoot and the way back.
         """
         if steps < 0:
             return self._one_way(self.overshoot - steps) + self._one_way(self.overshoot)
         return self._one_way(steps)
 
     def _one_way(self, steps: int) -> float:
-        # One interval for each step, at the speed that constant acceleration from the nearer end allows.
+        # Sum of the step intervals. The speed at each step is that of constant acceleration from the nearer end.
         squared = self.start_speed**2
         ramp = round(min(max(0.0, (self.top_speed**2 - squared) / (2 * self.acceleration)), steps))
         half = min(ramp + 1, steps // 2)

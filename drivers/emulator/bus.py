@@ -17,14 +17,14 @@ from drivers.emulator.faults import Fault, FaultKind
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# [s] Between two polls of a board whose mirror stands still and that has nothing to report.
+# Polling interval while the mirror is still and the board has nothing to report [s].
 REPORT_SLICE = 0.002
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
 
 class BusError(OSError):
-    """A transfer failed; `errno` says how, as libusb would."""
+    """Failed transfer, with the `errno` that libusb would return."""
 
 
 class Bus(Protocol):
@@ -43,7 +43,7 @@ class Bus(Protocol):
         """Release the interface."""
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
-        """Make a control transfer to the host, or raise BusError; `timeout` in seconds."""
+        """Make a control transfer with data to the host, or raise BusError; `timeout` in seconds."""
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
         """Make a control transfer without data from the host, or raise BusError; `timeout` in seconds."""
@@ -109,7 +109,7 @@ class LocalBus:
         self._halted = False
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for a report; a stalled endpoint stalls until its halt is cleared."""
+        """Wait for a report. A stalled endpoint stays stalled until its halt is cleared."""
         plan = self._board.plan
         fault = plan.strike("report", BEFORE)
         self._halted = self._halted or (fault is not None and fault.kind is FaultKind.STALL)
@@ -143,7 +143,7 @@ class LocalBus:
             raise BusError(errno.ENODEV, "No such device (it may have been disconnected)")
 
     def _strike(self, fault: Fault | None, timeout: float, answer: bytes = b"") -> bytes:
-        """Answer of a transfer that a fault strikes before or after the command was carried out."""
+        """Apply a fault, if any, to a transfer and return its answer."""
         if fault is None:
             return answer
         match fault.kind:

@@ -35,19 +35,19 @@ def terrain_to_message(
     valid_for: float = math.inf,
     stated: Mapping[str, Any] | None = None,
 ) -> TerrainMessage:
-    """The message of a grid.
+    """Convert a grid to its message.
 
     Args:
         terrain: grid of a scan or of the fused map.
         robot: instance name of the robot.
         sequence: number of this message.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
-        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: fields of the record that differ in the message.
+        valid_for: upper limit of the grid's validity after `scan_end` [s].
+        stated: fields of the record to replace in the message.
 
     Raises:
-        UnsafeGrid: the grid breaks the safety invariant.
-        InvalidInput: a field of its record holds a value that cannot be read.
+        UnsafeGrid: the grid violates the safety invariant.
+        InvalidInput: a field of its record holds a value that cannot be read back.
     """
     check_invariant(terrain.layers)
     record = dataclasses.replace(terrain.record, **(stated or {}))
@@ -64,7 +64,7 @@ def terrain_to_message(
         scan_start=start,
         scan_end=max(start, terrain.stamp if scan_end is None else scan_end),
         valid_for=valid_for if seconds is None else min(float(seconds), valid_for),
-        # The frame of a scan's own grid ends with its pause.
+        # base_footprint, the frame of a scan's own grid, is valid for its pause only.
         valid_pauses=0 if terrain.extent == "footprint" else 255 if pauses is None else pauses,
         mode=record.mode or "standard",
         method=record.method or "",
@@ -87,10 +87,10 @@ def terrain_to_message(
 
 
 def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
-    """The grid of a message.
+    """Convert a message to its grid.
 
     Raises:
-        UnsafeGrid: its layers violate the safety invariant, by a defect of the sender or damage on the way.
+        UnsafeGrid: its layers violate the safety invariant, through a defect of the sender or damage in transit.
     """
     stated = {
         "sequence": message.sequence,
@@ -116,7 +116,7 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
 
 
 def stance_to_message(stance: Stance) -> StanceMessage:
-    """The message of a stance."""
+    """Convert a stance to its message."""
     return StanceMessage(
         joint_positions=stance.joint_positions,
         support_feet=stance.support_feet,
@@ -125,16 +125,16 @@ def stance_to_message(stance: Stance) -> StanceMessage:
 
 
 def message_to_stance(message: StanceMessage) -> Stance:
-    """The stance of a message.
+    """Convert a message to its stance.
 
     Raises:
-        kinematics.KinematicsError: it is not valid: a foot twice, gravity that points up.
+        kinematics.KinematicsError: the stance is not valid, such as a foot named twice or gravity that points up.
     """
     return Stance(message.joint_positions, message.support_feet, message.gravity_in_base)
 
 
-def restamped(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
-    """The grid with another stamp [ns] and pause: a replay is published as if it were scanned now."""
+def with_stamp(terrain: TerrainGrid, stamp: int, step: int | None = None) -> TerrainGrid:
+    """Copy of a grid with another stamp [ns] and pause, for a replay."""
     return dataclasses.replace(terrain, stamp=stamp, step=terrain.step if step is None else step)
 
 

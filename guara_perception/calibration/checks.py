@@ -1,4 +1,4 @@
-"""Figures that decide the verdict of a calibration, with their limits."""
+"""Quality checks of a calibration and their limits."""
 
 from __future__ import annotations
 
@@ -18,63 +18,66 @@ if TYPE_CHECKING:
 
 LEFT_OUT = "plate left out"
 MEASURE_MOUNT = (
-    "measure the mount and correct the URDF, or the crosses: crosses misplaced as a whole look like this too: check "
-    "their positions, and that the robot stood still"
+    "measure the mount and correct the URDF, or correct the positions of the crosses: an offset common to all of them "
+    "has the same effect; check also that the robot stood still"
 )
-# Meaning of each check, for the report, and advice for one that is not good.
+# Description of each check for the report, and advice when its result is not good.
 TEXTS = {
     "board views used": (
-        "Pictures of the checkerboard in which every corner was found sharply.",
+        "Pictures of the board with sharp corners, used to fit the lens model.",
         "take more pictures of the board, at different positions and tilts",
     ),
     "board corner error": (
-        "Rms distance of the corners from the projection by the lens model. Small is necessary, not sufficient.",
+        "RMS reprojection error of the board corners. A small value is necessary but not sufficient.",
         "use a flat, stiff board and sharp pictures",
     ),
     "picture covered": (
-        "Share of the picture in which the board was seen; elsewhere the lens model extrapolates.",
+        "Share of the picture covered by board corners; elsewhere the lens model extrapolates.",
         "move the board into the corners of the picture",
     ),
     "focal length sigma": (
-        "Standard deviation of the focal length as estimated from the boards.",
+        "Standard deviation of the focal length estimated from the board pictures.",
         "tilt the board more, bring it nearer, take more pictures",
     ),
     "halves disagree by": (
-        "Two lenses, each from every other picture, compared at floor distance: reveals a wrong model, hardly noise.",
+        "RMS difference of lens models fitted to two halves of the pictures, at floor distance.",
         "take 10 or more pictures of the board; check that it is flat",
     ),
     "fiducial misfit": (
-        "Rms distance of the crosses in the picture from their measured positions, projected.",
+        "RMS reprojection error of the measured positions of the crosses.",
         "measure the crosses again; keep them flat on the floor",
     ),
     "square size error": (
-        "Size of the board's squares as measured by the fiducials: two rulers that must agree.",
-        "measure the board and the fiducials again",
+        "Relative difference between the given size of the board's squares and the size measured from the crosses.",
+        "measure the board and the crosses again",
     ),
     "floor point sigma": (
-        "Standard deviation of a floor point by camera and mount, at the worst point of the picture.",
-        "more pictures of the board, fiducials further apart",
+        "Standard deviation of a floor point due to camera and mount, at the worst point of the picture.",
+        "take more pictures of the board; place the crosses further apart",
     ),
-    "mount off its place": ("Distance of the fitted optical centre from that of the robot's URDF.", MEASURE_MOUNT),
-    "mount turned": ("Angle between the fitted mount and the one of the robot's URDF.", MEASURE_MOUNT),
+    "mount off its place": (
+        "Distance between the fitted optical centre and the one in the robot's URDF.",
+        MEASURE_MOUNT,
+    ),
+    "mount turned": ("Angle between the fitted mount and the one in the robot's URDF.", MEASURE_MOUNT),
     "plane residual": (
-        "Height error of the plates themselves, measured with the planes fitted to them.",
+        "RMS height error of the plates, measured with the laser planes that were fitted to them.",
         "check that plates are flat and level and nothing moved between the scans",
     ),
     LEFT_OUT: (
-        "Each plate measured with planes fitted to the other plates only: the cross-validated error of height.",
-        "scan three or more plates; measure their heights again; nothing may move between the scans",
+        "RMS height error of the worst plate, measured with laser planes that were fitted to the other plates only.",
+        "scan three or more plates; measure their heights again; move nothing between the scans",
     ),
     "mirror steps": (
-        "Standard deviation of the laser planes' angles from those of an ideal mirror.",
+        "Standard deviation of the laser planes' angles about those of an ideal mirror.",
         "check coupling, speed and dwell time of the mirror's motor",
     ),
     "stripes filled in": (
-        "Share of stripes without a plane of their own, which take that of the mirror model.",
+        "Share of stripes whose laser plane was not fitted but computed from the mirror model.",
         "check exposure and that the plates fill the view",
     ),
     "height sigma near": (
-        "Predicted error of one height at the near edge of the area, noise and calibration together.",
+        "Predicted error of a single height at the near edge of the area, from noise and calibration together.",
         "less exposure, a sharper laser line",
     ),
     "height sigma far": (
@@ -86,7 +89,7 @@ TEXTS = {
         "level the floor; check that all soles lie flat on it, the zeros of the joints, and how the IMU is mounted",
     ),
 }
-# Fewer soles make no plane.
+# Number of soles that define a plane.
 LEAST_FEET = 3
 
 
@@ -99,12 +102,12 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-    """Figures of camera and mount.
+    """Checks of camera and mount.
 
     Args:
         intrinsics: lens and views.
-        fit: joint fit.
-        floor: pose by the fiducials alone.
+        fit: joint fit of camera and mount.
+        floor: camera pose from the fiducials alone.
         square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size.
         corners_by_cell: number of corners in each cell of the picture.
         halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
@@ -130,12 +133,12 @@ def camera_checks(
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:
     """Distance and angle between the fitted mount and that of the robot's URDF.
 
-    Crosses that are all displaced alike fit perfectly: only the robot's own geometry contradicts them.
+    An offset common to all crosses leaves no residual in the fit; only the comparison with the URDF reveals it.
 
     Args:
         transform_camera_to_base: (4, 4) fitted mount.
         nominal_camera_to_base: (4, 4) mount of the URDF.
-        mount: "eq5", or "upright" for a camera that is turned by half a turn about its axis.
+        mount: "eq5", or "upright" for a camera rotated by 180 degrees about its optical axis.
     """
     nominal = np.array(nominal_camera_to_base)
     if mount == "upright":
@@ -150,12 +153,12 @@ def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float,
 
 
 def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes: int) -> list[Check]:
-    """Figures of the laser.
+    """Checks of the laser.
 
     Args:
         laser: fit of the planes.
-        near, far: sigma of a single height on the floor at both ends of the area [m].
-        filled: number of stripes without a plane of their own.
+        near, far: sigma of a single height on the floor at the near and the far edge of the area [m].
+        filled: number of stripes whose plane comes from the mirror model.
         stripes: number of stripes of the whole pattern.
     """
     errors = laser.line_errors
@@ -172,18 +175,18 @@ def laser_checks(laser: LaserFit, near: float, far: float, filled: int, stripes:
 
 
 def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
-    """The angle between two mounts: one from the soles as the joint angles put them, one from the measured gravity.
+    """Angle between the mount that follows from the joint angles and the one that follows from gravity.
 
-    The pictures give the camera's pose over the floor; the stance gives that of `base_link` over the floor, by the
-    soles and by gravity, and on a level floor both agree. The angle between the two floor normals is the angle between
-    the two mounts, whatever the camera saw.
+    A mount combines the camera's pose over the floor, known from the pictures, with that of `base_link`, known either
+    from the plane of the soles or from gravity. On a level floor the two agree. The camera's pose is common to both
+    mounts, so the angle between them is that between the two floor normals in `base_link`.
 
     Args:
-        robot: the model.
-        stance: the stance in which the session's pictures were taken.
+        robot: model of the robot.
+        stance: stance in which the session's pictures were taken.
 
     Returns:
-        One check; none without gravity or with fewer than three feet.
+        One check; none without gravity or with fewer than three support feet.
     """
     if stance.gravity_in_base is None or len(stance.support_feet) < LEAST_FEET:
         return []
@@ -191,7 +194,7 @@ def stance_checks(robot: RobotModel, stance: Stance) -> list[Check]:
         np.asarray(robot.stance_pose(stance, attitude=source).transform_base_to_footprint)[:3, :3]
         for source in ("imu", "support_plane")
     )
-    # The floor's normal in base_link by each. The arc cosine alone would lose small angles to rounding.
+    # Floor normals in base_link. The arc tangent, because the arc cosine loses small angles to rounding.
     normal, other = from_gravity[2], from_joints[2]
     angle = float(np.arctan2(np.linalg.norm(np.cross(normal, other)), normal @ other))
     return [_check("mount by joints and gravity", float(np.rad2deg(angle)), "degrees", 0.5, 2.0)]

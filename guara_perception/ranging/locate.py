@@ -1,4 +1,4 @@
-"""From a stripe profile to points in base_footprint: rays of the columns, triangulation, the paper's equations."""
+"""Triangulation of stripe profiles to points in base_footprint, or the paper's equations in its place."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.ranging.paper.rangefinder import Literal, PaperRangefinder
 
-# A ray that meets the laser plane at less than about 3 degrees says nothing useful about distance.
+# Sine of the angle between ray and laser plane, about 3 degrees, below which the distance is too uncertain.
 MIN_SINE_TO_PLANE = 0.05
-# Numbers of coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic near a
-# corner of the picture needs more.
+# Numbers of polynomial coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic
+# near a corner of the picture needs more.
 COUNTS = (16, 24)
 # Largest error of a ray at the points where it is checked, projected into the picture [px]: a triangulated point is
 # then right to a few nm.
@@ -21,7 +21,7 @@ TOLERANCE_PX = 1e-6
 
 
 class Triangulator:
-    """Points of stripes where the rays of the columns meet the calibrated laser planes; nothing is approximated.
+    """Intersection of the camera's rays with the calibrated laser planes; the rays are exact to TOLERANCE_PX.
 
     Attributes:
         view_point: (3,) optical centre in base_footprint.
@@ -41,12 +41,12 @@ class Triangulator:
         self.view_point = np.array(self._translation)
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
-        """Points (3, ..., n) in base_footprint of stripes at these rows, coordinate by coordinate; NaN without a point.
+        """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.
 
         Args:
             plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
             position_px: (..., n) rows.
-            columns: (..., n) column of each row; None = every column of the picture, in order.
+            columns: (..., n) column of each row; None = all columns of the picture, in order.
         """
         rays = self._rays.at(position_px, columns)
         return self._at_depth(self._directions(rays), plane_depth(rays, plane_in_camera)[0])
@@ -54,11 +54,11 @@ class Triangulator:
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """The same points and the standard deviations (..., w) of their heights [m], by the derivative of the depth."""
+        """Points as of `points`, and standard deviations (..., n) of their heights [m], propagated to first order."""
         rays = self._rays.at(position_px)
         depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)
-        # d(depth * ray)/dv with the ray moving by 1 / fy per row (the lens stretches that by a few per cent only).
+        # d(depth * ray)/dv, where the ray moves by 1 / fy per row (up to a few per cent, due to the lens).
         slope = plane_in_camera[..., 1, None] / along_normal
         slope *= directions[2]
         np.subtract(self._rotation[2, 1], slope, out=slope)
@@ -70,7 +70,7 @@ class Triangulator:
     def _directions(self, rays: Float) -> Float:
         """Rays (3, ..., n) rotated into base_footprint.
 
-        Term by term: a matrix product may round a point differently when there are more of them.
+        Term by term: the rounding of a matrix product may depend on the number of points.
         """
         x, y = rays
         along_x, along_y, along_z = self._rotation.T.reshape(3, 3, *(1 for _ in x.shape))
@@ -80,7 +80,7 @@ class Triangulator:
         return np.asarray(directions)
 
     def _at_depth(self, directions: Float, depth: Float) -> Float:
-        """Points (3, ..., n) in base_footprint at depths along directions, whose memory they take over."""
+        """Points (3, ..., n) in base_footprint at depths along directions, computed in place of the directions."""
         directions *= depth
         directions += self._translation.reshape(3, *(1 for _ in depth.shape))
         return directions
@@ -90,7 +90,7 @@ def plane_depth(rays: Float, plane_in_camera: Float) -> tuple[Float, Float]:
     """Depths at which rays meet laser planes: ray r and plane (n, d) at -d / (n . r).
 
     Args:
-        rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is none.
+        rays: (2, n) or (2, s, n) x and y in the camera frame at z = 1, NaN where there is no ray.
         plane_in_camera: (4,) n . X + d = 0, or (s, 4).
 
     Returns:
@@ -127,10 +127,10 @@ def locator(
 
 
 class ColumnRays:
-    """Rays of one camera by polynomials: those of `CameraModel.rays` within TOLERANCE_PX, in a fraction of the time."""
+    """Polynomial approximation of `CameraModel.rays`, one per column, to TOLERANCE_PX and much faster."""
 
     def __init__(self, camera: CameraModel) -> None:
-        """Fit the polynomials; where none fits the lens, `at` uses the camera model."""
+        """Fit the polynomials; if none fits the lens, `at` uses the camera model."""
         self._camera = camera
         self._centre_row = (camera.size[1] - 1) / 2
         self._coefficients = next((c for n in COUNTS if (c := _fitted(camera, n)) is not None), None)
@@ -166,10 +166,10 @@ class ColumnRays:
 
 
 def _fitted(camera: CameraModel, count: int) -> Float | None:
-    """Coefficients (count, 2, width), highest power first, of rows scaled to -1 ... 1; None when they do not fit.
+    """Coefficients (count, 2, width), highest power first, for rows scaled to -1 ... 1; None if they do not fit.
 
-    The polynomials interpolate the rays at Chebyshev nodes along columns and rows, which is near the best fit there is.
-    The error is checked at other points than the nodes, `between` and beyond them.
+    The polynomials interpolate the rays at Chebyshev nodes along columns and rows, which is close to the best uniform
+    fit. The error is checked at other points, `between` the nodes and beyond them.
     """
     nodes, between = chebyshev.chebpts1(count), chebyshev.chebpts2(count)
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, count - 1))
@@ -178,7 +178,7 @@ def _fitted(camera: CameraModel, count: int) -> Float | None:
     error = np.abs(check @ terms @ check.T - _rays(camera, between)).max()
     if not error * max(camera.matrix[0, 0], camera.matrix[1, 1]) < TOLERANCE_PX:
         return None
-    # From Chebyshev polynomials to powers, which Horner's scheme in `at` evaluates quickest.
+    # From Chebyshev polynomials to powers, for Horner's scheme in `at`.
     powers = np.linalg.solve(np.vander(nodes, count), chebyshev.chebvander(nodes, count - 1))
     per_column = (powers @ terms) @ chebyshev.chebvander(np.linspace(-1, 1, camera.size[0]), count - 1).T
     return np.ascontiguousarray(per_column.swapaxes(0, 1))

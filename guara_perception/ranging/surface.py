@@ -1,7 +1,7 @@
-"""Joins neighbouring stripes into surface: only what two stripes see together counts as seen.
+"""Surface between neighbouring stripes: ground counts as seen only where two of them confirm each other.
 
-A return stands when a neighbouring stripe of the pattern confirms it in the same image column (heights differ by less
-than `join_height`). Another stripe can only support a return, never create one: losing stripes leaves less surface.
+Two neighbouring stripes of the pattern confirm each other in an image column if their heights differ by less than
+`join_height`. A stripe can confirm returns of another, never create them: fewer stripes give less surface.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
-# A swath: that of a stripe as (index, index), that between a pair of neighbours as (index, next index).
+# Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
 Key = tuple[int, int]
-# Returns less alike than this in strength may be cut by an edge or a shadow ...
+# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow ...
 WEAK_RATIO = 0.4
-# ... and are joined only where their heights nearly agree.
+# ... so that the two are joined only if their heights differ by less than this.
 WEAK_JOIN_HEIGHT_M = 0.0015
 EVERYWHERE = (-math.inf, math.inf)
-# Samples along a joining line are at most a third of a cell apart, so no crossed cell is missed.
+# Samples along a joining line are at most a third of a cell apart, so that no crossed cell is missed.
 SAMPLES_PER_CELL = 3
-# Where a surface ends, the last stripe on it may hang over the edge by a share of its own width on the ground.
+# At the end of a surface its last stripe may extend beyond the edge by part of the stripe's width on the ground.
 OPEN_END_M = 0.0005
 
 
 def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
     """Columns in which two neighbouring stripes lie on one surface.
 
-    A stripe that is cut off by an edge or a shadow is weak and lies in the wrong position: where one of the two returns
-    is much weaker than the other, they must agree in height.
+    A stripe that is cut by an edge or a shadow is weak and displaced: where one of the two returns is much weaker than
+    the other, their heights must agree more closely.
 
     Args:
         heights: two (..., w), of neighbouring stripes [m].
@@ -52,12 +52,12 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
 
 
 def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Sequence[int]) -> SurfaceSamples:
-    """Points of stripes that lie within a surface.
+    """Samples at the points of stripes that lie within a surface.
 
     Args:
         points: (3, s, w) points of the stripes.
         variance: (s, w) variance of the heights [m^2].
-        confirmed: (s, w) linked to the stripe before and to the stripe after, and wanted.
+        confirmed: (s, w) linked to the previous and to the next stripe, and requested.
         swaths: s numbers of swaths, one for each stripe.
     """
     inside = confirmed & np.isfinite(points[2])
@@ -76,8 +76,7 @@ def joined_surface(
 ) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
-    Where the surface does not go on beyond one of the two, the line is cut short by OPEN_END_M at that end: what is
-    cut is NaN.
+    Where the surface ends at one of the two, the line is shortened by OPEN_END_M at that end; samples cut off are NaN.
 
     Args:
         points: (3, s, w) points of the stripes, two or more.
@@ -85,11 +84,11 @@ def joined_surface(
         links: (s - 1, w) links of the first stripe of each pair to the one before it, of the two stripes, and of the
             second stripe to the one after it.
         resolution: edge of the cells that will be filled [m].
-        wanted: (s - 1, w) columns that are asked for.
+        wanted: (s - 1, w) requested columns.
         swaths: s - 1 numbers of swaths, one for each pair.
 
     Returns:
-        Samples of all pairs whose lines have one and the same number of samples, for each such number.
+        Samples of all pairs, grouped by the number of samples of a line.
     """
     joined = []
     width = variance.shape[1]
@@ -114,7 +113,7 @@ def _lines(
     """The lines of `joined_surface`, the flat index (c,) of the point at which each begins, and the runs of swaths."""
     before, between, after = links
     difference = points[:, 1:] - points[:, :-1]
-    # How many samples there are does not depend on which are wanted.
+    # Sample counts must not depend on the requested columns.
     numbers = sample_count(difference, between, resolution)
     lines = between & wanted
     lengths = lines.sum(axis=1).tolist()
@@ -145,7 +144,7 @@ def surface_of(
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
 ) -> SurfaceSamples:
-    """Surface of stripes, their points that the neighbours on both sides confirm, and of pairs, the lines between.
+    """Surface of stripes (points that both neighbours confirm) and of pairs of stripes (lines between them).
 
     Args:
         stripes: points by index.
@@ -153,7 +152,7 @@ def surface_of(
         pattern: indices of the stripes of the scan's mode.
         join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
-        y_range: points and lines wholly on one side of it are not asked for [m].
+        y_range: points and lines wholly on one side of it are left out [m].
     """
     seen = _seen(stripes, keys, pattern, join_height, y_range)
     variance = np.array([stripes[index].variance for index in seen.indices])
@@ -176,9 +175,9 @@ def surface_lines(
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
 ) -> Iterator[tuple[Lines, Index]]:
-    """The same surface as that of `surface_of`, as lines on which its samples lie; a point is a line of one sample.
+    """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
 
-    Beside them the positions of those lines that are followed by the line of the next image column.
+    Yields lines, and the positions of those lines after which the line of the next image column follows.
     """
     seen = _seen(stripes, keys, pattern, join_height, y_range)
     indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
@@ -202,11 +201,11 @@ class _Seen:
     Attributes:
         indices: indices of s stripes.
         points: (3, s, w) float32 points of these stripes.
-        confirmed: (s, w) points that the stripes on both sides confirm, and that are asked for.
-        own: s numbers of swaths of the stripes, -1 for those that are not asked for.
+        confirmed: (s, w) requested points that the stripes on both sides confirm.
+        own: s numbers of swaths of the stripes, -1 for those not requested.
         links: see `joined_surface`.
-        wanted: (s - 1, w) columns in which lines are asked for.
-        pairs: s - 1 numbers of swaths of the pairs, -1 for those that are not asked for.
+        wanted: (s - 1, w) columns in which lines are requested.
+        pairs: s - 1 numbers of swaths of the pairs, -1 for those not requested.
     """
 
     indices: list[int]
@@ -228,7 +227,7 @@ def _seen(
     """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
     numbers = {key: number for number, key in enumerate(keys)}
     indices = sorted({index for key in keys for index in key})
-    # Coordinates apart, each in one piece of memory: several times faster than points in rows.
+    # Each coordinate contiguous in memory: several times faster than one point after the other.
     points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
     for row, index in enumerate(indices):
         points[:, row] = stripes[index].points.T
@@ -239,9 +238,9 @@ def _seen(
     return _Seen(
         indices,
         points,
-        before & after & ~(low | high) & _named(own),
+        before & after & ~(low | high) & _is_requested(own),
         own,
-        (before[:-1], after[:-1] & _named(pairs), after[1:]),
+        (before[:-1], after[:-1] & _is_requested(pairs), after[1:]),
         ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
         pairs,
     )
@@ -250,10 +249,10 @@ def _seen(
 def _links(
     stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float
 ) -> tuple[Mask, Mask]:
-    """Columns (s, w) in which stripes are linked to the one before, and in which to the one after.
+    """Masks (s, w) of the columns in which each stripe is linked to the previous one, and to the next one.
 
-    In no column when the other stripe was lost; in every column where the pattern ends, since the stripe that is
-    missing there was never to be fired and so does not contradict the surface.
+    No column if that stripe was lost. All columns at an end of the pattern: no stripe is fired there that could
+    contradict the surface.
     """
     stride = pattern.step
     around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
@@ -270,8 +269,8 @@ def _links(
     return before, after
 
 
-def _named(numbers: list[int]) -> Mask:
-    """(n, 1) which of these are numbers of swaths."""
+def _is_requested(numbers: list[int]) -> Mask:
+    """Mask (n, 1) of the requested swaths, whose numbers are not -1."""
     return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
 
 
@@ -282,7 +281,7 @@ class Lines:
     Attributes:
         first: (3, c) point at which each begins, in base_footprint [m].
         difference: (3, c) vector from there to the point at which it ends [m].
-        opens, closes: (c,) whether the surface does not go on before its beginning, or beyond its end.
+        opens, closes: (c,) whether the surface ends at the first, or at the last point of the line.
         number: number of samples on each.
     """
 
@@ -293,7 +292,7 @@ class Lines:
     number: int
 
     def filled(self, followed: Index, between: int) -> Lines:
-        """With so many lines between those of neighbouring image columns, linear from one to the other.
+        """Lines with interpolated ones added between those of neighbouring image columns.
 
         Args:
             followed: positions of the lines that are followed by that of the next image column.
@@ -316,7 +315,7 @@ class Lines:
         at_ends = np.flatnonzero(self.opens | self.closes)
         run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
         length = np.minimum(OPEN_END_M / run, 0.5)
-        # Most often the cut is shorter than the way to the nearest sample.
+        # Usually the cut ends before the nearest sample.
         if length.max(initial=0.0) <= min(share[0], 1 - share[-1]):
             return np.empty(0, np.intp)
         start, end = np.where(self.opens[at_ends], length, 0.0), 1 - np.where(self.closes[at_ends], length, 0.0)
@@ -328,7 +327,7 @@ class Lines:
 def shares(n: int) -> tuple[Float, Float, Float]:
     """Share of the line before each of n samples (n, 1), and the samples' weights for the variances of its two ends.
 
-    These positions never depend on other stripes: samples that are cut off are left out, the others do not move.
+    The positions never depend on other stripes: cutting samples off does not move the others.
     """
     share = ((np.arange(n) + 0.5) / n)[:, None]
     return share, (1 - share) ** 2, share**2
@@ -347,7 +346,7 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line that leave no crossed cell out, for each of s sets of lines (3, s, w) that `is_line` names."""
+    """Samples per line so that no crossed cell is missed, at most 64, for each of s sets of lines (3, s, w)."""
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -1,4 +1,4 @@
-"""`ScanProcessor`: terrain from the frames of one scan, added one stripe or several at a time; no frame is kept."""
+"""Incremental processing of one scan, from its frames to a terrain grid."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from kinematics.self_filter import SelfFilter
 
 
 class ScanProcessor:
-    """Turns the frames of one scan into a TerrainGrid while they arrive.
+    """Computes a TerrainGrid from the frames of one scan as they arrive.
 
     Attributes:
         settings: perception settings of the robot.
@@ -84,7 +84,7 @@ class ScanProcessor:
         robot = robot_model(robot)
         if calibration.robot != robot.name:
             raise CalibrationMismatch(
-                f"the calibration belongs to robot {calibration.robot!r}, the robot is {robot.name!r}: use its own"
+                f"the calibration belongs to robot {calibration.robot!r}, not {robot.name!r}: calibrate this robot"
             )
         self.settings = settings = Settings.of(robot)
         self.mode = mode
@@ -109,16 +109,18 @@ class ScanProcessor:
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step, threshold)
         body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
         height_limits = settings.minimum_height, settings.maximum_height
-        self._ranger = StripeRanger(self._geometry, self._locator, height_limits, body.contains, self._unseen_motion())
+        self._ranger = StripeRanger(
+            self._geometry, self._locator, height_limits, body.contains, self._undetectable_motion()
+        )
         self._profiles: dict[int, StripeProfile] = {}
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
         self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, body, self._sway_variance())
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
-    def _unseen_motion(self) -> Float | None:
+    def _undetectable_motion(self) -> Float | None:
         """Covariance (6, 6) of the camera motion that the joint readings before and after the scan cannot detect.
 
-        None on fewer than three feet: stillness cannot be tested there, and no node confirms such a scan.
+        None with fewer than three support feet: stillness cannot be tested there, and no node confirms such a scan.
         """
         camera = self._calibration.transform_camera_to_base
         try:
@@ -148,7 +150,7 @@ class ScanProcessor:
 
     @property
     def camera_position(self) -> Float:
-        """Optical centre (3,) in base_footprint: its height is the paper's H, its x and y the nadir.
+        """Optical centre (3,) in base_footprint: z is the paper's H, x and y are the nadir.
 
         With `paper-literal-ortho` its x and y are the centre of the picture, about which that method orthorectifies.
         """
@@ -161,13 +163,13 @@ class ScanProcessor:
 
     @property
     def points(self) -> Mapping[int, StripePoints]:
-        """Organised points of the stripes added so far, by index; bad frames are not among them."""
+        """Organised points of the stripes added so far, by index, without those of bad frames."""
         return self._surface.stripes
 
     def drift(self) -> Drift:
-        """Check that the floor seen so far fits the calibration and the soles that the robot stands on.
+        """Drift of the calibration: measured floor compared with the plane of the soles.
 
-        Mirrored frames look like drift, but fit when they are mirrored again.
+        Mirrored frames cause an apparent drift that vanishes when they are mirrored back; the result names this cause.
         """
         return scan_drift(self.points, self._mirrored_points, self.pose)
 
@@ -186,19 +188,22 @@ class ScanProcessor:
         return self.add_all([FramePair(index, on, off)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
-        """Process frame pairs in any order. Several in one call are faster, with the same result; none is kept.
+        """Process frame pairs, in any order if they have laser-off frames.
 
-        Without laser-off frames one channel of the last few frames is kept instead: the darker of two of them is the
-        background. Sweeps should come in order; when one of the two frames was lost, the stripe is rejected.
+        Several pairs in one call take less time than one by one, with the same result.
 
-        A frame that cannot be used (blank, of another size, swapped, no array at all) marks its stripe as bad; the
-        scan goes on and its report says so.
+        Without laser-off frames, the background of a stripe is the pixelwise minimum of two earlier frames of the
+        sweep, of which one channel is kept. Add such frames in order. A stripe is rejected when one of its two
+        background frames was lost.
+
+        A frame that cannot be used (blank, of another size, swapped with its pair, not an array) marks its stripe as
+        bad; the scan continues and its report lists the stripe.
 
         Args:
-            pairs: one of each stripe.
+            pairs: one frame pair per stripe.
 
         Returns:
-            The stripes that were found, in the same order.
+            Profile of each stripe, in the order of the pairs.
 
         Raises:
             InvalidInput: an index is not in the pattern of this mode, or was added before; nothing was processed.
@@ -227,11 +232,11 @@ class ScanProcessor:
         return list(profiles.values())
 
     def mark_bad(self, index: int, reason: str) -> None:
-        """Mark a stripe that was fired but has no usable frame: lost on the way, or not taken at its mirror angle.
+        """Mark a stripe that was fired but has no usable frame: lost, or not taken at its mirror angle.
 
         Args:
             index: index of the stripe in the standard pattern.
-            reason: why, as text for the report.
+            reason: text for the report.
 
         Raises:
             InvalidInput: the index is not in the pattern of this mode, or was added before.
@@ -252,25 +257,25 @@ class ScanProcessor:
 
     @property
     def pairs(self) -> Index:
-        """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
+        """(ny, nx) index of the first stripe of the pair that encloses each cell on flat ground, -1 where none does."""
         return self._surface.pairs
 
     def extended(self) -> ScanProcessor:
-        """A standard scan with the stripes of this coarse one; only the stripes between them are still to be added.
+        """Standard scan that already contains the stripes of this coarse one; add the stripes between them.
 
         Raises:
             InvalidInput: this scan is not coarse.
         """
         if self.mode != "coarse":
-            raise InvalidInput(f"a scan of mode {self.mode!r} cannot be extended, only a coarse one")
-        return self._taken_over("standard", self._profiles)
+            raise InvalidInput(f"a scan of mode {self.mode!r} cannot be extended; allowed: 'coarse'")
+        return self._copy("standard", self._profiles)
 
     def restricted(self, indices: Collection[int]) -> ScanProcessor:
-        """The same scan with only some of its stripes."""
-        return self._taken_over(self.mode, indices)
+        """Copy of this scan with some of its stripes."""
+        return self._copy(self.mode, indices)
 
-    def _taken_over(self, mode: str, indices: Collection[int]) -> ScanProcessor:
-        """A processor of some mode with some stripes of this one."""
+    def _copy(self, mode: str, indices: Collection[int]) -> ScanProcessor:
+        """Copy of this processor with another mode and some of its stripes."""
         other = ScanProcessor(
             self._calibration,
             self._robot,
@@ -289,10 +294,10 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Assess what was added so far, so that `finish` only has to assess what is added later.
+        """Assess the stripes added so far, so that `finish` only has to assess those added later.
 
-        Changes nothing but the time that `finish` takes, and takes as long as `finish` itself: call it while waiting
-        for the last few stripes.
+        Affects the run time of `finish` only, and takes about as long as `finish`: call it while waiting for the last
+        few stripes.
         """
         self._surface.layers("footprint")
 
@@ -300,13 +305,12 @@ class ScanProcessor:
         """Terrain of the stripes added so far; may be called at any time, and again after more stripes.
 
         Args:
-            area: "footprint", or "wide": as far along y as the robot's map, from which `TerrainMap.update` learns more
-                ground.
-            record: record of another grid of this scan, used except for its lost cells; None makes one.
+            area: "footprint", or "wide": extended along y to the width of the robot's map, for `TerrainMap.update`.
+            record: record of another grid of this scan, reused except for its lost cells; None = compute it.
 
         Raises:
             InvalidInput: another area.
-            UnsafeGrid: the safety invariant is broken (a defect of this program, never of the data).
+            UnsafeGrid: the grid violates the safety invariant (a defect of this program, never of the data).
         """
         start = time.perf_counter()
         layers = self._surface.layers(area)

@@ -1,4 +1,4 @@
-"""Stripes of one sweep from its frames: checks of each frame, its background, extraction by the chosen method."""
+"""Stripe extraction from the frames of one sweep: frame checks, background, extraction by the chosen method."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# Cutting out the channels of a whole laser-off frame takes as long as for the bands of this number of stripes.
+# Number of stripes from which it is faster to extract a channel of the whole laser-off frame than of each band.
 SHARED_FROM = 4
-# Earlier stripes of the pattern, by how many before this one, that do not touch it in the picture; two, because each
-# hides what lies under itself.
+# Earlier frames that form the background of a stripe, in stripes before it: far enough not to overlap it in the
+# picture, and two of them, because each hides the ground under its own stripe.
 STRIPES_BEFORE = (3, 6)
 
 
 class StripeFinder:
-    """Extracts stripe profiles from frame pairs; the profile of a frame that cannot be used holds the reason."""
+    """Extracts stripe profiles from frame pairs; the profile of an unusable frame holds the reason."""
 
     def __init__(self, method: str, size: tuple[int, int], stride: int, threshold: float | None = None) -> None:
         """Prepare a sweep.
@@ -51,13 +51,13 @@ class StripeFinder:
         self._background = SweepBackground(stride)
 
     def find_all(self, pairs: Sequence[FramePair], rows: Mapping[int, tuple[int, int]]) -> list[StripeProfile]:
-        """The stripes of some frame pairs.
+        """Find the stripes of frame pairs.
 
         Args:
             pairs: one frame pair per stripe.
             rows: first and end row between which each stripe can appear, by its index.
         """
-        # For the time of this call only: later the same array may hold another picture.
+        # Shared during this call only: the caller may reuse the array for another picture.
         uses = Counter(id(pair.off) for pair in pairs)
         shared = {
             id(pair.off): SharedFrame(pair.off)
@@ -69,7 +69,7 @@ class StripeFinder:
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
     def _band(self, pair: FramePair, rows: tuple[int, int], shared: SharedFrame | None) -> Band | str:
-        """Band of a stripe, or the reason for none; `shared` is its laser-off frame where that serves other stripes."""
+        """Band of a stripe, or the reason why it has none; `shared`: its laser-off frame if other stripes use it."""
         (width, height), on, off = self._size, pair.on, pair.off
         if fault := picture_fault(on):
             return f"the frame is {fault}"
@@ -91,12 +91,12 @@ class StripeFinder:
 class SweepBackground:
     """Backgrounds of a sweep without laser-off frames, from one channel of the last few laser-on frames.
 
-    The frames used for a stripe depend on its index alone. When one of them was lost, the stripe is rejected rather
-    than measured in another way: a lost frame may remove knowledge, never change it.
+    The frames used for a stripe depend on its index alone. If one of them was lost, the stripe is rejected rather than
+    measured in another way: a lost frame may remove measurements, never change them.
     """
 
     def __init__(self, stride: int) -> None:
-        """Start with nothing.
+        """Start without frames.
 
         Args:
             stride: index difference of neighbouring stripes.
@@ -108,10 +108,10 @@ class SweepBackground:
         self._last = -1
 
     def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
-        """Add a good laser-on frame and return its band with a background, or the reason for none.
+        """Add a good laser-on frame; return its band with a background, or the reason why it has none.
 
-        The channel is that in which the first stripe stands out most, and stays the same for the sweep. The background
-        of the first stripes, and of those that come out of order, is estimated from their own frame.
+        The channel in which the first stripe has the strongest signal is used for the whole sweep. The background of
+        the first stripes, and of those out of order, is estimated from their own frame.
 
         Args:
             index: index of the stripe.
@@ -124,7 +124,7 @@ class SweepBackground:
             self._first = index
         kept = channel_of(on, self._channel)
         if np.may_share_memory(kept, on):
-            # A camera of one channel may fill the same memory again.
+            # A view of the frame: a monochrome camera may overwrite it with the next picture.
             kept = kept.copy()
         out_of_order = index < self._last
         self._kept[index] = kept
@@ -140,7 +140,7 @@ class SweepBackground:
         return Band.of(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 
-# What the paper's chain takes as printed; None = triangulation instead of the paper's chain.
+# Equations that each method takes literally from the paper; None = triangulation instead of the paper's chain.
 METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
     "precise": None,

@@ -1,4 +1,4 @@
-"""Measurement of detected stripes: sub-pixel centre and sigma of every column, or a status without one."""
+"""Measurement of detected stripes: sub-pixel centre and sigma in every column, or the reason for none."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ OK, SATURATED, DROPOUT = (
     np.uint8(status) for status in (StripeStatus.OK, StripeStatus.SATURATED, StripeStatus.DROPOUT)
 )
 NAN = np.float32(np.nan)
-# A peak on the first or last rows of the band may be the flank of a stripe outside.
+# A peak in the first or last rows of the band may be the flank of a stripe outside of it.
 EDGE_ROWS = 2
-# Speckle moves the centre of a stripe by this share of its sigma, whatever the light.
+# Standard deviation of the centre due to speckle, as a share of the stripe's sigma; independent of the light.
 SPECKLE_OF_SIGMA = 0.06
-# A surface that is brighter on one side of the stripe pulls its centre over: share of the first-order shift.
+# Uncertainty due to a brightness gradient across the stripe, as a share of the first-order shift of its centre.
 ALBEDO_SHARE = 0.5
-# Distance above and below the stripe at which its surface is looked at, in sigmas and at least [px].
+# Distance above and below the stripe at which the brightness is sampled, in sigmas and at least in pixels.
 BESIDE_SIGMAS, LEAST_BESIDE_PX = 1.5, 2
-# Columns to each side that are averaged with their mirror image, so that a straight line stays where it is.
+# Columns averaged on each side, in symmetric pairs, so that a straight line is not changed.
 REACH_COLUMNS = 3
-# What the line may move by per column; more is a jump, which is left as it is.
+# Steepest slope of a line; a steeper one is a jump, which is not smoothed.
 STEEPEST_PX_PER_COLUMN = 0.5
 
 
@@ -37,18 +37,18 @@ class DetectedStripe:
 
     Attributes:
         top: (columns,) row of the stripe's peak within the band.
-        height: (columns,) float32 light there, times SCALE.
-        is_peak: (columns,) whether that is enough for a stripe.
+        height: (columns,) float32 light at the peak, times SCALE.
+        is_peak: (columns,) whether the height is above the detection threshold.
         is_clipped: (columns,) whether the stripe's core is clipped.
-        is_unsure: (columns,) whether another peak would have been as good, or nothing is left of a clipped core.
+        is_unsure: (columns,) whether another peak is as good, or nothing is left of a clipped core.
         responses: (shifts, columns) responses of the derivative filters about the top.
-        background: (rows, columns[, channels]) picture with the laser off; None where there is none that can be used.
+        background: (rows, columns[, channels]) laser-off picture; None if there is none or it cannot be used.
         channel: the channel of `background` that the laser lights most.
         sigma: width of the stripe [px].
-        noise: standard deviation of a row times the slope of its response.
+        noise: standard deviation of a response; divided by the slope of the response, that of the row.
         rows: number of rows of the band.
         first_row: first row of the band in the full picture.
-        remark: reason for which the laser-off picture was not used; empty where it was, or there was none.
+        remark: reason why the laser-off picture was not used; empty if it was used or there was none.
     """
 
     top: Index
@@ -69,14 +69,14 @@ class DetectedStripe:
 def sigma_of_filter(sigma: float) -> float:
     """Width of the filter that finds the centre of a stripe of this width in smoothed light [px].
 
-    Because of speckle the filter of a thin stripe must be wider than the stripe; that of a wide one, clipped or in a
-    halo, is narrower, since the core is best. The smoothing of the light is already a part of the filter.
+    For a thin stripe it is wider than the stripe, because of speckle; for a wide one (clipped or in a halo) it is
+    narrower, because the core is the most accurate part. The smoothing already applied to the light is subtracted.
     """
     return round(float(np.sqrt((0.85 * sigma) ** 2 + 1.3**2 - ROW_SMOOTHING_SIGMA_PX**2)), 1)
 
 
 def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
-    """Profiles of one or more stripes with as many columns each; arrays in here are (stripes, columns)."""
+    """Measure the profiles of stripes with the same number of columns; the arrays inside are (stripes, columns)."""
     top, height, is_peak = (_stacked(stripes, name) for name in ("top", "height", "is_peak"))
     sigma, noise, first_row, rows = (
         np.array([getattr(stripe, name) for stripe in stripes], np.float32)[:, None]
@@ -94,13 +94,13 @@ def measure(stripes: Sequence[DetectedStripe]) -> list[StripeProfile]:
     variance = (noise * shrink / slope) ** 2 + (SPECKLE_OF_SIGMA * sigma) ** 2 * shrink
     variance += _albedo_shift(stripes, sigma) ** 2
     is_doubtful = is_peak & ~usable
-    # Without a centre the row of the peak says where the return was.
+    # A doubtful return without a centre is located by the row of its peak.
     seen = np.where(is_found, row, top + first_row)
     has_doubtful = is_doubtful.any(axis=1).tolist()
     position, deviation = np.where(usable, row, NAN), np.where(usable, np.sqrt(variance), NAN)
     peak = height / np.float32(SCALE)
     for array in (position, deviation, status, peak):
-        # No other reference to these exists: they need not be copied to be frozen.
+        # Read-only arrays are not copied by the profiles.
         array.setflags(write=False)
     return [
         StripeProfile(
@@ -132,15 +132,15 @@ def _albedo_shift(stripes: Sequence[DetectedStripe], sigma: Float32) -> Float32:
 
 
 def _stacked(stripes: Sequence[DetectedStripe], name: str) -> Array:
-    """One array (..., stripes, columns) of those of all stripes; that of a single one is not copied."""
+    """Array (..., stripes, columns) of one attribute of all stripes; not copied for a single stripe."""
     arrays = [getattr(stripe, name) for stripe in stripes]
     return arrays[0][..., None, :] if len(arrays) == 1 else np.stack(arrays, axis=-2)
 
 
 def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
-    """Smooth the positions of a stripe along its run: speckle moves each column on its own, the surface does not.
+    """Smooth the positions of a stripe along its columns: speckle is independent between columns, the surface is not.
 
-    Neighbours enter in pairs, one from each side with the same weight: a straight line is not changed, and nothing is
+    Neighbours count in pairs, one from each side with the same weight, so a straight line is not changed. Nothing is
     averaged across a gap or a jump.
 
     Args:
@@ -148,7 +148,7 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
         weight: (..., n) weight of each position, for instance the square of the peak.
 
     Returns:
-        (..., n) smoothed positions, NaN where they were, and (..., n) the factor by which independent noise shrinks.
+        (..., n) smoothed positions, NaN where they were NaN, and (..., n) factors by which independent noise shrinks.
     """
     known = np.isfinite(position)
     weights, values = _shifted(np.where(known, weight, 0)), _shifted(np.where(known, position, 0))
@@ -170,9 +170,9 @@ def smooth_line(position: Float32, weight: Float32) -> tuple[Float32, Float32]:
 
 
 def _shifted(lines: npt.NDArray[np.floating]) -> Float32:
-    """View (2 * REACH_COLUMNS + 1, m): the lines shifted to the right, as they are, and shifted to the left.
+    """View (2 * REACH_COLUMNS + 1, m) of the lines shifted by REACH_COLUMNS to -REACH_COLUMNS columns.
 
-    The lines follow each other with 2 * REACH_COLUMNS empty columns between, across which nothing is averaged.
+    The lines are concatenated with 2 * REACH_COLUMNS empty columns in between, across which nothing is averaged.
     """
     n = lines.shape[-1]
     length = lines.size // n * (n + 2 * REACH_COLUMNS)
@@ -182,5 +182,5 @@ def _shifted(lines: npt.NDArray[np.floating]) -> Float32:
 
 
 def _lines(row: Float32, shape: tuple[int, ...]) -> Float32:
-    """View of the lines (..., n) that follow each other in a row."""
+    """View (..., n) of the lines that are concatenated in a row."""
     return row.reshape(*shape[:-1], -1)[..., : shape[-1]]

@@ -1,4 +1,4 @@
-"""The `precise` method: the stripe of a band by its highest peaks, in any light where they are in doubt."""
+"""The `precise` method: highest peak of each column; doubtful bands go to the detector for any light."""
 
 from __future__ import annotations
 
@@ -24,47 +24,47 @@ from guara_perception.stripes.peaks import (
     upper_median,
 )
 
-# The highest peaks show the stripe where most of them stand this far above the noise, few jump by more than JUMP_PX
-# rows from one column to the next, and few have a rival.
+# The highest peaks are trusted if their median height exceeds this many sigmas of the noise, at most MOST_JUMPS of them
+# jump by more than JUMP_PX rows to the next column, and at most MOST_RIVALS of them have a rival.
 CLEAR_SIGMAS = 15.0
 JUMP_PX, MOST_JUMPS, MOST_RIVALS = 4, 0.05, 0.2
-# Noise of more grey levels than this is not the sensor's: the pair does not fit, and may hide a stripe.
+# Noise above this is not the sensor's: the two frames do not match, and may hide a stripe [grey levels].
 MOST_NOISE = 4.0
-# The same where the laser-off picture was exposed otherwise and the scene is known to be left in the difference.
+# The same for a laser-off picture of another exposure, where the difference is known to contain some of the scene.
 MOST_UNEVEN_NOISE = 2.5
-# Peaks in fewer columns than this share are chance: a band without its stripe is not doubtful.
+# Peaks in a smaller share of the columns are chance: the band holds no stripe, which leaves no doubt.
 LEAST_COLUMNS = 0.05
-# A second peak this strong is looked into.
+# Height of a second peak, as a share of the highest, from which it is a rival.
 RIVAL_OF_PEAK = 0.35
-# Columns without a rival that lead in and out of every run of columns with one.
+# Columns without a rival that are added on both sides of a run of columns with one.
 CONTEXT_COLUMNS = 6
-# A run of columns with two peaks that is no longer than this is where the stripe jumps.
+# Longest run of columns with two peaks that is a jump of the stripe.
 EDGE_COLUMNS = 4
-# A choice is ambiguous when the cheapest other one costs less than this more.
+# A choice is ambiguous if the cost of the next best exceeds its own by less than this.
 LEAST_MARGIN = 1.5
-# Peaks of one column nearer than this, in sigmas of the stripe, are one peak.
+# Peaks of one column closer than this, in sigmas of the stripe and at least in pixels, are one peak.
 APART_SIGMAS = 3.0
 APART_PX = 5
-# Cost of a peak per logarithm of how much weaker it is than the strongest of its column.
+# Factor of log(highest / own height) in the cost of a peak, with the highest candidate of its column.
 WEAKNESS_COST = 2.0
-# Rows that cost one unit between neighbouring columns; a jump (an edge) never costs more than JUMP_COST.
+# Row difference between neighbouring columns that costs 1; a jump (an edge) costs at most JUMP_COST.
 ROWS_PER_COST = 2.0
 JUMP_COST = 4.0
-# Saying that a column has no stripe although it has peaks, and entering or leaving that state.
+# Cost of choosing no peak in a column, and of entering or leaving that state.
 DROPOUT_COST = 3.0
 GAP_COST = 1.0
 
 
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
-    """Find the stripes of some bands, which run across their columns.
+    """Find the stripe in each band.
 
-    Each by itself; several at once only share the fixed cost of numpy's calls.
+    Bands are independent of each other; several in one call share the overhead of numpy's calls.
 
     Args:
-        bands: one for each stripe, all of one width.
+        bands: one band per stripe, all of the same width.
 
     Returns:
-        For each band one position per column in full-picture rows.
+        Profile of each band: one position per column, in rows of the full picture.
     """
     detected = [detect(band) for band in bands]
     stripes = [stripe for stripe in detected if not isinstance(stripe, str)]
@@ -76,7 +76,7 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
 
 
 def detect(band: Band) -> DetectedStripe | str:
-    """Detect a stripe that runs across the columns of a band; a text gives the reason why its frames cannot be used."""
+    """Detect the stripe of a band, row by column; returns the reason as text if its frames cannot be used."""
     if band.off is None:
         return detect_in_any_light(band)
     signal = laser_light(band.on, band.off)
@@ -111,11 +111,11 @@ def detect(band: Band) -> DetectedStripe | str:
 
 
 def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
-    """Test that the highest peaks of a band may not be its stripe.
+    """Test for doubt that the highest peaks of a band are its stripe.
 
     Args:
         found: the peaks.
-        is_uneven: whether the laser-off picture was exposed otherwise: what it leaves of the scene counts as noise.
+        is_uneven: whether the laser-off picture had another exposure; the scene left in the difference counts as noise.
     """
     is_peak = found.peaks.height > found.threshold
     count = int(np.count_nonzero(is_peak))
@@ -133,11 +133,11 @@ def is_doubtful(found: FoundPeaks, is_uneven: bool = False) -> bool:
 
 
 def choose_peaks(found: FoundPeaks) -> tuple[Index, Float32, Mask]:
-    """Keep the highest peak where it is alone; elsewhere follow the stripe from column to column.
+    """Choose the highest peak where it has no rival; elsewhere follow the stripe from column to column.
 
     Returns:
-        (columns,) row and height of the stripe's peak, and a mask of the columns in which another peak would have been
-        as good.
+        (columns,) row and height of the stripe's peak, and a mask of the columns in which another choice would have
+        been as good.
     """
     peaks, threshold = found.peaks, found.threshold
     top, height = peaks.top.copy(), peaks.height.copy()
@@ -148,7 +148,7 @@ def choose_peaks(found: FoundPeaks) -> tuple[Index, Float32, Mask]:
     distance = max(int(np.ceil(APART_SIGMAS * found.sigma)), APART_PX)
     for begin, end in _runs(rival):
         if end - begin <= EDGE_COLUMNS:
-            # Where the stripe jumps, the mean of three columns holds light of both sides: no choice is right.
+            # At a jump the mean over columns mixes the light of both sides: neither peak is right.
             ambiguous[begin:end] = rival[begin:end]
             continue
         columns = np.arange(max(begin - CONTEXT_COLUMNS, 0), min(end + CONTEXT_COLUMNS, top.size))
@@ -165,7 +165,7 @@ def choose_peaks(found: FoundPeaks) -> tuple[Index, Float32, Mask]:
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and end of the runs of True; runs that are closer than their context are joined."""
+    """First and end column of the runs of True; runs whose contexts overlap are joined."""
     indices = np.flatnonzero(mask)
     breaks = np.flatnonzero(np.diff(indices) > 2 * CONTEXT_COLUMNS)
     first = indices[np.append(0, breaks + 1)]
@@ -181,8 +181,8 @@ def follow_candidates(rows: Index, heights: Float32) -> tuple[Index, Float]:
         heights: (k, n) their heights, 0 where a column has fewer than k.
 
     Returns:
-        choice (n,): index of the chosen candidate, -1 for none; margin (n,): by how much the cheapest path that
-        chooses otherwise in this column costs more than the best path.
+        choice (n,): index of the chosen candidate, -1 for none; margin (n,): cost of the cheapest path with another
+        choice in this column, minus the cost of the best path.
     """
     k, n = rows.shape
     strongest = np.maximum(heights.max(axis=0), 1e-6)
@@ -190,7 +190,7 @@ def follow_candidates(rows: Index, heights: Float32) -> tuple[Index, Float]:
     with np.errstate(divide="ignore"):
         own[:k] = np.where(heights > 0, -WEAKNESS_COST * np.log(heights / strongest), np.inf)
     own[k] = DROPOUT_COST
-    moves = _costs_of_moves(rows)
+    moves = _transition_costs(rows)
     forward = own.copy()
     for i in range(1, n):
         forward[:, i] += (forward[:, i - 1, None] + moves[i - 1]).min(axis=0)
@@ -204,8 +204,8 @@ def follow_candidates(rows: Index, heights: Float32) -> tuple[Index, Float]:
     return np.where(best == k, -1, best), margin
 
 
-def _costs_of_moves(rows: Index) -> Float:
-    """Costs (n - 1, k + 1, k + 1) of going from each state of a column to each of the next; the last is the dropout."""
+def _transition_costs(rows: Index) -> Float:
+    """Costs (n - 1, k + 1, k + 1) of the transitions between states of neighbouring columns; the last is dropout."""
     k, n = rows.shape
     cost = np.full((n - 1, k + 1, k + 1), GAP_COST)
     before, after = rows.T[:-1, :, None], rows.T[1:, None, :]

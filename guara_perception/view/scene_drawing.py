@@ -1,4 +1,4 @@
-"""Drawing of a moment in viser's scene: robot, terrain and plans, in odom."""
+"""Drawing of robot, terrain and plans of one moment in a viser scene, in odom."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ SOLE_THICKNESS_M = 0.004
 # Height of lines above the ground [m].
 LIFT_M = 0.002
 LINE_PX = 2.0
-# Tolerance of simplified outlines, a little more than a cell [m].
+# Tolerance of simplified outlines, slightly more than a cell [m].
 OUTLINE_M = 0.006
-# Point size and largest number of points; the ground between the stripes stays visible.
+# Point size [m], largest number of points and their height [m]; the ground between the stripes stays visible.
 STRIPE_SIZE_M, STRIPE_POINTS, STRIPE_LIFT_M = 0.0007, 12_000, 0.001
 EVEN_LIGHT = 2.2
-# Height of the ground plane, below the reach of a leg.
+# Height of the ground plane, below the reach of the legs [m].
 GROUND_M = -0.09
 
 Picked = Callable[[Float, Float], None]
 
 
 class SceneDrawing:
-    """Nodes of one scene. Poses change with every moment; shapes of the robot are sent once."""
+    """Nodes of one scene. The robot's shapes are sent once, poses at every moment."""
 
     def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:
         """Set up light, ground and the robot.
@@ -95,7 +95,7 @@ class SceneDrawing:
             _set_pose(frame, state.transform_to_base(link))
 
     def terrain(self, terrain: TerrainGrid, mesh: TerrainMesh) -> None:
-        """Draw a grid at its pose in odom; it reports clicks on it."""
+        """Draw a grid at its pose in odom and report clicks on it."""
         self._scene.remove_by_name("/odom/terrain")
         if not len(mesh.faces):
             return
@@ -107,7 +107,7 @@ class SceneDrawing:
             self._picked(np.array(event.ray_origin), np.array(event.ray_direction))
 
     def stripes(self, stripes: Sequence[Float]) -> None:
-        """Draw measured points, (n, 3) in base_footprint for each stripe."""
+        """Draw measured points: for each stripe (n, 3) in base_footprint."""
         name = "/odom/footprint/stripes"
         self._scene.remove_by_name(name)
         points = [stripe[np.isfinite(stripe).all(axis=1)] for stripe in stripes]
@@ -127,13 +127,13 @@ class SceneDrawing:
             self._scene.add_label(f"{name}/{leg}/name", leg, position=(0.0, 0.0, 0.02), anchor="bottom-center")
 
     def obstacles(self, terrain: TerrainGrid, *, shown: bool) -> None:
-        """Draw each obstacle of a grid as a prism with its height."""
+        """Draw each obstacle of a grid as a prism, labelled with its height."""
         name = "/odom/obstacles"
         self._renew(name, terrain)
         for number, obstacle in enumerate(terrain.obstacles() if shown else ()):
             top, height = float(obstacle.position[2]), obstacle.height
             colour = OBSTACLE_COLOUR if height > 0 else HOLE_COLOUR
-            self._lines(f"{name}/{number}", prism(plain(obstacle.outline), top - height, top + LIFT_M), colour)
+            self._lines(f"{name}/{number}", prism(simplify(obstacle.outline), top - height, top + LIFT_M), colour)
             position = obstacle.position + (0.0, 0.0, 0.015)
             text = f"{1e3 * height:+.0f} mm"
             self._scene.add_label(f"{name}/{number}/height", text, position=position, anchor="bottom-center")
@@ -147,13 +147,13 @@ class SceneDrawing:
             self._lines(f"{name}/outlines", lines, REGION_COLOUR, 2 * LINE_PX)
 
     def trail(self, poses: Sequence[Float], *, shown: bool) -> None:
-        """Draw the track of the body: poses (4, 4) of base_footprint in odom, a tick at each pause."""
+        """Draw the track of the body, from poses (4, 4) of base_footprint in odom, with a tick at each pause."""
         self._scene.remove_by_name("/odom/trail")
         if shown and len(poses) > 1:
-            self._lines("/odom/trail", way(poses), TRAIL_COLOUR, 2 * LINE_PX)
+            self._lines("/odom/trail", track(poses), TRAIL_COLOUR, 2 * LINE_PX)
 
     def cell(self, terrain: TerrainGrid, point: Float | None) -> None:
-        """Outline the cell at a point (3,) of a grid, with a pin over it; None removes the outline."""
+        """Mark the cell at a point (3,) of a grid by a square around it and a pin; None removes the mark."""
         name = "/odom/cell"
         self._renew(name, terrain)
         if point is None:
@@ -173,8 +173,8 @@ class SceneDrawing:
         self._scene.add_line_segments(name, lines, colour, thickness=width, thickness_units="screen")
 
 
-def plain(outline: Float) -> Float:
-    """Simplify an outline (n, 2) along the edges of cells to corners (m, 2), to within OUTLINE_M."""
+def simplify(outline: Float) -> Float:
+    """Simplify an outline (n, 2) of cell edges to corners (m, 2) that deviate by at most OUTLINE_M."""
     import cv2
 
     corners = cv2.approxPolyDP(outline.astype(np.float32)[:, None], OUTLINE_M, closed=True)[:, 0]
@@ -182,7 +182,7 @@ def plain(outline: Float) -> Float:
 
 
 def prism(outline: Float, bottom: float, top: float) -> Float:
-    """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2) that is not closed."""
+    """Edges (3 n, 2, 3) of an upright prism over an outline (n, 2) that does not repeat its first corner."""
     following = np.roll(outline, -1, axis=0)
     rings = [
         np.stack([np.column_stack((ends, np.full(len(ends), z))) for ends in (outline, following)], axis=1)
@@ -193,13 +193,13 @@ def prism(outline: Float, bottom: float, top: float) -> Float:
 
 
 def outline(corners: Float) -> Float:
-    """Sides (n, 2, 3) of a polygon (n, 3), raised above the ground."""
+    """Sides (n, 2, 3) of a polygon (n, 3), raised by LIFT_M."""
     lifted = corners + [0, 0, LIFT_M]
     return np.stack((lifted, np.roll(lifted, -1, axis=0)), axis=1).astype(np.float32)
 
 
-def way(poses: Sequence[Float]) -> Float:
-    """Lines (n, 2, 3) in odom from pose to pose (4, 4), with a tick across each."""
+def track(poses: Sequence[Float]) -> Float:
+    """Lines (n, 2, 3) in odom that connect poses (4, 4), with a tick across each pose."""
     centres = np.array([pose[:3, 3] for pose in poses]) + [0, 0, LIFT_M]
     across = np.array([pose[:3, 1] for pose in poses]) * 0.015
     ticks = np.stack((centres - across, centres + across), axis=1)
@@ -207,7 +207,7 @@ def way(poses: Sequence[Float]) -> Float:
 
 
 def textured(mesh: TerrainMesh) -> Any:
-    """Textured mesh for viser: a texture keeps the colours, vertex colours would be darker."""
+    """Textured mesh for viser, which renders vertex colours too dark."""
     import trimesh
     from PIL import Image
 

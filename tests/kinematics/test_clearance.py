@@ -78,9 +78,9 @@ def test_bad_arguments_are_refused(robot: RobotModel, standing: StancePose) -> N
     target = foothold(standing, leg)
     with pytest.raises(StanceError, match=rf"leg '{leg}' does not reach the foothold \("):
         foothold_clearance(standing, leg, target + (1.0, 0.0, 0.0), flat)
-    with pytest.raises(ArgumentError, match=r"sole_in_footprint has shape \(2,\)"):
+    with pytest.raises(ArgumentError, match=r"sole_in_footprint is \[.*\]; allowed: 3 finite numbers"):
         foothold_clearance(standing, leg, target[:2], flat)
-    with pytest.raises(ArgumentError, match=r"height function answered with shape \(\)"):
+    with pytest.raises(ArgumentError, match=r"height_at returned shape \(\)"):
         foothold_clearance(standing, leg, target, lambda x, y: 0.0)
     with pytest.raises(UnknownName, match="unknown leg 'xx'"):
         foothold_clearance(standing, "xx", target, flat)

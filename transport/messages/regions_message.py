@@ -1,4 +1,4 @@
-"""Steppable regions of a fused map: message in Python, and its CDR payload."""
+"""Message of the steppable regions of a fused map, and its CDR payload."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from transport.messages.submessages import checked_array, finite, set_fields
 from transport.messages.typestore import QUATERNION, REGIONS, message_class
 
 MAXIMUM_REGIONS, MAXIMUM_CORNERS = 1000, 256
-# A half-plane's normal may differ by this much from length 1, and a corner may lie this far outside of it or off the
+# Tolerance of the length of a half-plane's normal, and of the distance of a corner outside a half-plane or off the
 # plane [m].
 TOLERANCE = 1e-6
 
@@ -42,7 +42,7 @@ class RegionMessage:
     area: float
 
     def __post_init__(self) -> None:
-        """Copy and check: a region whose half-planes and corners contradict each other is refused."""
+        """Copy the arrays and check that half-planes and corners describe the same polygon."""
         halfspaces = checked_array(self.halfspaces, (None, 3), "half-planes of a region")
         vertices = checked_array(self.vertices, (None, 3), "corners of a region")
         for name, count in (("half-planes", len(halfspaces)), ("corners", len(vertices))):
@@ -56,7 +56,7 @@ class RegionMessage:
         if np.abs(vertices[:, :2] @ plane[:2] + plane[2] - vertices[:, 2]).max() > TOLERANCE:
             raise MessageError("a corner of a region lies off its plane")
         if not _is_outlined(halfspaces, vertices[:, :2]):
-            raise MessageError("the half-planes of a region hold more than its corners do, or these run clockwise")
+            raise MessageError("half-planes of a region enclose more than its corners do, or these run clockwise")
         for name in ("sigma", "area"):
             value = finite(getattr(self, name), f"{name} of a region")
             if value < 0:
@@ -73,14 +73,14 @@ class RegionsMessage(MapOrigin):
         regions: in the order in which they were found.
     """
 
-    # `GridJudge` judges it as a grid of this kind, not as the map itself.
+    # Separate kind of grid for `GridJudge`, which orders the messages of each kind.
     extent: ClassVar[str] = "regions"
     type_name: ClassVar[str] = REGIONS
 
     regions: tuple[RegionMessage, ...]
 
     def __post_init__(self) -> None:
-        """Check what others rely on."""
+        """Check the fields."""
         # Without arguments `super` would look in the class that `slots` replaced.
         super(RegionsMessage, self).__post_init__()
         object.__setattr__(self, "regions", tuple(self.regions))
@@ -104,7 +104,7 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 
     Raises:
         VersionError: another major version.
-        MessageError: the payload is damaged, or a length or number is not what the message allows.
+        MessageError: the payload is damaged, or a length or value is not allowed.
     """
     message = decode(payload, REGIONS)
     check_version(message, "regions")
@@ -112,10 +112,10 @@ def decode_regions(payload: bytes | bytearray | memoryview) -> RegionsMessage:
 
 
 def _is_outlined(halfspaces: Float, corners: Float) -> bool:
-    """Check that the half-planes bound just the polygon of corners (m, 2), all of which lie in every half-plane.
+    """Check that the half-planes bound exactly the polygon of corners (m, 2), which all lie in every half-plane.
 
-    True if every edge lies on the line of a half-plane and the edges enclose an area: a closed path along the border
-    of an unbounded region runs there and back, and encloses no area.
+    True if every edge lies on the line of a half-plane and the edges enclose a positive area. A closed path along the
+    border of an unbounded region returns on itself and encloses none.
     """
     on_line = np.abs(corners @ halfspaces[:, :2].T - halfspaces[:, 2]) <= TOLERANCE
     on_border = (on_line & np.roll(on_line, -1, axis=0)).any(axis=1)

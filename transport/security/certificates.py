@@ -1,4 +1,4 @@
-"""Life of certificates: validity, renewal, adding and revoking members."""
+"""Management of certificates: validity, renewal, adding and revoking members."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# [days] A warning is given this long before a certificate ends.
+# Remaining validity of a certificate below which a warning is given [days].
 WARNING_DAYS = 30
 
 
 def days_left(certificate: str | Path) -> float:
-    """[days] that a certificate is still valid; negative when it has expired.
+    """Remaining validity of a certificate [days]; negative after it has expired.
 
     Raises:
         SecurityError: it cannot be read.
@@ -49,7 +49,7 @@ def days_left(certificate: str | Path) -> float:
 
 
 def expiries(folder: str | Path) -> dict[str, float]:
-    """[days] left of each certificate below a security folder, or of the folder of one role, by its path."""
+    """Remaining validity [days] of each certificate in a security folder or the folder of a role, by its path."""
     root = Path(folder)
     return {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
 
@@ -59,10 +59,10 @@ def _files(root: Path, ending: str) -> list[Path]:
 
 
 def judge_security(folder: str | Path) -> tuple[Health, str]:
-    """Assess a security folder: keys that others can read, certificates that end, outdated access rules.
+    """Assess a security folder: keys that others can read, certificates that expire, outdated access rules.
 
     Returns:
-        ERROR for a key that others can read or a certificate that has expired, WARN for one that ends within
+        ERROR for a key that others can read or a certificate that has expired, WARN for one that expires within
         `WARNING_DAYS` and for access rules of an earlier version, else OK.
 
     Raises:
@@ -80,7 +80,7 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     if days <= WARNING_DAYS:
         return Health.WARN, f"{name} expires in {days:.0f} days; `guara security renew`, then copy the folder again"
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
-        if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_present_rules(node):
+        if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_current_rules(node):
             return Health.WARN, (
                 "the access rules were made by another version: planners may have to judge ages by wall clocks, and "
                 "the gait may not tell its clock, without which no scan is confirmed; "
@@ -96,24 +96,23 @@ def _is_open(key: Path) -> bool:
         raise SecurityError(f"cannot read {key}: {error.strerror}") from error
 
 
-def _has_present_rules(node: Path) -> bool:
+def _has_current_rules(node: Path) -> bool:
     configured = {rule["id"]: set(rule["key_exprs"]) for rule in read_configuration(node, "access_control/rules") or []}
     made = access_control(configured_robot(node))["rules"]
     return all(configured.get(rule["id"], set()) >= set(rule["key_exprs"]) for rule in made)
 
 
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Give members new keys and certificates by the same CA; empty `names` renews all. Common names stay.
+    """Renew keys and certificates of members with the same CA; empty `names` renews all. Common names are kept.
 
-    What an earlier version wrote into their configurations is brought up to date: the access rules of the node, and
-    how much waits for a link.
+    Configurations that an earlier version wrote are updated: access rules of nodes and routers, queues of links.
 
     Args:
         folder: made by `init_security`.
         names: names of roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
 
     Returns:
-        Names of the members that were renewed.
+        Names of the renewed members.
 
     Raises:
         SecurityError: no such member, or the folder lacks its CA.
@@ -125,18 +124,18 @@ def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     }
     for name in chosen:
         if name in gone:
-            raise SecurityError(f"{name} was shut out; add a member of another name instead")
+            raise SecurityError(f"{name} was revoked; add a member with another name instead")
     for member in chosen.values():
         certificate = member / f"{member.name}.pem"
-        _put_certificate(member, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
-        edit_configuration(member / CONFIGURATION, _bring_up_to_date)
+        _write_certificate(member, make_certificate(authority, common_name(certificate), hosts_of(certificate)))
+        edit_configuration(member / CONFIGURATION, _complete_queues)
     if any(member.name == "node" or name.endswith(f".{ROUTER}") for name, member in chosen.items()):
         members.save()
     return tuple(chosen)
 
 
-def _bring_up_to_date(configuration: dict[str, Any]) -> bool:
-    """Add what a member's configuration does not say yet; what its owner changed stays."""
+def _complete_queues(configuration: dict[str, Any]) -> bool:
+    """Add missing settings of link queues to a member's configuration; existing settings are kept."""
     link, made = configuration["transport"]["link"], sending()
     configured = link.get("tx", {})
     link["tx"] = {**made, **configured, "queue": {**made["queue"], **configured.get("queue", {})}}
@@ -144,7 +143,7 @@ def _bring_up_to_date(configuration: dict[str, Any]) -> bool:
 
 
 def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), listen: str = "tls/0.0.0.0:7447") -> Path:
-    """Make the folders of the roles of one more robot, by the same CA.
+    """Add a robot: make the folders of its roles, with certificates by the same CA.
 
     Args:
         folder: made by `init_security`.
@@ -169,40 +168,41 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), li
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
-    """Refuse the name of a robot, a router or a fleet member that is taken, or was: SecurityError."""
+    """Raise SecurityError for a name of a robot, router or fleet member that is or was in use."""
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
-        raise SecurityError(f"the name {name!r} is taken or was shut out; names are never used again")
+        raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
 
 
 def add(folder: str | Path, name: str, role: str) -> Path:
-    """Make a member of its own name with the rights of a role, such as a second planner.
+    """Add a member with the rights of a role, such as a second planner.
 
     Args:
         folder: made by `init_security`.
         name: name of the member; with several robots `<robot>.<name>`.
-        role: "planner", "viewer" or "gait" of the robot; or "fleet", which sees at routers which robots live.
+        role: "planner", "viewer" or "gait" of the robot; or "fleet", which sees through routers which robots are
+            alive.
 
     Returns:
-        Its folder. The folders of the node and of its routers change too and must be copied to where they run.
+        Its folder. The folders of the node and of its routers change too; copy them to their machines again.
 
     Raises:
-        SecurityError: the name is taken or was shut out, the role cannot be shared, or the folder lacks its CA.
+        SecurityError: the name is taken or was revoked, the role cannot be shared, or the folder lacks its CA.
     """
     authority, members = open_authority(folder), open_members(folder)
     allowed = (*(other for other in ROLES if other != "node"), FLEET)
     if role not in allowed:
         raise SecurityError(f"role is {role!r}; allowed: {', '.join(allowed)}")
     if role == FLEET:
-        return _add_watcher(members, authority, name.removesuffix(f".{FLEET}"))
+        return _add_fleet_member(members, authority, name.removesuffix(f".{FLEET}"))
     robot, own_name = _split(members, name)
     check_name(own_name, "member")
     own = members.robots[robot]
     target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
-        raise SecurityError(f"the name {own_name!r} is taken or was shut out; names are never used again")
-    # As the robot's other members are called: in folders of an earlier version without the robot's name.
-    before = common_name(own.folder / "node" / "node.pem").removesuffix("node")
-    full = before + own_name
+        raise SecurityError(f"the name {own_name!r} is taken or was revoked; names are never used again")
+    # Same prefix as in the names of the robot's other members, empty in folders of an earlier version.
+    prefix = common_name(own.folder / "node" / "node.pem").removesuffix("node")
+    full = prefix + own_name
     _check_length(full)
     text = (own.folder / role / CONFIGURATION).read_text(encoding="utf-8")
     for ending in ("key", "pem"):
@@ -211,7 +211,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     def write(member: Path) -> None:
         write_file(member / CONFIGURATION, text.encode())
         write_file(member / "ca.pem", authority.certificate)
-        _put_certificate(member, make_certificate(authority, full, [full]))
+        _write_certificate(member, make_certificate(authority, full, [full]))
 
     larger = members.with_robot(robot, dataclasses.replace(own, added={**own.added, own_name: role}))
     return take_in(target, write, lambda: larger)
@@ -229,7 +229,7 @@ def _split(members: Members, name: str) -> tuple[str, str]:
     return robot, own_name
 
 
-def _add_watcher(members: Members, authority: Credentials, name: str) -> Path:
+def _add_fleet_member(members: Members, authority: Credentials, name: str) -> Path:
     from transport.configuration import DEFAULT_ENDPOINT, client_configuration
     from transport.security.folder import tls_links
 
@@ -249,11 +249,11 @@ def _check_length(full: str) -> None:
 
 
 def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
-    """Shut a member out: its certificate still opens a link, on which nothing is allowed any more.
+    """Revoke a member: its certificate still opens a link, but nothing is allowed on it.
 
     Returns:
-        The folders of nodes and routers that changed and must be copied to where they run; they read them when they
-        start.
+        Changed folders of nodes and routers. Copy them to their machines and restart these programs: they are read at
+        start only.
 
     Raises:
         SecurityError: no such member, or it is the node itself.
@@ -262,7 +262,9 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
     members = open_members(folder)
     full, member = members.find(name)
     if member.name == "node":
-        raise SecurityError("the node cannot be shut out of itself; if its key is lost, make a new folder by init")
+        raise SecurityError(
+            "the node cannot be revoked; if its key is lost, run `guara security init` for a new folder"
+        )
     if full in members.shut_out:
         return ()
     for robot, own in members.robots.items():
@@ -272,7 +274,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
 
 
 def hosts_of(certificate: Path) -> list[str]:
-    """Names and addresses under which the owner of a certificate can be reached; SecurityError when it has none."""
+    """Names and addresses of the owner of a certificate; SecurityError if it states none."""
     from cryptography import x509
 
     kind = x509.SubjectAlternativeName
@@ -280,6 +282,6 @@ def hosts_of(certificate: Path) -> list[str]:
     return [str(entry.value) for entry in names]
 
 
-def _put_certificate(member: Path, credentials: Credentials) -> None:
+def _write_certificate(member: Path, credentials: Credentials) -> None:
     replace_file(member / f"{member.name}.key", credentials.key, 0o600)
     replace_file(member / f"{member.name}.pem", credentials.certificate)

@@ -23,7 +23,7 @@ from transport.exceptions import SecurityError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.security.access_rules import ROLES, access_control
 from transport.security.authority import Credentials, make_authority, make_certificate
-from transport.security.whole_folder import make_whole, write_file
+from transport.security.whole_folder import create_folder, write_file
 
 # Name of the Zenoh configuration in a role's folder.
 CONFIGURATION = "zenoh.json5"
@@ -128,7 +128,7 @@ def init_security(
             write_roles(of_robot, authority, name, hosts=own, listen=listen)
 
     check_tls(listen)
-    make_whole(target, write)
+    create_folder(target, write)
     return target
 
 

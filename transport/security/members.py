@@ -15,9 +15,9 @@ from transport.exceptions import SecurityError
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
-from transport.security.whole_folder import make_whole
+from transport.security.whole_folder import create_folder
 
-# In `ca`: the role of each member that was added, the routers, and who was shut out.
+# In `ca`: the role of each member that was added, the routers, and who was revoked.
 MEMBERS = "members.json"
 
 
@@ -28,7 +28,7 @@ class Robot:
     Attributes:
         folder: folder that holds the folders of its roles.
         added: role of each member beyond one per role.
-        revoked: names of members that were shut out.
+        revoked: names of members that were revoked.
     """
 
     folder: Path
@@ -37,7 +37,7 @@ class Robot:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All members, those that were shut out too."""
+        """All members, those that were revoked too."""
         return (*ROLES, *self.added)
 
 
@@ -67,7 +67,7 @@ class Members:
         robots: instance name -> members of that robot.
         routers: name, which is that of its folder too -> router.
         fleet: names of those who see which robots live.
-        revoked: routers and fleet members that were shut out.
+        revoked: routers and fleet members that were revoked.
     """
 
     root: Path
@@ -89,7 +89,7 @@ class Members:
 
     @property
     def shut_out(self) -> frozenset[str]:
-        """Names of those of `everybody` that were shut out."""
+        """Names of those of `everybody` that were revoked."""
         gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
         return frozenset(name for name, folder in self.everybody.items() if folder in gone)
@@ -108,7 +108,7 @@ class Members:
         raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
 
     def names_of(self, robot: str) -> dict[str, list[str]]:
-        """The common names that have each role of a robot, without those that were shut out."""
+        """The common names that have each role of a robot, without those that were revoked."""
         own = self.robots[robot]
         roles = {**{role: role for role in ROLES}, **own.added}
         named: dict[str, list[str]] = {role: [] for role in ROLES}
@@ -226,7 +226,7 @@ def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Me
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.
     """
-    make_whole(folder, write)
+    create_folder(folder, write)
     try:
         larger().save()
     except SecurityError:

@@ -12,17 +12,21 @@ from transport.exceptions import SecurityError
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
-    """Write a new file; a private one is readable by its owner only, from its creation on."""
+    """Create a file; a private one is never readable by anyone but its owner."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
 
 
-def make_whole(target: Path, write: Callable[[Path], None]) -> None:
-    """Make a folder atomically: `write` fills one beside it, which is then renamed.
+def create_folder(target: Path, write: Callable[[Path], None]) -> None:
+    """Create a folder atomically: `write` fills a temporary folder next to it, which is then renamed.
+
+    Args:
+        target: folder to create; an empty one is replaced.
+        write: writes the files into the folder that it is given.
 
     Raises:
-        SecurityError: it cannot be written.
+        SecurityError: the folder cannot be written, or exists and is not empty.
     """
     staging: Path | None = None
     try:

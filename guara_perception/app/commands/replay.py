@@ -51,7 +51,7 @@ def command(
     """
     from guara_perception.app.files.open_scan import open_scans
     from guara_perception.app.files.scan_calibration import calibration_for
-    from guara_perception.app.messages import restamped
+    from guara_perception.app.messages import with_stamp
     from guara_perception.app.node.walk_map import WalkMap
     from guara_perception.app.publisher import publish_terrain
     from guara_perception.app.summary import summary
@@ -103,7 +103,7 @@ def command(
                     out.mkdir(parents=True, exist_ok=True)
                     save_terrain(grids[name], out / f"{number:04d}-step{scan.step}-{name}.npz")
                 if session is not None:
-                    publish_terrain(session, restamped(grids[name], time.time_ns()), model.name)
+                    publish_terrain(session, with_stamp(grids[name], time.time_ns()), model.name)
         if session is not None:
             # The last grids must be out before the session closes, also to clients that have only just connected.
             time.sleep(max(interval, 0.5))

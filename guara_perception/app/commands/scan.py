@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command(name="scan")
 @click.argument("folder", required=False, type=FILE)
 @device_options
-@click.option("-o", "--out", type=FILE, hidden=True, help="the same as FOLDER")
+@click.option("-o", "--out", type=FILE, hidden=True, help="same as FOLDER")
 @click.option("--simulated", is_flag=True, help="simulated robot, world and devices")
 @click.option(
     "--mode",
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "--no-calibration",
     is_flag=True,
-    help="only record, with robot.toml's pattern, for instance a plate for a calibration",
+    help="only record, with the pattern of robot.toml, for instance a calibration plate",
 )
 def command(
     folder: Path | None,
@@ -46,10 +46,10 @@ def command(
     no_calibration: bool,
     chosen: DeviceOptions,
 ) -> None:
-    """Scan once, with the robot standing still, into FOLDER (default: scan), with pictures in FOLDER-figures.
+    """Scan once with the robot standing still; record into FOLDER (default: scan), draw into FOLDER-figures.
 
-    The folder also holds the calibration, where there is one: `guara process FOLDER -o terrain.npz` needs nothing else.
-    Without --stance the robot is taken to stand in its scan posture on all feet, gravity unknown.
+    FOLDER also holds the calibration, if any: `guara process FOLDER -o terrain.npz` needs nothing else.
+    Without --stance the robot is assumed to stand on all feet in its scan posture, with unknown gravity.
 
     \b
     Example:
@@ -71,7 +71,7 @@ def command(
     if folder is not None and out is not None:
         raise InvalidInput(f"FOLDER is {folder} and --out is {out}: give one of them")
     if no_calibration and chosen.calibration is not None:
-        raise InvalidInput("--no-calibration and --calibration contradict one another: give one of them")
+        raise InvalidInput("--no-calibration and --calibration contradict each other: give one of them")
     check_method(method, threshold)
     target = folder or out or Path("scan")
     rig = choose_rig(chosen, simulated=simulated, needs_calibration=not no_calibration)

@@ -64,12 +64,12 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--robot", "robots", multiple=True, required=True, help="instance name of a robot it serves; repeatable")
 @click.option("--name", default="router", help="name of the router and of its folder")
 @click.option("--host", "hosts", multiple=True, help="name or address by which others reach it; repeatable")
-@click.option("--listen", default="tls/0.0.0.0:7447", help="where it listens")
-@click.option("--uplink", default="", show_default="none", help="name of the router in FOLDER that it dials")
-@click.option("--uplink-host", default="", show_default="first of its hosts", help="how it reaches that router")
-@click.option("--scans", is_flag=True, help="planners behind it may request scans at nodes that dial it")
-@click.option("--summary-only", is_flag=True, help="the router above gets summaries, status and signs of life only")
-@click.option("--place", help="folder of its files where it will run; default: where they are made")
+@click.option("--listen", default="tls/0.0.0.0:7447", help="endpoint on which it listens")
+@click.option("--uplink", default="", show_default="none", help="name of the router in FOLDER that it connects to")
+@click.option("--uplink-host", default="", show_default="first of its hosts", help="name or address of that router")
+@click.option("--scans", is_flag=True, help="let its planners request scans from nodes that connect to it")
+@click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
+@click.option("--place", help="path of its folder on the machine where it runs; default: as created")
 def router(
     folder: Path,
     robots: tuple[str, ...],
@@ -82,7 +82,7 @@ def router(
     summary_only: bool,
     place: str | None,
 ) -> None:
-    """Make the certificate and the whole configuration of a Zenoh router (`zenohd`) that serves several robots.
+    """Make the certificate and configuration of a Zenoh router (`zenohd`) that serves several robots.
 
     \b
     Example:
@@ -105,12 +105,12 @@ def router(
         summary_only=summary_only,
         place=place,
     )
-    click.echo(f"{made}: for {', '.join(robots)}; start it there: zenohd -c {made / 'zenoh.json5'}")
+    click.echo(f"{made}: for {', '.join(robots)}; start it with: zenohd -c {made / 'zenoh.json5'}")
     fresh = [robot for robot in robots if robot not in before]
     if fresh:
-        click.echo(f"new robots: {', '.join(fresh)}, with a folder per role in {folder}")
-    others = f" and of {uplink}" if uplink else ""
-    click.echo(f"copy the node's folder of each of these robots{others} again, and restart what runs there")
+        click.echo(f"added to {folder}, with a folder per role: {', '.join(fresh)}")
+    others = f" and the folder of {uplink}" if uplink else ""
+    click.echo(f"copy the node folder of each of these robots{others} to their machines again and restart them")
 
 
 @command.command(name="check")
@@ -118,7 +118,7 @@ def router(
 @click.option("--robot", help="instance name of the robot; default: all of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect as each role to each node and router and print its rights; exit 1 when they differ from the rules.
+    """Connect to each node and router as each role and print its rights; exit 1 if they differ from the rules.
 
     \b
     Example:
@@ -147,7 +147,7 @@ def check(context: click.Context, folder: Path, robot: str | None) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("names", nargs=-1)
 def renew(folder: Path, names: tuple[str, ...]) -> None:
-    """Give all members of FOLDER, or those of NAMES, new keys and certificates by the same CA.
+    """Renew keys and certificates of all members of FOLDER, or of NAMES only, with the same CA.
 
     \b
     Example:
@@ -166,12 +166,12 @@ def renew(folder: Path, names: tuple[str, ...]) -> None:
     "--role",
     type=click.Choice(["planner", "viewer", "gait", "fleet"]),
     default="planner",
-    help="whose rights it gets",
+    help="role whose rights it gets",
 )
 def add(folder: Path, name: str, role: str) -> None:
-    """Make the member NAME with the rights of a role, such as a second planner; with several robots: ROBOT.NAME.
+    """Add the member NAME with the rights of a role, such as a second planner; with several robots: ROBOT.NAME.
 
-    The role `fleet` belongs to no robot: at routers it sees which robots are alive, and their state.
+    The role `fleet` belongs to no robot: it sees through the routers which robots are alive, and their status.
 
     \b
     Example:
@@ -183,7 +183,7 @@ def add(folder: Path, name: str, role: str) -> None:
 
     made = add_member(folder, name, role)
     if role == "fleet":
-        click.echo(f"{made}: for the new fleet; copy the folders of the routers again and restart them")
+        click.echo(f"{made}: for the new fleet member; copy the folders of the routers again and restart them")
     else:
         click.echo(f"{made}: for the new {role}; copy {made.parent / 'node'} to the robot again and restart the node")
         _print_routers(folder)
@@ -193,7 +193,7 @@ def add(folder: Path, name: str, role: str) -> None:
 @click.argument("folder", type=FILE)
 @click.argument("name")
 def revoke(folder: Path, name: str) -> None:
-    """Shut out the member NAME, such as one whose machine was stolen; its name is never used again.
+    """Revoke the member NAME, for instance after its machine was stolen; its name cannot be used again.
 
     \b
     Example:
@@ -204,9 +204,9 @@ def revoke(folder: Path, name: str) -> None:
 
     changed = ", ".join(map(str, revoke_member(folder, name)))
     if changed:
-        click.echo(f"{name} is shut out as soon as {changed} is copied to its machines and they are restarted")
+        click.echo(f"copy {changed} to the machines again and restart them; until then {name} keeps its access")
     else:
-        click.echo(f"{name} is shut out already, where the rules in {folder} are in force")
+        click.echo(f"{name} was already revoked; it has no access where the rules in {folder} are in force")
 
 
 def _print_routers(folder: Path) -> None:
@@ -214,4 +214,4 @@ def _print_routers(folder: Path) -> None:
 
     routers = open_members(folder).routers
     if routers:
-        click.echo(f"copy the folders of the routers too, and restart them: {', '.join(routers)}")
+        click.echo(f"also copy the folders of these routers and restart them: {', '.join(routers)}")

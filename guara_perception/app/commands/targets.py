@@ -1,4 +1,4 @@
-"""`guara targets`: print the targets of a calibration."""
+"""`guara targets`: draw the targets of a calibration as a PDF."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from guara_perception.app.options import FILE, board_options
 
 @click.command(name="targets")
 @click.option("-o", "--out", required=True, type=FILE, help="PDF to write")
-@click.option("--robot", default="guara", help="name or folder of the robot that stands on the mat")
-@click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", help="paper of the printer")
+@click.option("--robot", default="guara", help="name or folder of the robot to calibrate")
+@click.option("--paper", type=click.Choice(["a4", "letter", "a3"]), default="a4", help="paper size")
 @board_options
 def command(out: Path, robot: str, paper: str, board: str, pattern: str, square: float, plates: str) -> None:
-    """Print the targets of a calibration to scale: ruler, board, crosses, floor mat, labels of plates.
+    """Draw the targets of a calibration to scale: ruler, board, crosses, floor mat, plate labels.
 
-    Larger drawings go over several pages with joining marks. Print at 100 %, and check the ruler.
+    Drawings larger than a page are split, with marks for joining the pages. Print at 100 % and check the ruler.
 
     \b
     Example:
@@ -35,4 +35,4 @@ def command(out: Path, robot: str, paper: str, board: str, pattern: str, square:
         count = sum(page.sheet.title == title for page in pages)
         click.echo(f"{title}: {count} page{'s' if count > 1 else ''}")
     crosses = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in cross_points(model))
-    click.echo(f"{out}: {len(pages)} pages; the crosses belong to {crosses} m in base_footprint")
+    click.echo(f"{out}: {len(pages)} pages; place the crosses at {crosses} m in base_footprint")

@@ -1,4 +1,4 @@
-"""Check of the demo: footholds and grids compared with the true world."""
+"""Check of the demo: comparison of footholds and grids with the simulated world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from guara_perception.terrain.questions.path import PathVerdict
 
-# A hind foot comes to ground that was scanned after 0.73 m; at least this many must do so over a whole walk.
+# Least number of hind footholds on scanned ground in a whole walk. Hind feet reach scanned ground after 0.73 m.
 HIND_FOOTHOLDS_WANTED = 8
 WHOLE_WALK_PAUSES = 41
 
@@ -24,12 +24,12 @@ class CheckedFoothold:
 
     Attributes:
         step: pause at which it was chosen.
-        leg: name of the leg that goes there.
+        leg: name of the leg that steps there.
         is_hind: whether it is a hind leg.
-        is_scanned: whether a scan had seen the cell (otherwise the gait declared it, or a foot stood on it).
-        is_hazard: whether the grid, as published, calls the cell hazardous.
-        is_swing_refused: whether the grid, as published, refuses the swing that leads there.
-        height_error: elevation of the grid less the true height under it [m], NaN when unknown.
+        is_scanned: whether a scan observed the cell (otherwise the gait declared it, or a foot stood on it).
+        is_hazard: whether the cell is a hazard in the published grid, or off it.
+        is_swing_refused: whether `check_path` rejects the swing to it on the published grid.
+        height_error: elevation of the grid minus the true height [m], NaN where unknown.
     """
 
     step: int
@@ -43,12 +43,12 @@ class CheckedFoothold:
 
 @dataclass
 class DemoCheck:
-    """Footholds, errors and counts of a walk, collected pause by pause.
+    """Footholds, height errors and grid counts of a walk, collected pause by pause.
 
     Attributes:
-        footholds: every foothold that was chosen.
+        footholds: all chosen footholds.
         errors: |elevation - truth| of every known cell of every scan [m].
-        unknown_called_safe: cells that are unknown and traversable; must stay 0.
+        unknown_called_safe: number of unknown cells marked traversable; must stay 0.
         grids_published, grids_received: numbers of single-scan grids that the node published and the planner received.
     """
 
@@ -58,7 +58,7 @@ class DemoCheck:
     grids_published: int = 0
     grids_received: int = 0
 
-    def scanned(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
+    def add_grids(self, world: World, pause: WalkPause, *grids: TerrainGrid) -> float:
         """Add the grids of a pause; return the median error of the first [m]."""
         for grid in grids:
             unknown = (np.asarray(grid.hazard) & UNKNOWN_MASK) != 0
@@ -70,10 +70,10 @@ class DemoCheck:
         self.grids_published += 1
         return float(np.median(known)) if known.size else float("nan")
 
-    def chosen(
+    def add_foothold(
         self, world: World, pause: WalkPause, fused: TerrainGrid, x: float, y: float, swing: PathVerdict
     ) -> CheckedFoothold:
-        """Add the foothold that the planner chose on the fused map of a pause, and the check of its swing."""
+        """Add the foothold that the planner chose on the fused map of a pause, and the verdict on its swing."""
         iy, ix = fused.geometry.indices(x, y)
         inside = bool(fused.geometry.contains(iy, ix))
         world_x, world_y = pause.to_world(x, y)
@@ -91,21 +91,21 @@ class DemoCheck:
         return checked
 
     def failures(self, pauses_wanted: int) -> list[str]:
-        """Failed conditions as text; empty when the check passed."""
+        """Failed conditions as text; empty if the check passed."""
         problems = []
         hind = [foot for foot in self.footholds if foot.is_hind and foot.is_scanned]
         on_hazard = [foot for foot in self.footholds if foot.is_hazard]
         if self.grids_published < pauses_wanted:
-            problems.append(f"{self.grids_published} of {pauses_wanted} pauses gave a grid")
+            problems.append(f"{self.grids_published} of {pauses_wanted} pauses produced a grid")
         if self.grids_received < self.grids_published:
             problems.append(f"the planner received {self.grids_received} of {self.grids_published} grids")
         if pauses_wanted >= WHOLE_WALK_PAUSES and len(hind) < HIND_FOOTHOLDS_WANTED:
-            problems.append(f"{len(hind)} hind footholds on scanned ground, {HIND_FOOTHOLDS_WANTED} are wanted")
+            problems.append(f"{len(hind)} hind footholds on scanned ground, at least {HIND_FOOTHOLDS_WANTED} required")
         if on_hazard:
             problems.append(f"{len(on_hazard)} footholds on a hazard, the first at step {on_hazard[0].step}")
         refused = [foot for foot in self.footholds if foot.is_swing_refused]
         if refused:
-            problems.append(f"{len(refused)} swings that check_path refuses, the first at step {refused[0].step}")
+            problems.append(f"{len(refused)} swings refused by check_path, the first at step {refused[0].step}")
         if self.unknown_called_safe:
             problems.append(f"{self.unknown_called_safe} unknown cells were called traversable")
         return problems
@@ -128,7 +128,7 @@ class DemoCheck:
         if errors.size:
             lines.append(
                 f"height error of the scans against the world: median {np.median(errors):.2f} mm, "
-                f"95 % below {np.percentile(errors, 95):.2f} mm (with joint noise and an IMU of 0.1 degrees)"
+                f"95 % below {np.percentile(errors, 95):.2f} mm (with joint noise and an IMU error of 0.1 degrees)"
             )
         if under_feet.size:
             lines.append(f"height error of the map under the feet: {np.sqrt(np.nanmean(under_feet**2)):.2f} mm rms")
@@ -140,5 +140,5 @@ def true_elevation(world: World, pause: WalkPause, grid: TerrainGrid) -> Float:
     x, y = (axis.ravel() for axis in np.meshgrid(*grid.geometry.centres()))
     points = np.column_stack((x, y, np.zeros(x.size), np.ones(x.size))) @ pause.transform_footprint_to_world.T
     heights = world.height(points[:, 0], points[:, 1])
-    # The footprint's plane is level in the world but for rounding: the height of its z = 0 is that of the points.
+    # The z = 0 plane of base_footprint is level in the world up to rounding; points[:, 2] is its height there.
     return np.asarray(heights - points[:, 2], dtype=np.float64).reshape(grid.shape)

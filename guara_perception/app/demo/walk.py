@@ -143,13 +143,13 @@ def demo_walk(
             x, y = pause.nominal
             answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, extent="map")
             check.grids_received = answer["received"]
-            error = check.scanned(robot.world, pause, terrain, fused)
+            error = check.add_grids(robot.world, pause, terrain, fused)
             choice = answer["foothold"]
             choices[pause.step] = None if choice is None else (choice[0], choice[1])
             foothold = None
             if choice is not None and pause.step < last:
                 swing = fused.check_path(answer["swing"], answer["clearance"])
-                foothold = check.chosen(robot.world, pause, fused, choice[0], choice[1], swing)
+                foothold = check.add_foothold(robot.world, pause, fused, choice[0], choice[1], swing)
             gait.end(pause)
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
             if pause.step == last:

@@ -26,7 +26,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 LEAST_SAFE_SCORE = 0.01
 # Large grids are assessed in blocks of rows that fit the cache; all tests are local, so the result is the same.
 BLOCK_CELLS = 60_000
-# Least height of a block in margins, whose rows are assessed twice.
+# Least height of a block, in heights of the margin, whose rows are assessed twice.
 LEAST_MARGINS = 6
 
 
@@ -42,16 +42,15 @@ def assess_layers(
     """Compute all layers of a grid from its heights.
 
     Every test reads a fixed window. A cell whose windows, or those of the cells under its sole, are not wholly known
-    gets EDGE whatever the values: so losing an observation never makes another cell safe.
+    gets EDGE whatever the values, so the loss of an observation never makes another cell safe.
 
     Args:
         raster: heights, their variances, lowest and highest samples.
-        hazard: (ny, nx) uint16, given flags (causes of unknown cells, CONFLICT, STALE).
+        hazard: (ny, nx) uint16 initial flags (causes of unknown cells, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: traversability limits.
         drift: (ny, nx, 2) drift of each cell of the fused map along y and x [cells]; None for a single scan.
-        beyond: number of rows and columns on each side beyond the border, which the tests read and the returned layers
-            lack.
+        beyond: width of a margin on each side, which the tests read and the returned layers do not contain [cells].
 
     Returns:
         All layers by name, read-only, in the types of `LAYERS`; age and looks are those of a single scan.
@@ -61,7 +60,7 @@ def assess_layers(
     known = np.isfinite(raster.elevation)
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
-    judged = _judge_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
+    judged = _assess_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, _unknown(name), np.float32)
@@ -82,7 +81,7 @@ def _unknown(layer: str) -> float:
 
 
 def flags_of(raster: Raster, hazard: Flags) -> Flags:
-    """Given flags without causes in known cells; an unknown cell without a cause is UNSCANNED."""
+    """Initial flags without causes in known cells, and with UNSCANNED in unknown cells without a cause."""
     known = np.isfinite(raster.elevation)
     flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
     flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
@@ -90,7 +89,7 @@ def flags_of(raster: Raster, hazard: Flags) -> Flags:
 
 
 def completed(layers: Mapping[str, Array], resolution: float) -> dict[str, Array]:
-    """The layers of `judge_soles` with clearance, age and looks of a single scan, read-only."""
+    """The layers of `assess_soles` with clearance, age and looks of a single scan, read-only."""
     known = np.isfinite(layers["elevation"])
     whole = {
         **layers,
@@ -118,7 +117,7 @@ def _extent(known: Mask, axis: int) -> slice:
     return slice(int(occupied[0]), int(occupied[-1]) + 1) if occupied.size else slice(0, 1)
 
 
-def _judge_in_blocks(
+def _assess_in_blocks(
     raster: Raster,
     flags: Flags,
     resolution: float,
@@ -135,13 +134,13 @@ def _judge_in_blocks(
     for start in range(0, ny, rows):
         first, end = max(start - margin, 0), min(start + rows + margin, ny)
         drifted = None if drift is None else drift[first:end]
-        tested = judge_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
-        block = judge_soles(tested, kernel, resolution, limits, drifted)
+        tested = assess_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
+        block = assess_soles(tested, kernel, resolution, limits, drifted)
         blocks.append({name: layer[start - first : start - first + rows] for name, layer in block.items()})
     return blocks[0] if len(blocks) == 1 else {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
 
 
-def judge_discs(
+def assess_discs(
     raster: Raster, flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits
 ) -> dict[str, Array]:
     """Layers computed from a disc around each cell (all but clearance and EDGE).
@@ -171,7 +170,7 @@ def judge_discs(
     step_layer = layer("step_height", np.maximum(rise, fall))
     sigma = np.sqrt(raster.variance.take(index))
     step_sigma = k * np.sqrt(2.0) * sigma
-    # From here on, rise and fall include their uncertainty.
+    # From here on rise and fall include their uncertainty.
     rise += step_sigma
     fall += step_sigma
 
@@ -204,14 +203,14 @@ def judge_discs(
     }
 
 
-def judge_soles(
+def assess_soles(
     layers: Mapping[str, Array],
     kernel: Kernel,
     resolution: float,
     limits: TraversabilityLimits,
     drift: Index | None = None,
 ) -> dict[str, Array]:
-    """Add EDGE to the layers of `judge_discs`."""
+    """Add EDGE to the layers of `assess_discs`."""
     flags = layers["hazard"]
     edge = edge_cells(flags, kernel, resolution, limits, drift) & ((flags & UNKNOWN_MASK) == 0)
     hazard = flags | edge * np.uint16(Hazard.EDGE)
@@ -236,9 +235,9 @@ def _score(value: Float, limit: float) -> Float:
 
 
 class Reassessment:
-    """Incremental `assess_layers`, equal to the last bit.
+    """Incremental `assess_layers` with bit-identical results.
 
-    Discs are fitted again only where something within them changed; soles and clearance take little time.
+    Discs are fitted again only where a cell within them changed; EDGE and clearance, which take little time, always.
     """
 
     def __init__(self, resolution: float, limits: TraversabilityLimits) -> None:
@@ -253,20 +252,20 @@ class Reassessment:
         self._before: tuple[Raster, Flags, dict[str, Array]] | None = None
 
     def layers(self, raster: Raster, hazard: Flags) -> dict[str, Array]:
-        """All layers that follow from the heights; arguments and result as those of `assess_layers`.
+        """Compute all layers; arguments and result as those of `assess_layers`.
 
-        The arrays must not be changed afterwards: the next ones are compared with them.
+        The arrays must not be changed afterwards: those of the next call are compared with them.
         """
         flags = flags_of(raster, hazard)
         tested = self._tested(raster, flags)
         self._before = raster, flags, tested
-        return completed(judge_soles(tested, self._kernel, self._resolution, self._limits), self._resolution)
+        return completed(assess_soles(tested, self._kernel, self._resolution, self._limits), self._resolution)
 
     def _tested(self, raster: Raster, flags: Flags) -> dict[str, Array]:
-        """The layers that follow from the discs."""
+        """Layers of `assess_discs`, recomputed where something changed."""
         fixed = self._kernel, self._resolution, self._limits
         if self._before is None:
-            return judge_discs(raster, flags, *fixed)
+            return assess_discs(raster, flags, *fixed)
         raster_before, flags_before, before = self._before
         changed = changed_columns(flags, flags_before)
         for now, then in zip(raster.layers, raster_before.layers, strict=True):
@@ -277,7 +276,7 @@ class Reassessment:
         for columns in runs(widened(changed, reach)):
             first = max(columns.start - reach, 0)
             around = slice(first, columns.stop + reach)
-            part = judge_discs(raster.window((slice(None), around)), flags[:, around], *fixed)
+            part = assess_discs(raster.window((slice(None), around)), flags[:, around], *fixed)
             parts.append((columns, slice(columns.start - first, columns.stop - first), part))
         if not parts:
             return before

@@ -24,8 +24,8 @@ class CellSamples:
     """Samples of one swath, summed per cell; arrays of equal length, each cell once.
 
     Attributes:
-        cell: int32 ix * (ny + 2) + iy, column and row counted from 1; a ring of cells around the grid takes samples
-            beyond it.
+        cell: int32 ix * (ny + 2) + iy, column and row counted from 1; a ring of cells around the grid collects the
+            samples beyond it.
         total, count: sum and number of the heights in the top layer of the cell, float64 and float32.
         variance_total: float32 sum of their variances.
         low, high: float32 lowest and highest height of any sample.
@@ -39,14 +39,14 @@ class CellSamples:
     high: Float32
 
     def columns(self, geometry: GridGeometry) -> slice:
-        """Range of the columns of the grid with samples."""
+        """Range of grid columns that contains all samples."""
         if not self.cell.size:
             return slice(0, 0)
         first, last = (int(cell) // (geometry.shape[0] + 2) - 1 for cell in (self.cell[0], self.cell[-1]))
         return slice(max(first, 0), max(last + 1, 0))
 
     def between(self, first: int, end: int) -> CellSamples:
-        """The samples in the cells `first` to `end`."""
+        """Samples in the cells from `first` up to `end`, exclusive."""
         if not self.cell.size or (self.cell[0] >= first and self.cell[-1] < end):
             return self
         some = slice(*self.cell.searchsorted(np.array([first, end], np.int32)).tolist())
@@ -90,7 +90,7 @@ class Raster:
 
     @property
     def layers(self) -> tuple[Float, Float, Float, Float]:
-        """All of them, in this order."""
+        """The four layers in the order of the attributes."""
         return self.elevation, self.variance, self.low, self.high
 
     def window(self, cells: tuple[slice, slice]) -> Raster:
@@ -118,7 +118,7 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 
 
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
-    """Rasterise `count` swaths at once, each by itself; distant swaths make the work arrays large."""
+    """Rasterise `count` independent swaths at once; the work arrays grow with the distance between them."""
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
@@ -155,13 +155,13 @@ def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry
 def _cells(points: Float, geometry: GridGeometry) -> npt.NDArray[np.int32]:
     """Column and row (2, n) of the cells of points (3, n), those of `GridGeometry.indices` counted from 1.
 
-    A point that is beyond the grid or unknown lies in the ring of cells around it.
+    Points that are unknown or beyond the grid are assigned to the ring of cells around it.
     """
     offset, last = _offset_and_last(geometry)
     position = points[:2] * (1 / geometry.resolution)
     position += offset
     with np.errstate(invalid="ignore"):
-        # NaN becomes the lowest number, as positions below the grid; positive numbers are truncated.
+        # Positive numbers are truncated. NaN and positions below the grid give 0 or less: the ring.
         cell = position.astype(np.int32)
     cell.clip(np.int32(0), last, out=cell)
     unknown = np.isnan(points[2])
@@ -207,8 +207,8 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     if not swaths:
         nothing = np.broadcast_to(np.nan, (geometry.shape[0], number))
         return Raster(nothing, nothing, nothing, nothing)
-    # Joined one kind of value after the other, which saves most of the memory of a merge.
-    # The type of numpy's own indices: with any other `at` is many times slower.
+    # Attributes are concatenated one after the other, which saves most of the memory of a merge.
+    # np.intp: with any other type of index `ufunc.at` is many times slower.
     cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
     size = (number + 2) * rows
@@ -238,7 +238,7 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
 
 
 def _joined(swaths: Sequence[CellSamples], name: str, kind: npt.DTypeLike | None = None) -> Array:
-    """Concatenation of one kind of value of all swaths."""
+    """Concatenation of one attribute of all swaths."""
     return np.concatenate([getattr(swath, name) for swath in swaths], dtype=kind)
 
 
@@ -262,7 +262,7 @@ def pool(raster: Raster, factor: int) -> Raster:
 
 
 def pool_flags(flags: Flags, factor: int) -> Flags:
-    """Flags of coarser cells: those of any of their `factor` x `factor` fine ones."""
+    """Flags of coarser cells: union of the flags of their `factor` x `factor` fine cells."""
     return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
 
 
@@ -285,6 +285,6 @@ def widened(columns: Mask, cells: int) -> Mask:
 
 
 def runs(columns: Mask) -> list[slice]:
-    """Runs of neighbours in a mask (nx,) of columns, in order."""
+    """Runs of adjacent columns in a mask (nx,), in order."""
     ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
     return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

@@ -1,4 +1,4 @@
-"""Hazard flags of cells, the safety invariant of terrain grids, and reasons of a refusal."""
+"""Hazard flags of cells, safety invariant of terrain grids, and failed tests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
-    """Flags of a cell: the lower byte gives causes of unknown cells, the upper byte hazards of known ones.
+    """Flags of a cell: causes of unknown cells in the lower byte, hazards of known cells in the upper byte.
 
     Unknown: DROPOUT, no return where one was expected; OCCLUDED, hidden by something nearer; UNSCANNED, not observed;
     OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, an unreliable return; SELF, hidden by the
@@ -76,15 +76,15 @@ def names(flags: int | Hazard) -> list[str]:
 
 
 def cells_by_flag(hazard: Flags) -> dict[str, int]:
-    """Name of each flag -> number of cells of a grid that carry it."""
-    # A grid has few of all combinations of flags.
+    """Number of cells of a grid with each flag, by its name."""
+    # A grid contains few of the possible combinations of flags.
     cells = np.bincount(hazard.ravel())
     combinations = np.flatnonzero(cells)
     return {str(flag.name): int(cells[combinations[(combinations & int(flag)) != 0]].sum()) for flag in Hazard}
 
 
 def check_invariant(layers: Mapping[str, Array]) -> None:
-    """Refuse a grid that violates the safety invariant (docs/safety.md).
+    """Reject a grid that violates the safety invariant (docs/safety.md).
 
     Raises:
         UnsafeGrid: a layer is missing, has another shape or type, or a rule is broken; the message names the rule, the
@@ -98,7 +98,7 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
             raise UnsafeGrid(f"layer {layer.name} is {given}, it must be {np.dtype(layer.dtype)} {shape}")
     check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
     variance = layers["variance"]
-    _refuse(((layers["hazard"] & UNKNOWN_MASK) == 0) & ~(variance >= 0), "variance of a known cell is NaN or negative")
+    _reject(((layers["hazard"] & UNKNOWN_MASK) == 0) & ~(variance >= 0), "variance of a known cell is NaN or negative")
 
 
 def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:
@@ -107,26 +107,26 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
         hazard: (ny, nx) flags.
-        traversability: (ny, nx), 0 never.
+        traversability: (ny, nx), 0 where no foot may be set, up to 1.
 
     Raises:
         UnsafeGrid: a rule is broken.
     """
     traversability = np.asarray(traversability, np.float32)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    _refuse(np.isinf(elevation), "elevation is infinite")
-    _refuse(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
-    _refuse(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
-    _refuse((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
+    _reject(np.isinf(elevation), "elevation is infinite")
+    _reject(np.isnan(elevation) != unknown, "elevation is NaN without an unknown flag, or known with one")
+    _reject(~((traversability >= 0) & (traversability <= 1)), "traversability is outside 0 ... 1")
+    _reject((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
     occupancy = occupancy_values(traversability, hazard)
-    _refuse((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # A safe cell lies in a window of known cells; its nearest ring can be checked without the limits.
+    _reject((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
+    # All cells in the test windows of a safe cell are known. The ring beside it can be checked without the limits.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
-    _refuse((hazard == 0) & beside, "a cell beside an unknown one is traversable")
+    _reject((hazard == 0) & beside, "a cell beside an unknown one is traversable")
 
 
 def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:
-    """Occupancy as in nav_msgs/OccupancyGrid: 0 ... 99 free, 100 hazard, `unknown` where not seen."""
+    """Occupancy as in nav_msgs/OccupancyGrid: 0 ... 99 free, 100 hazard, `unknown` in unknown cells."""
     free = np.rint(99 * (1 - traversability.astype(np.float64))).astype(np.int8)
     values = np.where(hazard == 0, free, np.int8(100))
     if unknown != 100:
@@ -134,10 +134,10 @@ def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100)
     return values
 
 
-def _refuse(broken: Mask, rule: str) -> None:
+def _reject(broken: Mask, rule: str) -> None:
     if broken.any():
         iy, ix = (int(i[0]) for i in np.nonzero(broken))
-        raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is not published")
+        raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is rejected")
 
 
 @dataclass(frozen=True, slots=True)

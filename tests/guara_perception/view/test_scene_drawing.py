@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from guara_perception.view.controls import PICTURE_WIDTH_PX, for_page
-from guara_perception.view.scene_drawing import OUTLINE_M, outline, plain, prism, way
+from guara_perception.view.scene_drawing import OUTLINE_M, outline, prism, simplify, track
 
 
 def test_a_prism_has_all_its_edges() -> None:
@@ -24,14 +24,14 @@ def test_the_staircase_of_an_outline_is_left_out() -> None:
     """A diagonal that follows the edges of cells becomes a straight line near them; a square stays a square."""
     cell = 0.005
     staircase = np.array([*((i * cell, j * cell) for i in range(20) for j in (i, i + 1)), (0.0, 20 * cell)])
-    corners = plain(staircase)
+    corners = simplify(staircase)
     assert len(corners) <= 5
     polygon = corners.astype(np.float32)[:, None]
     assert max(abs(cv2.pointPolygonTest(polygon, point, True)) for point in staircase.tolist()) <= OUTLINE_M + 1e-6
     square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
-    np.testing.assert_allclose(plain(square), square, atol=1e-7)
+    np.testing.assert_allclose(simplify(square), square, atol=1e-7)
     tiny = square * cell
-    assert len(plain(tiny)) == 4
+    assert len(simplify(tiny)) == 4
 
 
 def test_an_outline_is_closed_and_lies_over_the_ground() -> None:
@@ -49,7 +49,7 @@ def test_the_way_has_a_tick_at_each_pause() -> None:
     poses = [np.eye(4) for _ in range(3)]
     for number, pose in enumerate(poses):
         pose[0, 3] = 0.1 * number
-    lines = way(poses)
+    lines = track(poses)
     assert lines.shape == (5, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(lines[:2, 1] - lines[:2, 0], axis=1), 0.1, rtol=1e-5)
     np.testing.assert_allclose(lines[2:, 1, 1] - lines[2:, 0, 1], 0.03, rtol=1e-5)

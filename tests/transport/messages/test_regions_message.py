@@ -94,9 +94,9 @@ def test_the_form_is_as_the_definition_says() -> None:
     [
         ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "off its plane"),
         ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside of one of its half-planes"),
-        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "hold more than its corners do"),
-        ({"halfspaces": _region(1).halfspaces[:4]}, "hold more than its corners do"),
-        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "hold more than its corners do"),
+        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "enclose more than its corners do"),
+        ({"halfspaces": _region(1).halfspaces[:4]}, "enclose more than its corners do"),
+        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "enclose more than its corners do"),
         ({"vertices": _region(1).vertices[::-1]}, "these run clockwise"),
         ({"halfspaces": 2 * _region(1).halfspaces}, "whose length is not 1"),
         ({"halfspaces": _region(1).halfspaces[:2]}, "region of 2 half-planes"),

@@ -144,7 +144,7 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
         files = {value for value in tls.values() if isinstance(value, str)}
         assert files == {f"{lies_in}/{name}" for name in ("ca.pem", f"{made.name}.pem", f"{made.name}.key")}
         assert zenoh_api.configuration_value((made / CONFIGURATION).read_text(), "mode") == "router"
-    # A member that is added or shut out later changes its rules, though its files lie elsewhere.
+    # A member that is added or revoked later changes its rules, though its files lie elsewhere.
     second = add(tmp_path / "keys", "second", "planner")
     assert '"rex.second"' in (there / CONFIGURATION).read_text()
     assert revoke(tmp_path / "keys", "second") == (tmp_path / "keys" / "node", here, there) and second.is_dir()
@@ -153,14 +153,14 @@ def test_the_files_lie_where_the_router_will_run(tmp_path: Path) -> None:
 def test_names_never_stand_for_two(site: Path, tmp_path: Path) -> None:
     """A member cannot take the name in another's certificate; robots, routers and watchers share one set of names."""
     for name in ("rex.router", "rex.fleet", "rex.planner"):
-        with pytest.raises(SecurityError, match="is taken or was shut out"):
+        with pytest.raises(SecurityError, match="is taken or was revoked"):
             add(site, name, "planner")
     for name in ("rex", "top", "desk"):
-        with pytest.raises(SecurityError, match="is taken or was shut out"):
+        with pytest.raises(SecurityError, match="is taken or was revoked"):
             add_robot(site, name)
-        with pytest.raises(SecurityError, match="is taken or was shut out"):
+        with pytest.raises(SecurityError, match="is taken or was revoked"):
             make_router(site, ["rex"], name=name)
-        with pytest.raises(SecurityError, match="is taken or was shut out"):
+        with pytest.raises(SecurityError, match="is taken or was revoked"):
             add(site, name, "fleet")
     with pytest.raises(SecurityError, match="'rex.p+' is too long"):
         add(site, "rex." + "p" * 60, "planner")
@@ -189,14 +189,14 @@ def test_who_is_shut_out_is_so_everywhere(tmp_path: Path) -> None:
     for member in ("rex/node", "top", "room"):
         text = (folder / member / CONFIGURATION).read_text()
         assert '"rex.second"' in text and '"rex.planner"' not in text and '"room.router"' not in text
-    with pytest.raises(SecurityError, match=r"room\.router was shut out"):
+    with pytest.raises(SecurityError, match=r"room\.router was revoked"):
         renew(folder, ("room",))
     with pytest.raises(SecurityError, match="has no router 'room' to dial; routers: top"):
         make_router(folder, ["rex"], name="hall", uplink="room")
 
 
 def test_a_folder_that_cannot_be_changed_is_left_as_it_was(tmp_path: Path) -> None:
-    """Where one configuration was edited beyond reading, nobody is added or shut out, and names stay free."""
+    """Where one configuration was edited beyond reading, nobody is added or revoked, and names stay free."""
     folder = tmp_path / "keys"
     make_router(folder, ["rex", "ada"], name="top")
     path = folder / "top" / CONFIGURATION

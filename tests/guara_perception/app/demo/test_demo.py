@@ -152,9 +152,9 @@ def test_a_walk_as_promised_has_no_failures() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"grids_published": 40, "grids_received": 40}, "40 of 41 pauses gave a grid"),
+        ({"grids_published": 40, "grids_received": 40}, "40 of 41 pauses produced a grid"),
         ({"grids_received": 39}, "received 39 of 41"),
-        ({"footholds": [foothold() for _ in range(7)]}, "7 hind footholds on scanned ground, 8 are wanted"),
+        ({"footholds": [foothold() for _ in range(7)]}, "7 hind footholds on scanned ground, at least 8 required"),
         ({"footholds": [foothold(is_scanned=False) for _ in range(9)]}, "0 hind footholds on scanned ground"),
         (
             {"footholds": [foothold()] * 8 + [foothold(is_hazard=True, step=5)]},
@@ -162,7 +162,7 @@ def test_a_walk_as_promised_has_no_failures() -> None:
         ),
         (
             {"footholds": [foothold()] * 8 + [foothold(is_swing_refused=True, step=7)]},
-            "1 swings that check_path refuses, the first at step 7",
+            "1 swings refused by check_path, the first at step 7",
         ),
         ({"unknown_called_safe": 3}, "3 unknown cells were called traversable"),
     ],
