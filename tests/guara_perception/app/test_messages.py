@@ -113,7 +113,7 @@ def test_broken_grid_is_refused_on_arrival(message: TerrainMessage, layer: str, 
     assert f"the first at iy={iy}, ix={ix}" in text
 
 
-def test_restamped_grid_changes_its_time_only(paper_terrain: gp.TerrainGrid):
+def test_grid_with_another_stamp_changes_its_time_only(paper_terrain: gp.TerrainGrid):
     """A replay is published under the time and step of now, with the same terrain."""
     again = with_stamp(paper_terrain, 77, 9)
     assert (again.stamp, again.step) == (77, 9)
