@@ -21,6 +21,7 @@ from guara_perception.app.options import FILE, note_new_spelling
 @click.option("--security", type=FILE, help="security folder whose certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option("--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with what each can prove")
+@click.option("--bring-up", "powers_up", is_flag=True, help="lead through the first power of a board just built")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")
 @click.pass_context
 def command(
@@ -34,11 +35,13 @@ def command(
     security: Path | None,
     checks: tuple[str, ...],
     lists_cameras: bool,
+    powers_up: bool,
     as_json: bool,
 ) -> None:
     """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when a check fails.
 
-    The first column of --cameras is what --camera and devices.toml take.
+    The first column of --cameras is what --camera and devices.toml take. --bring-up asks step by step, records what
+    passed in bring_up.json and refuses a laser before an LED has gone dark in time.
 
     \b
     Example:
@@ -52,6 +55,13 @@ def command(
 
     if lists_cameras:
         list_cameras(context, as_json)
+        return
+    if powers_up:
+        from guara_perception.app.bring_up import bring_up
+
+        board = devices_of(devices).laser_board()
+        if not bring_up(board, Path.cwd(), ask=lambda question: str(click.prompt(question)), tell=click.echo):
+            context.exit(1)
         return
     unknown = [name for name in checks if name not in CHECKS]
     if unknown:

@@ -1,0 +1,255 @@
+"""First power of a laser board that was built by docs/build.md: point by point, measured where the board can tell."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers import BoardError, DriverError, LaserBoard, timing
+from drivers.board.protocol import BoardFault, describe_faults
+from drivers.errors import HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
+from guara_perception.exceptions import InvalidInput, PerceptionError
+
+# Points without which no laser is driven, and the points in their order; 4 is for the LED alone.
+DARK = ("5", "6")
+RECORD = "bring_up.json"
+TRIES = 3
+# [s] The silence after which the laser must be dark, beyond the board's own time; the period of commands; and the
+# margin by which a light that is watched ends before the board's limit.
+LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
+HOMINGS = 10
+
+
+class PointFailed(PerceptionError):
+    """A point of the first power did not pass; the message names the remedy."""
+
+
+class BringUp:
+    """First power with one operator, who is asked and told on the terminal."""
+
+    def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            board: the board, closed.
+            folder: where the points that passed are recorded.
+            ask: shows a question and returns the answer.
+            tell: shows a line.
+        """
+        self._board, self._path, self._ask, self._tell = board, folder / RECORD, ask, tell
+        self._laser = False
+
+    def run(self) -> None:
+        """Lead through all points that the light at J1 allows.
+
+        Raises:
+            PointFailed: a point did not pass; what it proved before is forgotten.
+            InvalidInput: an answer, or a laser too early.
+            DriverError: the board cannot be reached.
+        """
+        self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
+        with self._board:
+            serial = self._board.serial
+        passed = self._passed(serial)
+        missing = [point for point in DARK if point not in passed]
+        if self._laser and missing:
+            raise InvalidInput(
+                f"J1 is a laser, but board {serial} has not passed point {' and '.join(missing)} with an LED, allowed: "
+                "a laser after both. Open SW1, wire the LED of docs/build.md to J1 and begin again"
+            )
+        if not self._laser:
+            passed = set()
+            self._write(serial, passed)
+        points = {"2": self._identify, "3": self._dark, "4": self._blind, "5": self._silence, "6": self._cut}
+        points["7"] = self._motor
+        for point, check in points.items():
+            if self._laser and point in ("4", "7"):
+                continue
+            try:
+                said = check()
+            except BaseException:
+                self._write(serial, passed - {point})
+                raise
+            self._tell(f"ok    point {point}: {said}")
+            passed |= {point}
+            if not self._laser:
+                self._write(serial, passed)
+        if self._laser:
+            self._tell("The laser goes dark as the LED did. Measure its power at the head: below 1 mW (docs/build.md)")
+        else:
+            self._tell("Open SW1, glue the mirror on, exchange the LED for the laser, and run this again")
+
+    def _identify(self) -> str:
+        with self._board as board:
+            status, identity = board.status(), board.identity
+        if status.laser_sensed:
+            raise PointFailed("LIGHT is high though no light was asked for: check R11, D3 and U3, or leave it open")
+        return f"board {board.serial} speaks protocol {identity.protocol[0]}.{identity.protocol[1]}"
+
+    def _dark(self) -> str:
+        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1; nothing talks to the board")
+        self._confirm(
+            "Is it dark, and does a voltmeter at CHAIN show 0 V?",
+            "Q1 conducts without heartbeats: check R1, R2, R3, and that ALIVE is low. Open SW1",
+        )
+        return "dark without heartbeats"
+
+    def _blind(self) -> str:
+        self._do("Leave D3 unconnected")
+        with self._board as board:
+            board.clear_faults()
+            try:
+                board.laser_on()
+            except LaserDead:
+                return "the missing photodiode was noticed"
+        raise PointFailed("the board senses light without a photodiode: LIGHT must be low; check U3 and R10")
+
+    def _silence(self) -> str:
+        self._do("Connect D3, the light of J1 in front of it, and trim RV2 (docs/build.md)")
+        with self._board as board:
+            self._light(board)
+            began = board.status().device_time
+            silent = board.identity.watchdog + LATE
+            timing.sleep(silent)
+            status = board.status()
+            taken = status.device_time - began
+            if status.laser_sensed or BoardFault.WATCHDOG not in status.faults:
+                raise PointFailed(f"still lit {taken:.2f} s after the last command. Open SW1; flash the firmware again")
+        self._confirm(
+            "Did it light up and go out by itself within half a second?",
+            "the board believes what your eyes do not see: D3 must see J1's light alone. Open SW1",
+        )
+        self._do("Bridge Q4 from CHAIN to LASER_PLUS: stuck on")
+        with self._board as board:
+            board.clear_faults()
+            try:
+                board.laser_on()
+                board.laser_off()
+            except (LaserStuckOn, LaserRefused):
+                pass
+            status = board.status()
+            if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:
+                raise PointFailed("a light that is stuck on was not noticed: is Q4 bridged, does D3 see it? Open SW1")
+            self._confirm("Is it dark now?", "SUPPLY is low and Q1 conducts: check Q1, Q2 and R1. Open SW1")
+            self._do("Take the bridge away")
+            faults = board.clear_faults().faults
+            if faults:
+                raise PointFailed(f"without the bridge the board still says: {describe_faults(faults)}. Open SW1")
+        return f"dark {taken:.2f} s after the last command at the latest; stuck on opens the supply"
+
+    def _cut(self) -> str:
+        for action, back, reset, remedy in (
+            ("hold RUN (SW2)", "Release RUN", True, "a Pico in reset must let LASER and SUPPLY fall: check R2 and R5"),
+            (
+                "pull the wire of HEARTBEAT off",
+                "Put the wire of HEARTBEAT on",
+                False,
+                "the monostable does not end by itself: check C4, RV1 and that R8 is there",
+            ),
+            ("open SW1", "Close SW1", False, "SW1 does not lie in the laser's current: check the wire from F1 to Q1"),
+        ):
+            self._do(f"Get ready to {action}: it lights up for some seconds, do it then")
+            self._lose_light(action, reset, remedy)
+            self._confirm("Did it go dark at once, within half a second?", f"{remedy}. Open SW1")
+            self._do(back)
+        return "dark by reset, without heartbeats and by hand"
+
+    def _lose_light(self, action: str, reset: bool, remedy: str) -> None:
+        """Light, watched until it is lost in the expected way."""
+        lit = False
+        try:
+            with self._board as board:
+                self._light(board)
+                lit = True
+                end = timing.monotonic() + board.identity.laser_limit - BEFORE_LIMIT
+                while timing.monotonic() < end:
+                    timing.sleep(PERIOD)
+                    board.laser_on()
+                board.laser_off()
+        except LaserDead as dark:
+            if reset:
+                raise PointFailed(f"the light was lost but the board still answers: {action} as asked") from dark
+            return
+        except BoardError as gone:
+            if not lit:
+                raise
+            if not reset or isinstance(gone, LaserRefused | LaserStuckOn):
+                raise PointFailed(f"expected the light to go while the board answers, but: {gone}") from gone
+            return
+        raise PointFailed(f"the light stayed until the time was over: {action} in time, or {remedy}. Open SW1")
+
+    def _light(self, board: LaserBoard) -> None:
+        """Switch the light on, from a state without faults."""
+        status = board.clear_faults()
+        if status.laser_sensed or status.faults:
+            said = describe_faults(status.faults)
+            raise PointFailed(f"light is sensed before any was asked for ({said}): trim RV2, shade D3, check Q4")
+        try:
+            board.laser_on()
+        except LaserDead as dark:
+            raise PointFailed("no light: close SW1, point the light at D3, trim RV2, check ALIVE (RV1)") from dark
+
+    def _motor(self) -> str:
+        self._do("Connect motor and home switch, without mirror")
+        with self._board as board:
+            try:
+                board.home()
+                lost = [error for _ in range(HOMINGS) if (error := self._away_and_home(board))]
+            except HomeNotFound as missed:
+                raise PointFailed(f"{missed}. If it turns away from the switch, swap one coil's wires") from missed
+        if lost:
+            raise PointFailed(
+                f"{len(lost)} of {HOMINGS} homings lost steps ({', '.join(map(str, lost))}): raise the motor's "
+                "current, or lower TOP_SPEED and ACCELERATION in firmware/config.h"
+            )
+        return f"home {HOMINGS} times without a lost step"
+
+    def _away_and_home(self, board: LaserBoard) -> int:
+        board.go_to_step(board.identity.max_step)
+        return board.home()
+
+    def _do(self, text: str) -> None:
+        self._choose(f"{text}; then", ("done",))
+
+    def _confirm(self, question: str, remedy: str) -> None:
+        if self._choose(question, ("yes", "no")) == "no":
+            raise PointFailed(remedy)
+
+    def _choose(self, question: str, allowed: tuple[str, ...]) -> str:
+        for _ in range(TRIES):
+            answer = self._ask(f"{question} [{'/'.join(allowed)}]").strip().lower()
+            if answer in allowed:
+                return answer
+            self._tell(f"the answer is {answer!r}, allowed: {', '.join(allowed)}")
+        raise InvalidInput(f"{TRIES} answers to {question!r} were none of these, allowed: {', '.join(allowed)}")
+
+    def _passed(self, serial: str) -> set[str]:
+        """Points that this board has passed with an LED."""
+        try:
+            record = json.loads(self._path.read_text(encoding="utf-8"))
+            return set(record["passed"]) if record["serial"] == serial else set()
+        except FileNotFoundError:
+            return set()
+        except (ValueError, KeyError, TypeError) as error:
+            raise InvalidInput(f"{self._path} is no record of a first power: remove it and begin again") from error
+
+    def _write(self, serial: str, passed: set[str]) -> None:
+        record = {"serial": serial, "passed": sorted(passed)}
+        self._path.write_text(json.dumps(record) + "\n", encoding="utf-8")
+
+
+def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> bool:
+    """Lead through the first power; return True when every point passed.
+
+    Raises:
+        InvalidInput: another board than `LaserBoard`, an answer that is none, or a laser too early.
+    """
+    if not isinstance(board, LaserBoard):
+        raise InvalidInput(f"the first power is for the board of docs/build.md, not for {type(board).__name__}")
+    try:
+        BringUp(board, folder, ask, tell).run()
+    except (PointFailed, DriverError) as failure:
+        tell(f"FAIL  {failure}")
+        return False
+    return True

@@ -1,0 +1,190 @@
+"""First power of the emulated board: every point, every fault, every wrong answer."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers import LaserBoard, timing
+from drivers.board.protocol import Request
+from drivers.emulator import EmulatedBoard, EmulatedClock, Fault, FaultKind, emulated_backend
+from guara_perception.app.bring_up import RECORD, bring_up
+from guara_perception.app.main import run
+from guara_perception.exceptions import InvalidInput
+
+Deed = Callable[[EmulatedBoard], object]
+
+
+def inject(kind: FaultKind, **more: object) -> Deed:
+    return lambda board: board.inject(Fault(kind, **more))  # type: ignore[arg-type]
+
+
+def cut_while_lit(board: EmulatedBoard) -> None:
+    """The light goes with the third command that follows."""
+    serve, count = board.serve, iter(range(100))
+
+    def watched(request: int, argument: int) -> bytes | None:
+        if request == Request.LASER and next(count) == 3:
+            board.inject(Fault(FaultKind.LASER_STUCK_OFF))
+        return serve(request, argument)
+
+    board.serve = watched  # type: ignore[method-assign]
+
+
+# What a careful person does when asked.
+DEEDS: dict[str, Deed] = {
+    "Leave D3": inject(FaultKind.LASER_STUCK_OFF),
+    "Connect D3": lambda board: board.mend(),
+    "Bridge Q4": inject(FaultKind.LASER_STUCK_ON),
+    "Take the bridge": lambda board: board.mend(),
+    "Get ready to hold RUN": inject(FaultKind.UNPLUG, request=Request.LASER, skip=3),
+    "Release RUN": lambda board: board.replug(),
+    "Get ready to pull": cut_while_lit,
+    "Put the wire": lambda board: board.mend(),
+    "Get ready to open": cut_while_lit,
+    "Close SW1": lambda board: board.mend(),
+}
+
+
+HOT = Fault(FaultKind.HOT, amount=70)
+
+
+class Bench:
+    """An emulated board, and a person who does as asked, but for what a test changes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.board, self.folder = EmulatedBoard(), folder
+        self.said: list[str] = []
+
+    def run(self, deeds: dict[str, Deed] | None = None, **answers: str) -> bool:
+        """Lead through; `answers` by the first word of the question."""
+        todo = DEEDS | (deeds or {})
+
+        def ask(question: str) -> str:
+            for beginning, deed in todo.items():
+                if question.startswith(beginning):
+                    deed(self.board)
+            for word, answer in answers.items():
+                if question.startswith(word):
+                    return answer
+            return "led" if question.startswith("What") else "done" if question.endswith("[done]") else "yes"
+
+        device = LaserBoard(backend=emulated_backend(self.board))
+        return bring_up(device, self.folder, ask, self.said.append)
+
+    @property
+    def passed(self) -> list[str]:
+        return list(json.loads((self.folder / RECORD).read_text())["passed"])
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with timing.on_clock(EmulatedClock()):
+        yield Bench(tmp_path)
+
+
+def test_a_sound_board_passes_all_points_and_then_a_laser(bench: Bench) -> None:
+    """The LED first; the laser repeats what makes it dark."""
+    assert bench.run(), bench.said
+    assert bench.passed == ["2", "3", "4", "5", "6", "7"]
+    assert any("dark 0.46 s after the last command" in line for line in bench.said)
+    bench.said.clear()
+    assert bench.run(What="laser"), bench.said
+    assert [line.split(":")[0] for line in bench.said[:-1]] == [f"ok    point {point}" for point in "2356"]
+    assert "below 1 mW" in bench.said[-1]
+    assert not bench.board.view().laser_on
+
+
+def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
+    """No point passed; then one of two; then another board: never lit."""
+    with pytest.raises(InvalidInput, match="has not passed point 5 and 6"):
+        bench.run(What="laser")
+    (bench.folder / RECORD).write_text(json.dumps({"serial": "EMU0001", "passed": ["2", "5"]}))
+    with pytest.raises(InvalidInput, match="has not passed point 6"):
+        bench.run(What="laser")
+    (bench.folder / RECORD).write_text(json.dumps({"serial": "OTHER", "passed": ["5", "6"]}))
+    with pytest.raises(InvalidInput, match="5 and 6"):
+        bench.run(What="laser")
+    (bench.folder / RECORD).write_text("{")
+    with pytest.raises(InvalidInput, match="remove it and begin again"):
+        bench.run(What="laser")
+    assert not bench.board.view().laser_on
+
+
+@pytest.mark.parametrize(
+    ("deeds", "said", "passed"),
+    [
+        ({"Leave D3": lambda board: None}, "senses light without a photodiode", "23"),
+        ({"Connect D3": lambda board: None}, "no light: close SW1", "234"),
+        ({"Bridge Q4": lambda board: None}, "stuck on was not noticed", "234"),
+        ({"Take the bridge": lambda board: None}, "without the bridge the board still says", "234"),
+        ({"Get ready to hold RUN": lambda board: None}, "the light stayed until the time was over", "2345"),
+        ({"Get ready to hold RUN": cut_while_lit}, "the board still answers: hold RUN", "2345"),
+        ({"Release RUN": lambda board: None}, "laser board", "2345"),
+        ({"Get ready to pull": lambda board: None}, "check C4, RV1", "2345"),
+        ({"Get ready to pull": DEEDS["Get ready to hold RUN"]}, "expected the light to go", "2345"),
+        ({"Get ready to open": lambda board: None}, "SW1 does not lie in the laser's current", "2345"),
+        ({"Connect motor": inject(FaultKind.NO_HOME_SWITCH)}, "swap one coil's wires", "23456"),
+        (
+            {"Connect motor": inject(FaultKind.LOST_STEP, request=Request.GO_TO, skip=2, amount=7)},
+            "lost steps (",
+            "23456",
+        ),
+        ({"Connect D3": lambda board: (board.mend(), board.inject(HOT))}, "the board is too hot", "234"),
+    ],
+)
+def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str, Deed], said: str, passed: str) -> None:
+    """The board is dark afterwards, and the points before the fault stay passed."""
+    assert not bench.run(deeds)
+    assert bench.said[-1].startswith("FAIL") and said in bench.said[-1], bench.said[-1]
+    assert "".join(bench.passed) == passed
+    timing.sleep(0.01)  # the photodiode is waited for
+    assert not bench.board.view().laser_on
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        ("Is it dark, and", "Q1 conducts without heartbeats"),
+        ("Did it light", "what your eyes do not see"),
+        ("Is it dark now", "SUPPLY is low and Q1 conducts"),
+        ("Did it go dark", "must let LASER and SUPPLY fall"),
+    ],
+)
+def test_what_only_eyes_see_ends_it_too(bench: Bench, question: str, said: str) -> None:
+    """A "no" counts more than the board's word."""
+    assert not bench.run(**{question: "no"})
+    assert said in bench.said[-1]
+
+
+def test_a_point_that_fails_later_takes_the_laser_away(bench: Bench) -> None:
+    """Passed once, failed at the next time: no laser."""
+    assert bench.run()
+    assert not bench.run({"Bridge Q4": lambda board: None}, What="laser")
+    assert bench.passed == ["2", "3", "4", "6", "7"]
+    bench.board.mend()
+    with pytest.raises(InvalidInput, match="has not passed point 5 "):
+        bench.run(What="laser")
+
+
+def test_wrong_answers_are_told_and_end_it(bench: Bench) -> None:
+    with pytest.raises(InvalidInput, match="allowed: led, laser"):
+        bench.run(What="lamp")
+    assert bench.said == ["the answer is 'lamp', allowed: led, laser"] * 3
+
+
+def test_the_board_of_another_maker_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="not for str"):
+        bring_up("no board", tmp_path, str, print)
+
+
+def test_without_a_board_the_command_fails_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("click.prompt", lambda question: "led")
+    assert run(["doctor", "--bring-up"]) == 1
+    assert "cable" in capsys.readouterr().out
