@@ -1,4 +1,4 @@
-"""`calibrate`: compute a calibration from a session folder, or refuse with the reasons."""
+"""Calibration from a session folder, or a refusal with its reasons."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def calibrate(
         session_folder: a folder with `session.json` (docs/files.md).
         robot: its model, name or folder; None = the robot that the session names.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
-        not_mirrored: the user vouches that the pictures are not mirrored, whatever the colours of the board.
+        not_mirrored: assert that the images are not mirrored, whatever the colours of the board.
         force: return a calibration whose verdict is `refused` instead of raising.
 
     Raises:

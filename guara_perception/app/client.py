@@ -1,4 +1,4 @@
-"""`TerrainClient`: receives grids and requests scans, for planners."""
+"""Client for planners: receives grids and requests scans."""
 
 from __future__ import annotations
 
@@ -49,17 +49,16 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         """Connect.
 
         Args:
-            endpoint: where the node (or the router) listens; None = tcp/127.0.0.1:7447, or what the security folder
-                says.
+            endpoint: endpoint of the node or the router; None = tcp/127.0.0.1:7447, or that of the security folder.
             robot: instance name of the robot.
             security: folder of a role made by `guara security init`, for a node with security.
             timeout: seconds to wait for the connection.
             encoding: "lossless", or "compact" for slow links: an eighth of the size, heights to 0.06 mm, all else
-                rounded to the safe side, so that nothing is accepted that the lossless grid refuses.
+                rounded conservatively, so that nothing is accepted that the lossless grid rejects.
 
         Raises:
             transport.KeyNameError: unknown encoding.
-            transport.ConnectionFailed: nobody answers; the message lists what to check.
+            transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
         check_encoding(encoding)
@@ -72,7 +71,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
     @property
     def is_alive(self) -> bool:
-        """Whether the node is alive, by its sign of life."""
+        """True while the node's liveliness token is present."""
         return self._client.is_alive
 
     def status(self) -> Status | None:
@@ -80,7 +79,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         return self._client.status()
 
     def counts(self, extent: str = "footprint") -> dict[str, int]:
-        """Numbers of grids received, superseded before use, missed on the way, and rejected.
+        """Numbers of grids received, superseded before use, lost in transfer, and rejected.
 
         Rejected are damaged grids, those of another robot, frame or node, and those older than the one before.
         """
@@ -125,10 +124,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def summary(
         self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> TerrainSummary:
-        """The newest summary of the fused map: a few kilobytes, for the far end of a thin link.
+        """Newest summary of the fused map: a few kilobytes, for slow links.
 
-        A router on the way may thin summaries out, since none depends on an earlier one. The first call waits for a
-        summary, a later call only when the newest may not be used.
+        A router may drop summaries, since none depends on an earlier one. The first call waits for a summary, a later
+        call only if the newest may not be used.
 
         Args:
             timeout: seconds to wait for one that may be used.
@@ -162,7 +161,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         reason.
 
         Args:
-            timeout: seconds to wait for each grid; None waits without end (Ctrl-C works).
+            timeout: seconds to wait for each grid; None = no limit (Ctrl-C works).
             extent: "footprint" or "map".
             accepted: max_age, allow_stale, confirmed_only as in `latest`.
 
@@ -219,8 +218,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             step: number of the pause.
             timeout: seconds to wait.
             extent: "footprint" or "map".
-            epoch: identity of the walk as the gait announces it; None = the current walk of the node. Give it for a
-                gait that starts counting again: the node is on the walk before until it receives the first BEGIN.
+            epoch: identity of the walk as the gait announces it; None = the current walk of the node. Give it if
+                the gait restarts its count: until the first BEGIN, the node is still in the previous walk.
             confirmed: the same as `confirmed_only`.
             refined_only: skip a coarse grid that is refined in the same pause; a confirmed grid is never coarse.
             accepted: max_age, allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed that the

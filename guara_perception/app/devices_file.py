@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
-# A file of devices has a dozen lines.
+# Largest size of a devices file, which normally has a dozen lines.
 LARGEST_BYTES = 64 * 1024
 # Numbers of the camera and their limits; all but the first two are settings, locked and read back.
 NUMBERS = {
@@ -33,7 +33,7 @@ LINES = ("trigger", "exposure_output", "pixel_format")
 ARAVIS, V4L2 = "aravis", "v4l2"
 # Frames with the laser off: one for the scan, one per stripe (in changing light), or none.
 OFF_FRAMES = ("one", "per stripe", "none")
-# [s] Exposure of a triggered camera unless devices.toml has another; the laser shines for the same time.
+# [s] Default exposure of a triggered camera; the laser is on for the same time.
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
@@ -54,13 +54,13 @@ class Devices:
         fps: frames per second to ask for, or None.
         lag: measured `drivers.Camera.lag` [s], or None.
         settings: exposure [s], gain, white_balance [K], gamma: locked when the camera is opened and read back.
-        board: vendor_id, product_id, serial of the laser board; missing ones are the protocol's. Or source, the
+        board: vendor_id, product_id, serial of the laser board; defaults are those of the protocol. Or source, the
             "package.module:Class" of a `drivers.Board`.
-        trigger: line of the camera on which the board's TRIGGER arrives: the board sweeps by itself; None: runs freely.
-        exposure_output: line of the camera that shows when it exposes, or None.
+        trigger: camera line wired to the board's TRIGGER, for sweeps run by the board; None = the camera runs freely.
+        exposure_output: camera line that is active during an exposure, or None.
         pixel_format: pixel format to ask for, or None for the camera's best.
         off_frames: frames with the laser off, one of OFF_FRAMES.
-        folder: folder of devices.toml, where classes of one's own are looked for too.
+        folder: folder of devices.toml, also searched for user-defined classes.
     """
 
     source: str = "0"
@@ -76,10 +76,10 @@ class Devices:
     folder: Path | None = field(default=None, compare=False)
 
     def camera(self, *, free: bool = False) -> Camera:
-        """The camera, not yet open.
+        """Create the camera; it is not opened.
 
         Args:
-            free: let it run freely although it has a trigger: for pictures that no sweep takes.
+            free: let it run freely although it has a trigger, for images outside a sweep.
 
         Raises:
             InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
@@ -138,7 +138,7 @@ class Devices:
         return CameraSettings(**self.settings)
 
     def laser_board(self) -> Board:
-        """The laser board, not yet open.
+        """Create the laser board; it is not opened.
 
         Raises:
             InvalidInput: its class cannot be imported, or is no `drivers.Board`.
@@ -158,7 +158,7 @@ def devices_of(
     fps: float | None = None,
     off_frames: str | None = None,
 ) -> Devices:
-    """The devices of a file, or the default devices without a file; options of a command replace what they name.
+    """Devices of a file, or the default devices; options of a command override the values of the file.
 
     Args:
         path: devices.toml, or None.
@@ -244,7 +244,7 @@ def save_devices(devices: Devices, path: str | Path) -> None:
 
 
 def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _Device:
-    """Make a device of a class of one's own, "package.module:Class", also from a file beside devices.toml."""
+    """Create a device of a user-defined class "package.module:Class", also from a file beside devices.toml."""
     module, _, name = source.partition(":")
     beside = [] if folder is None else [str(folder.resolve())]
     sys.path += beside

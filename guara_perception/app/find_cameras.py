@@ -1,4 +1,4 @@
-"""Search for the cameras of this machine, with what each can prove of its frames."""
+"""Search for the cameras of this machine, and how the frames of each can be verified."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ VIDEO_CLASS: Final = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """One camera of this machine.
+    """Camera of this machine.
 
     Attributes:
-        source: what --camera and devices.toml take.
+        source: its name for --camera and devices.toml.
         description: maker and model, and how it is reached.
-        evidence: what it can prove.
+        evidence: how its frames are verified.
         lines: lines on which it can be triggered, for --trigger; empty when it can only run freely.
     """
 
@@ -36,10 +36,10 @@ def find_cameras(video_class: Path = VIDEO_CLASS) -> tuple[list[FoundCamera], st
     """Look for cameras; takes a second or two.
 
     Args:
-        video_class: where the kernel lists its video devices.
+        video_class: folder in which the kernel lists video devices.
 
     Returns:
-        The cameras, and which kind of camera could not be searched for and why; an empty text when every kind was.
+        The cameras, and a text on the kinds of camera that could not be searched for; empty if there are none.
     """
     found = [_video(folder) for folder in sorted(video_class.glob("video*"))]
     try:

@@ -64,7 +64,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             endpoint, robot, security: as in `TerrainClient`.
 
         Raises:
-            transport.ConnectionFailed: nobody answers; the message lists what to check.
+            transport.ConnectionFailed: no answer; the message lists what to check.
         """
         check_name(robot)
         self._show, self._model = show, model
@@ -87,9 +87,9 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._client.close()
 
     def missing(self) -> str:
-        """Message that is awaited, and the robots alive on this router; empty once a moment was shown.
+        """Description of the missing message, and the robots alive on this router; empty once a moment was shown.
 
-        Asks the router, which may take `ROUTER_TIMEOUT_S`.
+        The query of the router can take `ROUTER_TIMEOUT_S`.
         """
         if self._has_shown:
             return ""

@@ -1,4 +1,4 @@
-"""The `guara` command: its subcommands, loaded when called, and the exit codes of its errors."""
+"""Command line `guara`: subcommands, loaded when called, and exit codes of errors."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ GROUPS = {
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
-# Earlier spellings, still accepted, and the module that holds each as a command.
+# Earlier names of commands, still accepted, with the module of each.
 ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
-# Set before numpy and OpenCV are loaded. Matrices here are small: threads of the linear algebra only spin, which costs
+# Set before numpy and OpenCV are loaded. Matrices are small: threads of linear algebra would only spin, which costs
 # a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
 # Warnings that differ only in these are one warning.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
 # [characters] Longest word of an error that is printed whole.
 LONGEST_WORD = 300
-# Errors of a full or broken disk, which are no fault of the input.
+# Errors of a full or broken disk, which are not errors of the input.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
@@ -78,7 +78,7 @@ class LazyGroup(click.Group):
         """Import one command.
 
         Raises:
-            click.UsageError: there is none of this name.
+            click.UsageError: no command has this name.
         """
         if cmd_name not in COMMANDS and cmd_name not in ALIASES:
             if cmd_name.startswith("-"):
@@ -96,7 +96,7 @@ def _show_logs(context: click.Context, parameter: click.Parameter, verbose: bool
 
 
 def _accept_verbose(command: click.Command) -> None:
-    """Accept -v after the name of the command too, where people write it."""
+    """Accept -v also after the name of the command."""
     if any(parameter.name == "verbose" for parameter in command.params):
         return
     command.params.append(
@@ -151,7 +151,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except click.ClickException as error:
         return _say(_with_help(error), EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # The reader of the output is gone (`guara listen | head -1`); Python would report it again when it ends.
+        # The reader of the output has closed it (`guara listen | head -1`); Python would report that again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FAILED
     except Exception as error:
@@ -180,13 +180,13 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def is_expected(error: Exception) -> bool:
-    """Whether an error is one that the packages raise on purpose, or one of the file system."""
+    """True for errors that the packages raise on purpose, and for those of the file system."""
     roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
     return isinstance(error, OSError) or any(kind.__name__ in roots for kind in type(error).__mro__)
 
 
 def is_bad_input(error: BaseException) -> bool:
-    """Whether the input is wrong, a value or a missing file, as opposed to a failure at run time."""
+    """True for errors of the input (a value or a missing file), False for failures at run time."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, OSError) and cause.errno in DISK_FAILED:
@@ -205,7 +205,7 @@ def _code_of(error: Exception, given: Sequence[str]) -> int:
 
 
 def text_of(error: Exception) -> str:
-    """Text of an error; one of the file system without its number and with the file first, as in our own errors."""
+    """Text of an error; file system errors are written like our own, with the file first and without a number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return str(error)
@@ -220,7 +220,7 @@ def _with_help(error: click.ClickException) -> str:
 
 
 def _shortened(word: str) -> str:
-    """A word, such as a path, without its middle if it is too long to read."""
+    """Shorten a long word, such as a path, by leaving out its middle."""
     return word if len(word) <= LONGEST_WORD else f"{word[: LONGEST_WORD // 2]}...{word[-LONGEST_WORD // 2 :]}"
 
 

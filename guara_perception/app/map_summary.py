@@ -1,4 +1,4 @@
-"""`TerrainSummary` and `MapRegions`, small forms of the fused map for thin links and for planners; their messages."""
+"""Summary and steppable regions of the fused map, for slow links and for planners, and their messages."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ FULL_SCORE = 255
 class TerrainSummary(Gridded):
     """Heights to the millimetre, flags and traversability of the fused map, as `TerrainClient.summary` gives them.
 
-    To look at, and to plan paths; a foothold is chosen on the map itself, which has the sigma of every height.
+    For display and path planning. Choose footholds on the map itself, which has the sigma of every height.
     Made only from layers that satisfy the safety invariant; arrays are (ny, nx), a[iy, ix], read-only.
 
     Attributes:
         robot: instance name.
         elevation: height rounded to 1 mm [m], NaN where unknown.
-        hazard: flags of `Hazard`, all that the map has.
+        hazard: flags of `Hazard`, as in the map.
         traversability: 0 never ... 1 ideal, rounded down to a multiple of 1/255.
         geometry: origin, resolution and shape.
         frame: "base_footprint".
@@ -52,7 +52,7 @@ class TerrainSummary(Gridded):
         step: number of the stance pause.
         sequence: number of the map that it was made from.
         epoch: identity of the walk.
-        is_provisional: whether the pause has yet to confirm that the robot stood still.
+        is_provisional: the pause has not yet confirmed that the robot stood still.
         stale_because: as in `TerrainGrid`.
     """
 
@@ -76,11 +76,11 @@ class TerrainSummary(Gridded):
 
 
 def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> bytearray:
-    """The encoded summary of a map's message. Values that do not fit into its numbers become unsafe, never safe.
+    """Encode the summary of a map's message. Values out of its range become unsafe, never safe.
 
     Heights are rounded to the nearest millimetre, traversability down. A height beyond 32.767 m becomes unknown
-    (`OUT_OF_RANGE`) and what is beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`. A map too rough to
-    fit gets larger cells (`merged`), as its `resolution` says.
+    (`OUT_OF_RANGE`) and the cells beside it `EDGE`; a traversability below 1/255 becomes `UNCERTAIN`. A map that is too
+    rough to fit gets larger cells (`merged`); `resolution` states their size.
 
     Args:
         terrain: message of a map.
@@ -95,10 +95,10 @@ def summary_payload(terrain: TerrainMessage, maximum: int = MAXIMUM_BYTES) -> by
 
 
 def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
-    """The summary with larger cells, each no safer than the worst of those in it.
+    """Merge the cells of a summary into larger ones, each no safer than the worst cell in it.
 
     A larger cell has the flags of all its cells, their lowest traversability and their highest height. It is unknown
-    when it holds an unknown cell or reaches beyond the map, and what is beside an unknown cell is `EDGE`.
+    if it holds an unknown cell or reaches beyond the map; cells beside an unknown cell are `EDGE`.
 
     Args:
         summary: summary to be made smaller.
@@ -128,7 +128,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
 
 def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
-    """The summary with the cells of the map as they are."""
+    """Summary with the cells of the map, not merged."""
     elevation, score = terrain.layers["elevation"], terrain.layers["traversability"]
     hazard = np.array(terrain.layers["hazard"])
     millimetres = np.rint(elevation.astype(np.float64) * 1e3)
@@ -151,15 +151,15 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
 
 
 def _beside(cells: Mask) -> Mask:
-    """The given cells and the eight around each."""
+    """Dilate a mask: the given cells and their eight neighbours."""
     return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 def message_to_summary(message: SummaryMessage) -> TerrainSummary:
-    """The summary of a message.
+    """Summary of a message.
 
     Raises:
-        UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage on the way.
+        UnsafeGrid: its layers break the safety invariant, by a defect of the sender or damage in transfer.
     """
     heights = message.heights.astype(np.float32) * np.float32(1e-3)
     heights[message.heights == UNKNOWN_HEIGHT] = np.nan
@@ -188,7 +188,7 @@ class MapRegions:
         step: number of the stance pause.
         sequence: number of the map that the regions were made from.
         epoch: identity of the walk.
-        is_provisional: whether the pause has yet to confirm that the robot stood still.
+        is_provisional: the pause has not yet confirmed that the robot stood still.
         stale_because: as in `TerrainGrid`.
     """
 
@@ -203,7 +203,7 @@ class MapRegions:
 
 
 def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMessage:
-    """The message of the regions of a map.
+    """Message of the regions of a map.
 
     Args:
         terrain: the map.
@@ -217,10 +217,10 @@ def regions_message(terrain: TerrainGrid, message: TerrainMessage) -> RegionsMes
 
 
 def message_to_regions(message: RegionsMessage) -> MapRegions:
-    """The regions of a message."""
+    """Regions of a message."""
     return MapRegions(
         robot=message.robot,
-        # Nodes of earlier versions send them in the order in which they were found.
+        # Nodes of earlier versions send them unsorted.
         regions=tuple(
             SteppableRegion(**{name: getattr(region, name) for name in OF_REGION}, leg=None)
             for region in sorted(message.regions, key=lambda region: -region.area)

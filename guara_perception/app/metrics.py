@@ -1,4 +1,4 @@
-"""Metrics of a node in OpenMetrics text on a port of this machine: the numbers of its status, and its process."""
+"""OpenMetrics endpoint of a node on a local port: numbers of its status, and of its process."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ WORDS = {"true": 1.0, "false": 0.0}
 
 
 class StatusCollector(Collector):
-    """The items of a status as metrics, read when somebody asks for them.
+    """Collector of the items of a status as metrics, read at each request.
 
     The level of each item is `guara_status_level{item}` (0 ok, 1 warning, 2 error); each of its values that is a number
     is `guara_<item>_<value>`.
     """
 
     def __init__(self, robot: str, items: Callable[[], list[StatusItem]]) -> None:
-        """`items` gives the items of the status of `robot`."""
+        """`items` returns the status items of `robot`."""
         self._robot, self._items = robot, items
 
     def collect(self) -> Iterator[GaugeMetricFamily | CounterMetricFamily]:
-        """Metrics of the status of now."""
+        """Metrics of the present status."""
         names = ["robot", "item"]
         levels = GaugeMetricFamily(LEVEL, "Level of an item of the status: 0 ok, 1 warning, 2 error", labels=names)
         numbers: dict[str, float] = {}

@@ -23,7 +23,7 @@ NOT_MIRRORED = click.option(
 NODE_FORMAT = "guara-node/1"
 # Key of `click.Context.meta` with the mistakes in node.toml.
 MISTAKES = "guara.mistakes"
-# A file of options has some twenty lines.
+# Largest size of a file of options, which normally has some twenty lines.
 LARGEST_BYTES = 64 * 1024
 
 
@@ -125,7 +125,7 @@ def note_new_spelling(old: str, new: str) -> None:
 
 
 def earlier_option(old: str, name: str, new: str, *, constant: Any = None, **attributes: Any) -> Callable[..., Any]:
-    """Hidden option that reports its new spelling and does the same.
+    """Hidden earlier spelling of an option, which reports the new one and has the same effect.
 
     Args:
         old: earlier spelling.
@@ -187,7 +187,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
 
 
 def refuse_mistakes(context: click.Context, parameter: click.Parameter, is_check: bool) -> bool:
-    """Refuse a node.toml with mistakes; a check goes on, to find those outside the file too.
+    """Reject a node.toml with mistakes; a check continues, to find those outside the file too.
 
     Raises:
         FileFormatError: all mistakes of the file.

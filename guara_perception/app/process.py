@@ -1,4 +1,4 @@
-"""`process_scan`: terrain of a recorded scan, given by itself or by its path."""
+"""Processing of a recorded scan, given as an object or as a path."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def process_scan(
         area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
             ground with it.
         pictures: also draw the range images (`terrain.pictures`).
-        strict: refuse a scan with a frame that cannot be used; otherwise such a stripe is left unknown.
+        strict: reject a scan with an unusable frame; otherwise the ground of its stripe stays unknown.
         progress: called with (stripes done, stripes in all).
 
     Returns:
         TerrainGrid of extent "footprint".
 
     Raises:
-        CalibrationMismatch: robot, stripes or picture size of scan and calibration do not belong together.
+        CalibrationMismatch: robot, stripes or image size of scan and calibration do not match.
         InvalidInput: no calibration; unknown method or area, bad threshold or resolution, a stance or a stripe index
             that does not fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
         MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; a frame cannot be read

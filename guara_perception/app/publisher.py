@@ -69,9 +69,9 @@ def send_terrain(
 
 
 def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> None:
-    """Publish a grid of one's own, of another sensor for instance, for `TerrainClient(name)`; returns at once.
+    """Publish a grid of your own, for instance of another sensor, for `TerrainClient(name)`; returns at once.
 
-    Its age counts from its stamp. What it is published by, with status and sign of life, ends with the session.
+    Its age counts from its stamp. The publisher, with its status and liveliness token, ends with the session.
 
     Args:
         session: open session, of `transport.open_node` or `transport.open_client`.
@@ -82,7 +82,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     Raises:
         InvalidInput: no TerrainGrid.
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
-        transport.NameTaken: a node of this name lives.
+        transport.NameTaken: a node of this name is alive.
         transport.KeyNameError: the name cannot be part of a key.
         transport.SessionClosed: the session is closed.
     """

@@ -1,4 +1,4 @@
-"""Node as a systemd service: its unit, and what a running node tells the service manager (sd_notify(3))."""
+"""Node as a systemd service: its unit, and its notifications to the service manager (sd_notify(3))."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from guara_perception.exceptions import InvalidInput
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
-# [s] Without a sign of life for this long systemd restarts the node; a scan thread that hangs is one after 30 s.
+# [s] systemd restarts a node without a notification for this long. A scan thread counts as hung after 30 s.
 WATCHDOG_S = 20
-# [s] Devices get 30 s to close before the node ends without them.
+# [s] Time to stop; devices get 30 s to close before the node ends without them.
 STOP_S = 40
-# A node that fails more often than this within the time [s] stays down, for a person to look at.
+# A node that starts more often than this within the time [s] stays down until somebody looks at it.
 BURST, BURST_S = 5, 120
 
 UNIT = """\
@@ -84,7 +84,7 @@ def unit(name: str, node: Path, user: str) -> str:
         user: user that the node runs as; not root.
 
     Raises:
-        InvalidInput: a name that systemd would read otherwise; root as the user.
+        InvalidInput: a name with characters special to systemd; root as the user.
     """
     for what, value in (("--name", name), ("--user", user)):
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
@@ -123,10 +123,10 @@ def notify(*states: str) -> None:
 
 
 class ServiceManager:
-    """Readiness, watchdog and end of a node, told to systemd while the `with` block runs."""
+    """Notifies systemd of readiness, watchdog and stop of a node while the `with` block runs."""
 
     def __init__(self, is_well: Callable[[], bool]) -> None:
-        """`is_well` says whether the node works; without it no sign of life is sent, and systemd restarts the node."""
+        """`is_well` returns True while the node works; otherwise no notification is sent, and systemd restarts it."""
         self._is_well = is_well
         self._ended = threading.Event()
         microseconds = os.environ.get("WATCHDOG_USEC", "")
@@ -135,7 +135,7 @@ class ServiceManager:
         self._thread = supervised("guara-watchdog", self._run)
 
     def __enter__(self) -> Self:
-        """Report that the node is ready, and begin with the signs of life."""
+        """Report that the node is ready, and begin the watchdog notifications."""
         notify("READY=1")
         if self._period:
             self._thread.start()

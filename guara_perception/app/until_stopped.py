@@ -18,16 +18,16 @@ import click
 from guara_perception.app.exit_codes import EXIT_FAILED
 from transport.supervision import supervised
 
-# A signal that the system gave to another thread is seen within this time [s].
+# A signal delivered to another thread is handled within this time [s].
 WAKE_PERIOD = 0.5
-# [s] A camera that is gone takes some seconds to be given up; the recording is closed before.
+# [s] A driver takes some seconds to give up a disconnected camera; the recording is closed before.
 CLOSE_TIMEOUT_S = 30.0
 
 
 class StopEvent(threading.Event):
     """Event whose unbounded wait wakes periodically.
 
-    The system may give a signal to any thread, but only the main thread runs Python's handlers, and only while it is
+    The system may deliver a signal to any thread, but only the main thread runs Python's handlers, and only while it is
     awake.
     """
 
@@ -69,9 +69,9 @@ def stop_event() -> Iterator[threading.Event]:
 
 @contextmanager
 def closed_within(devices: AbstractContextManager[Any], seconds: float | None = None) -> Iterator[None]:
-    """Open `devices` and close them at the end of the block; end the process with code 1 when closing takes longer.
+    """Open `devices` and close them at the end of the block; end the process with code 1 if closing takes too long.
 
-    Enter this before whatever must be closed in an orderly way, such as a recording: that is then closed first.
+    Enter this before contexts that must close in an orderly way, such as a recording: those are then closed first.
 
     Args:
         devices: board and camera.

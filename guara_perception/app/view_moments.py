@@ -38,7 +38,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
             it holds one.
 
     Raises:
-        MissingFile: nothing there.
+        MissingFile: the path does not exist.
         InvalidInput: a scan folder without calibration; a file of another kind.
         FileFormatError: the file is broken, or holds neither grids nor scans.
     """
@@ -128,7 +128,7 @@ def _given(points: Float32) -> list[Float]:
 
 
 def _measured(scan: Scan, robot: RobotModel, calibration: Calibration) -> list[Float]:
-    """Points of a scan, which is processed for them."""
+    """Process a scan and return its points."""
     from guara_perception.scanning.process import run_scan
 
     return [stripe.points for stripe in run_scan(scan, calibration, robot).points.values()]

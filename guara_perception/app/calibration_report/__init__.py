@@ -1,4 +1,4 @@
-"""The calibration report: one HTML file with pictures, and a summary for the terminal.
+"""Calibration report: an HTML file with figures, and a summary for the terminal.
 
 Only the commands of `app` import it; it computes nothing that is not in the CalibrationResult.
 """

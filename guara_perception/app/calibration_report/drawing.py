@@ -1,4 +1,4 @@
-"""Pictures of the report about camera, mount and laser: size, colours, and how one becomes part of the page."""
+"""Figures of the calibration report about camera, mount and laser, embedded in the page as PNG."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from guara_perception.terrain.drawing import style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Colours that stay apart for colour-blind readers.
+# Colours that colour-blind readers can tell apart.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#999999"
 SERIES = (BLUE, ORANGE, GREEN, "#cc79a7", "#56b4e9", RED, "#000000")
 DPI = 110
@@ -33,25 +33,25 @@ PICTURE_LABELS = {"xlabel": "column [px]", "ylabel": "row [px]"}
 
 
 def new_figure(width: float = 9.0, height: float = 4.2, columns: int = 1, **options: Any) -> tuple[Figure, list[Any]]:
-    """A figure, and its axes in a list."""
+    """Create a figure; return it and its axes in a list."""
     figure, axes = style.new_figure(1, columns, size=(width, height), **options)
     return figure, list(axes[0])
 
 
 def to_png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """Encode a figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI)
     return buffer.getvalue()
 
 
 def data_url(png: bytes) -> str:
-    """A PNG as part of the page itself."""
+    """Encode a PNG as a data URL, to embed it in the page."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def for_show(picture: Image) -> Image:
-    """A camera picture as RGB, stretched to full contrast so that dark ones can be seen."""
+    """Convert a camera image to RGB, stretched to full contrast so that dark images are visible."""
     if picture.dtype == np.uint16:
         picture = (picture >> 8).astype(np.uint8)
     rgb = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
@@ -60,7 +60,7 @@ def for_show(picture: Image) -> Image:
 
 
 def board_before_after(result: CalibrationResult) -> bytes:
-    """The board on the floor as the camera sees it and as seen straight from above: the paper's Figs. 8 and 9."""
+    """Draw the board on the floor as imaged and rectified to a view from above (the paper's Figs. 8 and 9)."""
     picture = for_show(result.session.read_picture(result.session.ground_board_image))
     figure, (before, after) = new_figure(10.5, 4.4, columns=2)
     before.imshow(picture)
@@ -127,7 +127,7 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Difference between two lens models, each from every other picture; None where there were too few pictures."""
+    """Draw the difference of two lens models, each from every other image; None if there are too few images."""
     if result.cross_validation is None:
         return None
     pixels, difference = result.cross_validation
@@ -144,7 +144,7 @@ def halves(result: CalibrationResult) -> bytes | None:
 
 
 def fiducials(result: CalibrationResult) -> bytes:
-    """Each cross enlarged, with the position found and the position expected."""
+    """Draw each cross enlarged, with its detected and its expected position."""
     picture = for_show(result.session.read_picture(result.session.fiducials.image))
     marks = result.floor.marks[:6]
     figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
@@ -193,7 +193,7 @@ def side_view(result: CalibrationResult) -> bytes:
 
 
 def stripes_over_plate(result: CalibrationResult) -> bytes:
-    """The lines found on the lowest and on the highest plate, over one of its frames."""
+    """Draw the lines found on the lowest and on the highest plate, over one frame of each."""
     plates = result.session.plates
     chosen = [int(np.argmin([p.height for p in plates])), int(np.argmax([p.height for p in plates]))]
     figure, axes = new_figure(10.5, 4.4, columns=2)
@@ -261,7 +261,7 @@ def mirror_steps(result: CalibrationResult) -> bytes:
 
 
 def height_sigma(result: CalibrationResult) -> bytes:
-    """Predicted sigma of one height all over the floor, noise and calibration together, and calibration alone."""
+    """Draw the predicted sigma of a height over the floor: noise and calibration together, and calibration alone."""
     x, y = np.linspace(*AREA_X, 46), np.linspace(*AREA_Y, 55)
     point = np.column_stack((np.repeat(x, y.size), np.tile(y, x.size)))
     stripes, transform = result.laser.stripes, result.fit.transform_camera_to_footprint

@@ -1,4 +1,4 @@
-"""The report of a calibration: one HTML file that needs nothing beside it, and its summary as text."""
+"""Calibration report as a self-contained HTML file, and its summary as text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
 def write_report(result: CalibrationResult, folder: str | Path) -> Path:
-    """Draw and write `report.html` into a folder, which is made when it is not there; return its path.
+    """Draw and write `report.html` into a folder, which is created if needed; return its path.
 
     Raises:
         InvalidInput: `folder` is a file.
@@ -47,7 +47,7 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
 
 
 def report_page(result: CalibrationResult) -> str:
-    """The whole page."""
+    """HTML text of the whole page."""
     parts = [
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration report</title><style>{STYLE}</style>',
         f"<h1>Calibration of {escape(result.session.robot)}</h1>",
@@ -182,12 +182,12 @@ MOUNTS = {"eq5": "as eq. 5 of the paper (rows grow forward)", "upright": "uprigh
 
 
 def value_text(check: Check) -> str:
-    """The value of a check with its unit."""
+    """Value of a check with its unit."""
     return "not found" if np.isnan(check.value) else f"{check.value:.3g} {check.unit}"
 
 
 def limits_text(check: Check) -> str:
-    """The limits of good and of refused, with the sign that says on which side of them values are good."""
+    """Limits of good and of refused, with the sign of the side on which values are good."""
     side = ">=" if check.higher_is_better else "<="
     return f"({side} {check.usable_from:g}, {side} {check.refused_from:g})"
 

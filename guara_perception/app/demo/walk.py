@@ -30,7 +30,7 @@ from transport.stance_link import StancePublisher, StanceReceiver
 
 # A scan of 70 stripes takes 1.2 s at the demo's frame rate (two frames a stripe); a busy machine takes many times that.
 GRID_TIMEOUT_S = 60.0
-# The robot stands until the four grids that are waited for at a pause have come.
+# Time for the four grids that the robot waits for at a pause.
 PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # Costs about 0.02 px.
@@ -54,7 +54,7 @@ class DemoPause:
         terrain: grid of the scan, as a client received it.
         fused: grid of the map, as a client received it.
         foothold: foothold of the next leg, None when the walk ends here.
-        answer: what the planner said.
+        answer: reply of the planner.
         error: median height error of the scan [m].
     """
 
@@ -78,7 +78,7 @@ def demo_walk(
     """Walk; every grid, request and answer goes over Zenoh on this machine.
 
     Args:
-        check: takes note of everything.
+        check: collects the results.
         recording: MCAP file to write, or None.
         cycles: number of cycles of the gait, 140 mm each.
         seed: seed of specimen and noise.
@@ -89,7 +89,7 @@ def demo_walk(
         One DemoPause per stance pause.
 
     Raises:
-        PlannerFailed: the planner process died.
+        PlannerFailed: the planner process ended.
         WalkEnded: the planner found no foothold.
         MissingFile, FileFormatError: no such world, or not a valid one.
     """
@@ -136,7 +136,7 @@ def demo_walk(
             gait.begin(pause)
             client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map")
             client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S)
-            # The robot has stood still through the scan: what was provisional is confirmed by this.
+            # Confirms the provisional grids: the robot stood still through the scan.
             gait.hold(pause)
             fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map", confirmed=True)
             terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, confirmed=True)
@@ -175,7 +175,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         """Start the process and wait until it is connected.
 
         Raises:
-            PlannerFailed: it did not come up.
+            PlannerFailed: it did not start.
         """
         self._process = subprocess.Popen(
             [sys.executable, "-m", "guara_perception.app.demo.planner", endpoint, robot],
@@ -219,7 +219,7 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
         self._stdout.close()
 
     def _read(self, timeout: float) -> dict[str, Any]:
-        """The next answer: the planner writes a whole line at a time, and one for each request."""
+        """Next answer; the planner writes one whole line for each request."""
         if not select.select([self._stdout], [], [], timeout)[0]:
             self._process.kill()
             raise PlannerFailed(f"the planner process did not answer within {timeout:g} s")

@@ -1,4 +1,4 @@
-"""Pictures for people, drawn with matplotlib: maps, frames and range images.
+"""Figures drawn with matplotlib: maps, frames and range images.
 
 Only `app` imports it.
 """

@@ -23,10 +23,10 @@ from guara_perception.terrain.grid import TerrainGrid
 def draw_figures(
     folder: str | Path, scan: Scan, calibration: Calibration, processor: ScanProcessor, terrain: TerrainGrid
 ) -> list[Path]:
-    """Write all pictures of a processed scan into a folder, which is made when it is not there.
+    """Write all figures of a processed scan into a folder, which is created if needed.
 
     Args:
-        folder: where to write.
+        folder: folder to write to.
         scan: the recording; its frames are read again.
         calibration: calibration that the scan was processed with.
         processor: processor of the scan, after all its stripes.
@@ -88,7 +88,7 @@ def median_stripe_frame(scan: Scan) -> Grey:
 
 
 def stripes_together(scan: Scan) -> Grey:
-    """The brightest of all laser-on frames at every pixel: all stripes in one image; unreadable frames left out."""
+    """Maximum over all laser-on frames at every pixel: all stripes in one image, without unreadable frames."""
     brightest: Grey | None = None
     for stripe in scan.stripes:
         try:
@@ -113,7 +113,7 @@ def as_grey(frame: Image) -> Grey:
 def corrected_image(
     image: Image, camera: CameraModel, transform_camera_to_footprint: Float, area: tuple[Interval, Interval]
 ) -> Image:
-    """The image as if seen from straight above the floor: distortion and perspective removed.
+    """Rectify an image to a view from straight above the floor, without distortion and perspective.
 
     Args:
         image: (h, w) or (h, w, 3) picture of the calibrated camera.
@@ -122,7 +122,7 @@ def corrected_image(
         area: x and y range of the floor [m].
 
     Returns:
-        (512, 640) or (512, 640, 3), row along x, column along y, black where the camera does not look.
+        (512, 640) or (512, 640, 3), row along x, column along y, black outside the camera's view.
     """
     (x0, x1), (y0, y1) = area
     x = x0 + (np.arange(ROWS) + 0.5) * (x1 - x0) / ROWS

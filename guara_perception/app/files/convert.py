@@ -23,7 +23,7 @@ def convert(
 
     Args:
         source: folder or recording.
-        target: what to write; a name that ends in .mcap becomes a recording, any other a folder.
+        target: path to write; a recording if it ends in .mcap, else a folder.
         step: pause whose scan is converted, for a recording that holds several.
         progress: called with (stripes done, stripes in all).
 
@@ -76,7 +76,7 @@ def _write_recording(
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
     if scan.withdrawn:
-        # scan.json has no field for it.
+        # scan.json has no field for this.
         raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot ({scan.withdrawn}); not converted")
     with ScanFolderWriter(target) as writer:
         for done, (stripe, on, off) in enumerate(scan.frames(), start=1):

@@ -21,9 +21,9 @@ COLUMNS = ("x", "y", "elevation", "sigma", "slope", "step_height", "roughness", 
 def export_terrain(terrain: LayeredGrid, path: str | Path) -> int:
     """Write a grid in the format of the file's ending, whole or not at all.
 
-    `.ply` and `.pcd` (binary) hold a point per known cell: x, y, z and sigma [m], hazard flags, and the colour that
-    pictures give the cell's foremost hazard. `.csv` holds a line per cell, unknown ones too: their heights are empty
-    and their hazard names the cause.
+    `.ply` and `.pcd` (binary) hold a point per known cell: x, y, z and sigma [m], hazard flags, and the colour of the
+    cell's first hazard in figures. `.csv` holds a line per cell; unknown cells have no height, and their hazard gives
+    the cause.
 
     Returns:
         Number of points or lines written.

@@ -1,4 +1,4 @@
-"""`open_scan`: open a recorded scan, a folder or part of an MCAP recording."""
+"""Opening of recorded scans, from folders or MCAP recordings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
             say which.
     """
     scans = open_scans(path, missing_ok=missing_ok)
-    # A pause may hold two scans, a coarse one and then the same with the stripes in between: the later one has more.
+    # A pause may hold two scans, a coarse one and the same with the stripes between: the later one has more stripes.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:

@@ -1,4 +1,4 @@
-"""Range images as picture files: 16 bits with scale and offset, 8 bits for display, causes as flags."""
+"""Range images as image files: 16 bits with scale and offset, 8 bits for display, causes as flags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of a recording that continues over restarts: their names, and the disk space that they may take."""
+"""Files of a recording that continues over restarts: names and disk space."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError
 
 SUFFIX = ".mcap"
-# [byte] Size of a file of a folder at which the next one begins: 12 minutes of JPEG frames, 100 s of lossless ones.
+# [byte] Size at which the next file of a folder is begun: 12 minutes of JPEG frames, 100 s of lossless ones.
 FILE_SIZE = 1_000_000_000
 # With a limit a file holds a fifth of it at most, so that finished files remain when the oldest is removed.
 FILES_IN_LIMIT = 5
@@ -28,8 +28,8 @@ MAGIC = b"\x89MCAP0\r\n"
 class RecordingFiles:
     """Files that follow one another: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
 
-    No existing file is ever written to. Only files of a folder with these names are ever removed, and none that a
-    process still writes.
+    No existing file is written to. Only files with these names in a folder are removed, and none that a process still
+    writes.
 
     Attributes:
         file_size: [byte] at which the next file is begun; None for never.
@@ -64,10 +64,10 @@ class RecordingFiles:
         )
 
     def next(self) -> Path:
-        """The name after those that exist.
+        """Next unused name.
 
         Raises:
-            RecordingError: the folder is not there, or cannot be read.
+            RecordingError: the folder does not exist or cannot be read.
         """
         try:
             numbers = [number for number, _ in self._found()]
@@ -130,11 +130,11 @@ def read_limit(text: str, path: Path | None) -> int:
     """Number of bytes in a text such as "50GB".
 
     Args:
-        text: what was given.
+        text: size as given by the user.
         path: file or folder to record to, None for none.
 
     Raises:
-        InvalidInput: it is no size, too low, or not for a folder.
+        InvalidInput: not a size, too small, or given for a single file.
     """
     match = SIZE.fullmatch(text.strip())
     limit = int(Fraction(match[1]) * UNITS[match[2].upper()]) if match else 0

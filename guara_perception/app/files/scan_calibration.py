@@ -1,4 +1,4 @@
-"""Calibration of a recorded scan: the one that it carries, or one that is given."""
+"""Calibration of a recorded scan: the stored one, or one that is given."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ CALIBRATION_FILE = "calibration.json"
 
 
 def carried_calibration(scan: str | Path) -> Calibration | None:
-    """The calibration inside a scan folder or attached to a recording; None when there is none.
+    """Calibration stored in a scan folder or attached to a recording; None if there is none.
 
     Raises:
-        FileFormatError: it is there and is not a calibration, or the recording cannot be read.
+        FileFormatError: it is not a valid calibration, or the recording cannot be read.
     """
     from guara_perception.app.files.scan_recording import file_errors
     from transport.recording import open_recording
@@ -32,11 +32,11 @@ def carried_calibration(scan: str | Path) -> Calibration | None:
 
 
 def calibration_for(scan: str | Path, given: str | Path | None) -> Calibration:
-    """The calibration that is given, or else the one that the scan carries.
+    """Calibration that is given, or else the one stored with the scan.
 
     Raises:
-        InvalidInput: neither is there.
-        MissingFile, FileFormatError: the scan is not there, or the calibration to use cannot be read.
+        InvalidInput: there is neither.
+        MissingFile, FileFormatError: the scan does not exist, or the calibration cannot be read.
     """
     if given is not None:
         return load_calibration(given)

@@ -1,4 +1,4 @@
-"""Scan folders with `scan.json` and frames: reader, and writer that leaves a whole folder or none."""
+"""Reader and writer of scan folders with `scan.json` and frames; a folder is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
-# What the grid file and the messages can hold.
+# Range of a step in the grid file and in messages.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
 # Fast and lossless: compression 1 takes a third of the default's time and 5 % more bytes on camera frames.
@@ -38,15 +38,15 @@ PNG_OPTIONS = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
-    """Read and check `scan.json`; frames are read when they are asked for.
+    """Read and check `scan.json`; frames are loaded on demand.
 
     Args:
         folder: the scan folder.
-        missing_ok: open it although frames that it names are not there; reading one of them raises MissingFile.
+        missing_ok: open a folder with missing frames; reading one of them raises MissingFile.
 
     Raises:
-        MissingFile: the folder, its scan.json or a frame that it names is not there.
-        FileFormatError: the message names file and field, what was given and what is allowed.
+        MissingFile: the folder, its scan.json or a frame named there does not exist.
+        FileFormatError: a field is wrong; the message names file and field, the value and what is allowed.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -90,7 +90,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
 
 
 def read_picture(path: Path) -> npt.NDArray[np.generic]:
-    """Read a picture as it is: BGR or grey, 8 or 16 bit.
+    """Read an image unchanged: BGR or grey, 8 or 16 bit.
 
     Raises:
         MissingFile: no such file.
@@ -130,7 +130,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         self._offs: dict[object, str] = {}
 
     def __exit__(self, *error: object) -> None:
-        """Throw away what was not finished."""
+        """Remove an unfinished folder."""
         shutil.rmtree(self._staging, ignore_errors=True)
 
     def add(
@@ -181,7 +181,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         calibration_hash: str | None = None,
         calibration: Calibration | None = None,
     ) -> Path:
-        """Write `scan.json`, and `calibration.json` where one is given, and give the folder its name."""
+        """Write `scan.json`, and `calibration.json` if one is given, and move the folder to its final name."""
         document: dict[str, object] = {
             "format": FORMAT,
             "robot": robot,

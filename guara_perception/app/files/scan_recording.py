@@ -20,7 +20,7 @@ from transport.recording import FrameReference, Recording, ScanRecord, open_reco
 
 @contextmanager
 def file_errors(before: str = "") -> Iterator[None]:
-    """Raise an error of the transport's reader as FileFormatError, with `before` in front of its text."""
+    """Convert errors of the transport's reader to FileFormatError, with `before` in front of the text."""
     try:
         yield
     except TransportError as error:
@@ -28,7 +28,7 @@ def file_errors(before: str = "") -> Iterator[None]:
 
 
 def open_recorded_scans(path: str | Path) -> list[Scan]:
-    """All scans of a recording, in order; frames are read when they are asked for.
+    """Open all scans of a recording, in order; frames are loaded on demand.
 
     Raises:
         MissingFile: no such file.
@@ -43,7 +43,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
-    """Reasons for which the grids of scans were withdrawn, by index of the scan.
+    """Reasons for withdrawn grids, by index of the scan.
 
     A withdrawn grid withdraws all scans of its pause. This holds too when the map was confirmed before the robot moved:
     the recording does not show the difference. A gait that starts counting again repeats a step: the last scan of that
@@ -53,7 +53,7 @@ def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> d
     for grid in taken_back:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # After a clock was set back no scan may have begun before: then all scans of the step are taken.
+        # If the clock was set back, no scan may appear to begin before: then all scans of the step are taken.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)

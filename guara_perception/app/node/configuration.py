@@ -18,7 +18,7 @@ EXPECTED = (PerceptionError, KinematicsError, TransportError, OSError)
 
 
 def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None) -> list[str]:
-    """All mistakes in the configuration of a node; no device is opened.
+    """Find all mistakes in the configuration of a node; no device is opened.
 
     Args:
         chosen: robot, calibration and devices.
@@ -36,7 +36,7 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
         parts.append(lambda: _refuse_unsafe(security))
     mistakes = [message for part in parts if (message := _mistake(part))]
     if not mistakes:
-        # Parts that are right each may not fit one another.
+        # Valid parts may still not fit each other.
         mistakes += filter(None, [_mistake(lambda: choose_rig(chosen, simulated=simulated, on_the_move=True))])
     return mistakes
 
@@ -59,12 +59,12 @@ class ConfigurationWatch:
     """Files that a running node was started with; a change takes effect with the next start."""
 
     def __init__(self, *paths: Path | None) -> None:
-        """Remember files, and what is in folders; None is passed over."""
+        """Record the state of files and of the contents of folders; None is skipped."""
         self._paths = [path for path in paths if path is not None]
         self._before = self._state()
 
     def item(self) -> StatusItem:
-        """Item of the status: a warning that names what has changed since the start."""
+        """Status item: a warning that lists the changes since the start."""
         now = self._state()
         changed = sorted(
             str(path) for path in now.keys() | self._before.keys() if now.get(path) != self._before.get(path)

@@ -1,4 +1,4 @@
-"""Checks of ground that the gait declares, before it goes into the map."""
+"""Checks of ground declared by the gait, before it enters the map."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from transport import StancePause
 
 FRAME = "base_footprint"
-# Two patches for each of four feet, twice over.
+# Most patches: two for each of four feet, with a factor of two in reserve.
 MAXIMUM_PATCHES = 16
 MAXIMUM_CORNERS = 16
-# [m] Far beyond any step; ground outside the map is clipped.
+# [m] Largest distance, far beyond any step; ground outside the map is clipped.
 FURTHEST = 20.0
-# [m] Ground with a larger sigma is of no use as known ground.
+# [m] Largest sigma of known ground.
 LARGEST_SIGMA = 0.1
 
 
@@ -23,8 +23,8 @@ def declared_ground(announcement: StancePause, settings: Settings) -> tuple[Know
     """Known ground of an announcement, for the map.
 
     Raises:
-        InvalidInput: they are in another frame, or too many, or one of them has too many corners, reaches too far,
-            lies where no terrain can be or is known too poorly; none of them may then be used.
+        InvalidInput: patches in another frame, or too many of them, or a patch that has too many corners, is too far
+            away, is outside the height limits or has too large a sigma; then no patch may be used.
     """
     patches = announcement.known_ground
     if not patches:

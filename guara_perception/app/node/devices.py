@@ -1,4 +1,4 @@
-"""Devices of a live command: those of this machine, or simulated ones."""
+"""Devices of a live command, real or simulated."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def choose_rig(
         chosen: devices as the options name them.
         simulated: True for a simulated robot, world and devices.
         needs_calibration: False for a scan to calibrate with.
-        on_the_move: True when feet will be set by the grids, for which the values of robot.toml that concern safety
-            must have been measured.
+        on_the_move: True if feet will be placed by the grids; the keys of robot.toml that concern safety must then be
+            measured.
         world: name or file of the simulated world.
 
     Raises:
@@ -98,7 +98,7 @@ SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 
 
 def _refuse_assumed(robot: RobotModel) -> None:
-    """Refuse a robot whose soles or limits nobody has measured."""
+    """Refuse a robot with assumed, not measured, soles or limits."""
     open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
     if open_keys:
         raise InvalidInput(
@@ -112,7 +112,7 @@ def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
 
     Args:
         devices: devices as their file names them.
-        free: run the camera freely although it has a trigger, as for pictures of a checkerboard.
+        free: run the camera freely although it has a trigger, for instance for images of a checkerboard.
 
     Raises:
         InvalidInput: see `Devices.camera`, `Devices.laser_board` and `Devices.sweep_options`.

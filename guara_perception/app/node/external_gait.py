@@ -1,4 +1,4 @@
-"""Surroundings for a gait in development: the simulated robot stands where the gait's stance pauses put it."""
+"""Simulated robot for a gait in development, placed by the gait's stance pauses."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ logger = logging.getLogger(__name__)
 FIT_STEPS = 8
 # A sole further from the ground than joint biases and terrain below the sole explain [m].
 HANGING_M = 0.020
-# Noise of a reading of a joint that stands at its limit [rad].
+# Noise of a reading of a joint at its limit [rad].
 LIMIT_ERROR_RAD = 0.01
-# Difference between the gravity that the gait reports and the tilt in which the feet hold the body [rad].
+# Largest difference between the reported gravity and the tilt of the body on its feet [rad].
 TILT_ERROR_RAD = 0.06
 
 
 class ExternalGait:
-    """Places a simulated robot by the stance pauses of a gait in another process, and reports what does not fit.
+    """Places a simulated robot by the stance pauses of a gait in another process, and reports contradictions.
 
     Position and heading follow from leg odometry, height and tilt from the support feet, which rest on the ground. The
     joints in the messages are readings of encoders with a constant bias, as on a robot. A new walk begins at the
@@ -48,14 +48,14 @@ class ExternalGait:
         Args:
             robot: simulated robot; the devices of `node` are its own.
             node: running node, which gets every announcement after the robot was placed.
-            tell: called with a line of text for each pause that does not fit.
+            tell: called with a line of text for each pause with a contradiction.
         """
         self._robot, self._node, self._tell = robot, node, tell
         names = robot.robot.tree.joint_names
         bias = WalkNoise().joint * np.random.default_rng(0).standard_normal(len(names))
         self._bias = dict(zip(names, bias.tolist(), strict=True))
         self._odometry = LegOdometry(robot.robot)
-        # Pose of `odom` in the world: where the walk began, or where a jump was set down.
+        # Pose of `odom` in the world: set at the start of the walk and after a jump.
         self._odom_to_world: Float = np.eye(4)
         self._walk: tuple[str, int] | None = None
         self.placed = 0
@@ -73,12 +73,12 @@ class ExternalGait:
                 self._node.on_refused(MessageError(f"step {announcement.step}: {error}"))
                 return
             except KinematicsError as error:
-                # The node refuses it for the same reason.
+                # The node rejects it for the same reason.
                 self._report(announcement.step, [str(error)])
         self._node.on_pause(announcement)
 
     def _place(self, announcement: StancePause, stance: Stance) -> list[str]:
-        """Place the robot; return what does not fit, in words."""
+        """Place the robot; return a description of contradictions."""
         walk, self._walk = self._walk, (announcement.epoch, announcement.step)
         if walk is None or announcement.epoch != walk[0] or (not walk[0] and announcement.step < walk[1]):
             self._odometry.reset()
@@ -129,16 +129,16 @@ class ExternalGait:
 def stand_on_ground(
     world: World, transform_base_to_world: Float, soles_in_base: Float, sole: tuple[float, float]
 ) -> tuple[Float, Float]:
-    """Body pose (4, 4) whose soles rest on the ground, at the same place and heading.
+    """Fit a body pose whose soles rest on the ground, at the same position and heading.
 
     Args:
         world: the terrain.
-        transform_base_to_world: (4, 4) where the body is by odometry.
-        soles_in_base: (n, 3) sole centres of the feet that carry it [m].
+        transform_base_to_world: (4, 4) pose of the body by odometry.
+        soles_in_base: (n, 3) sole centres of the support feet [m].
         sole: length and width of a sole [m].
 
     Returns:
-        transform_base_to_world (4, 4), and the height (n,) of each sole above the ground [m], which is not zero where
+        transform_base_to_world (4, 4), and the height (n,) of each sole above the ground [m], which is not zero if
         the feet do not fit the ground.
     """
     transform = np.array(transform_base_to_world)

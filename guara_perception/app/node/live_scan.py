@@ -13,23 +13,23 @@ from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.stripes.band import FramePair
 from transport import clock
 
-# Number of stripes still to come when the work on the grid begins ahead: they take longer than that work, even on a
-# computer three times slower than a desktop.
+# Number of stripes that remain when work on the grid begins: they take longer than that work, even on a computer
+# three times slower than a desktop.
 STRIPES_AFTER = 3
 
 
 @dataclass(frozen=True, slots=True)
 class LiveScan:
-    """Devices' record of a live scan.
+    """Record of the devices during a live scan.
 
     Attributes:
         start: instant before the first frame [ns since the epoch].
-        end: instant at which the host had the last frame [ns since the epoch].
+        end: instant at which the host received the last frame [ns since the epoch].
         last_frame: the same instant by `transport.clock` [s].
         problems: faults of the devices; empty for a good scan.
-        stopped_early: whether the pause ended before the scan.
-        failed: whether a device failed; what had been scanned by then is in the processor.
-        instants: instant by `transport.clock` at which the host had the last frame of each stripe [s], by index.
+        stopped_early: the pause ended before the scan.
+        failed: a device failed; the processor holds the stripes scanned before.
+        instants: instant by `transport.clock` at which the host received the last frame of each stripe [s], by index.
     """
 
     start: int
@@ -51,8 +51,8 @@ def live_scan(
 ) -> LiveScan:
     """Take a scan; a device that fails ends it early, and the stripes up to then are kept.
 
-    A stripe that was fired but whose frame was lost, or does not show this stripe, is marked as bad: its ground was
-    scanned and not seen. Ground of a stripe that was never fired stays unscanned.
+    A fired stripe whose frame was lost or shows another stripe is marked as bad: its ground was scanned without a
+    return. The ground of a stripe that was not fired stays unscanned.
 
     The camera's locked settings are read back before the first stripe and the light is checked in the first frames; the
     problems name a setting that changed, and light that is clipped or too dark.
@@ -76,10 +76,10 @@ def live_scan(
             for group in stripes.groups():
                 instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
                 _take(group, processor, light, on_stripe)
-                # Otherwise its frames would stay in memory until the next group is whole.
+                # Otherwise its frames would stay in memory until the next group is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
-                    # The mirror has yet to turn to the last stripes; after them the gait would have to wait for this.
+                    # The mirror still has to turn to the last stripes; afterwards the gait would wait for this.
                     worked_ahead = True
                     processor.work_ahead()
     except DriverError as error:

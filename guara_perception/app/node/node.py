@@ -50,10 +50,10 @@ STOP_TIMEOUT_S = 5.0
 # Wait beyond the end of a pause, so that it has expired when the thread wakes.
 EXPIRY_SLACK_S = 0.01
 SCAN_THREAD = "guara-scans"
-# [s] A scan thread that works this long without reaching the next stripe hangs. A camera that is gone takes up to 15 s
-# to be given up.
+# [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
+# give up a disconnected camera.
 HANG_TIME_S = 30.0
-# Walk of a pause that cannot be scanned, where a gait without epochs starts counting again.
+# Walk of a pause that cannot be scanned, for a gait without epochs that restarts its count.
 UNKNOWN_WALK = "unknown"
 # Longest wait for work without a check.
 LONGEST_WAIT_S = 3600.0
@@ -133,7 +133,7 @@ class PerceptionNode:
         self._is_asked = False
         self._closing = threading.Event()
         self._thread = supervised(SCAN_THREAD, self._run)
-        # When the scan thread last went on with its work; infinite while it waits for some.
+        # Last progress of the scan thread; infinite while it waits for work.
         self._progress_at = math.inf
         self.status.follow(self._thread_item)
         self.status.follow(self._pause_item)
@@ -152,8 +152,8 @@ class PerceptionNode:
     def on_pause(self, announcement: StancePause) -> None:
         """Handle an announcement of a stance pause; returns at once, the scan runs on the node's own thread.
 
-        A stance that cannot be used (an unknown foot) ends its pause: a robot that is not known to stand still is not
-        scanned, and a scan under way is not used.
+        An unusable stance (for instance with an unknown foot) ends its pause: if the robot is not known to stand still,
+        no scan is taken and a scan under way is not used.
         """
         now = clock.now()
         if self._recorder is not None:
@@ -178,7 +178,7 @@ class PerceptionNode:
         last = self._pause
         is_unusable = announcement.phase is PausePhase.BEGIN and stance is None
         if is_unusable or last is None or self._is_later(announcement, last):
-            # A pause that cannot be scanned, or whose BEGIN was missed, ends the use of earlier grids all the same.
+            # A pause that cannot be scanned, or whose BEGIN was missed, also ends the use of earlier grids.
             is_recount = not announcement.epoch and last is not None and announcement.step < last.step
             self._server.begin_step(announcement.step, UNKNOWN_WALK if is_recount else announcement.epoch)
         if last is None or last.ended.is_set():
@@ -195,7 +195,7 @@ class PerceptionNode:
             elif phase is PausePhase.END or stance is None:
                 current.end(stance, now, stamp)
             elif not announcement.epoch and stamp > current.newest_stamp:
-                # A gait without epochs that restarted where the robot was carried to sends the same.
+                # A gait without epochs sends the same if it restarts after the robot was carried.
                 current.end(None)
             elif current.begin_again(stance, now, stamp):
                 return None
@@ -234,7 +234,7 @@ class PerceptionNode:
         return announcement.epoch != current.given_epoch or announcement.step > current.step
 
     def _wake(self) -> None:
-        """Let the thread check again what the gait confirms, by an announcement or a better known clock."""
+        """Let the thread check confirmations again, after an announcement or a better clock estimate."""
         with self._changed:
             self._has_news = True
             self._changed.notify_all()
@@ -263,7 +263,7 @@ class PerceptionNode:
             self._wake()
 
     def is_well(self) -> bool:
-        """Whether the scan thread runs and makes progress."""
+        """True while the scan thread runs and makes progress."""
         return self._thread_item().level is Health.OK
 
     def _is_hung(self) -> bool:
@@ -284,11 +284,11 @@ class PerceptionNode:
         return self._scanner.latest_map
 
     def wait_for_step(self, step: int, timeout: float, epoch: str | None = None) -> bool:
-        """Wait until the scan of a pause is done or given up; False when `timeout` [s] passed first.
+        """Wait until the scan of a pause is done or abandoned; False after `timeout` [s].
 
         Args:
             step: number of the pause, or of an earlier one.
-            timeout: how long [s].
+            timeout: longest wait [s].
             epoch: walk that it belongs to; None for that of the newest scan.
         """
 
@@ -300,7 +300,7 @@ class PerceptionNode:
             return self._changed.wait_for(is_done, timeout)
 
     def wait_for_requests(self, timeout: float) -> bool:
-        """Wait until no requested scan is under way; False when `timeout` [s] passed first."""
+        """Wait until no requested scan is under way; False after `timeout` [s]."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
 
@@ -319,7 +319,7 @@ class PerceptionNode:
         return pause_item(pause, pause is not None and self._done == (pause.epoch, pause.step))
 
     def _standing(self) -> Pause | None:
-        """The pause that the robot is in."""
+        """Pause that the robot is in."""
         pause = self._pause
         if pause is None:
             return None

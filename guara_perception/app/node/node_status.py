@@ -59,7 +59,7 @@ class NodeStatus:
 
         Args:
             terrain: grid of the scan.
-            scan: what the devices did in it.
+            scan: record of the devices during the scan.
             latency: time from the last frame until the grid was handed over for sending [s].
         """
         record = terrain.record
@@ -118,7 +118,7 @@ class NodeStatus:
         self.set(StatusItem(name="drift", level=level, message=message, values=values))
 
     def problem(self, subsystem: str, message: str) -> None:
-        """Report a problem of a subsystem until that works again or has another one."""
+        """Report a problem of a subsystem until it is solved or replaced by another."""
         with self._lock:
             if subsystem == "scan":
                 self._failures += 1
@@ -136,7 +136,7 @@ class NodeStatus:
             self._items[item.name] = item
 
     def note(self, name: str, message: str) -> None:
-        """Add or replace a warning; remove it where the message is empty."""
+        """Add or replace a warning; an empty message removes it."""
         with self._lock:
             if message:
                 self._items[name] = StatusItem(name=name, level=Health.WARN, message=message)
@@ -159,11 +159,11 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
-    """Phase of the walk, and when the next grid is to be expected.
+    """Phase of the walk, and the time at which to expect the next grid.
 
     Args:
         pause: the newest pause, None before the first.
-        is_scanned: whether its own scan is over, or was given up.
+        is_scanned: its own scan is done, or was abandoned.
     """
     if pause is None:
         message = "no stance pause was announced yet: nothing is scanned before the gait says BEGIN"
@@ -184,7 +184,7 @@ def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
 
 
 def certificates_item(folder: Path) -> StatusItem:
-    """State of the security folder: certificates that end within 30 days, keys that others can read, old rules."""
+    """State of the security folder: certificates that expire within 30 days, keys that others can read, old rules."""
     try:
         level, message = judge_security(folder)
     except TransportError as error:

@@ -22,7 +22,7 @@ BEYOND_LIMITS_RAD = 0.5
 LARGEST_POSITION_RAD = 100.0
 # Longest announced pause; a longer one is cut to it, and the gait sends HOLD long before.
 LONGEST_S = 3600.0
-# A stamp further ahead of its arrival is of another clock than the gait tells; less is the rounding of stamps.
+# A stamp further ahead of its arrival comes from another clock than the one reported; less is rounding.
 AHEAD_S = 0.005
 
 UNKNOWN_END = (
@@ -33,7 +33,7 @@ UNKNOWN_END = (
 
 @dataclass
 class Pause:
-    """One pause, begun and perhaps ended. Instants are of `transport.clock` [s], stamps of the gait's clock [ns].
+    """Stance pause, begun and perhaps ended. Instants are of `transport.clock` [s], stamps of the gait's clock [ns].
 
     Joints that were read after a frame and show that the robot stood as at BEGIN confirm it: the frame is no later than
     `still_until`. The stamp of a message counts, not its arrival: it is taken for the earliest instant at which the
@@ -46,16 +46,16 @@ class Pause:
         stillness: test of all readings, begun with that of BEGIN at time 0.
         earliest: earliest instant at which the gait's clock can have shown a stamp; None while its clock is not known.
         limits: limits of robot.toml.
-        begun: instant at which BEGIN came.
+        begun: arrival of BEGIN.
         stamp: stamp of BEGIN.
-        given_epoch: identity of the walk as the gait gave it, empty when it gave none.
-        known_ground: ground that the gait declares, in base_footprint of this pause.
+        given_epoch: identity of the walk given by the gait, empty if none.
+        known_ground: ground declared by the gait, in base_footprint of this pause.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
         ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
-        end_stance: stance read again at the end, None until then and when it could not be used.
+        end_stance: stance read at the end; None before, and if it was unusable.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
-        moved: whether the robot moved, or cannot be shown to have stood still.
+        moved: the robot moved, or cannot be shown to have stood still.
     """
 
     step: int
@@ -76,7 +76,7 @@ class Pause:
     moved: bool = False
 
     def __post_init__(self) -> None:
-        """Plan its end."""
+        """Plan the end of the pause."""
         self.time_available = _sound(self.time_available)
         self.newest_stamp = self.stamp
         # Stamp up to which the readings show stillness, and arrival of the message that showed it.
@@ -93,7 +93,7 @@ class Pause:
 
     @property
     def is_clock_known(self) -> bool:
-        """Whether stamps can be compared with frames: not if one lies ahead, from another clock or one that was set."""
+        """True if stamps can be compared with frames; False if one is ahead (other or adjusted clock)."""
         instants = [(self.earliest(stamp), arrival) for stamp, arrival in ((self.stamp, self.begun), self._still)]
         return all(earliest is not None and earliest <= arrival + AHEAD_S for earliest, arrival in instants)
 
@@ -115,8 +115,8 @@ class Pause:
         """Handle HOLD: the robot still stands.
 
         Args:
-            stance: stance at the stamp, None when it cannot be used.
-            now: instant at which this came.
+            stance: stance at the stamp, None if it is unusable.
+            now: arrival of the message.
             stamp: stamp of the joints.
             time_available: time from the stamp to the planned end [s]; 0 when not known.
         """
@@ -130,7 +130,7 @@ class Pause:
                 self._plan = (stamp, now, 0.0)
 
     def end(self, stance: Stance | None, now: float = 0.0, stamp: int = 0) -> None:
-        """Handle END; without a stance it is not known whether the robot stood still until now."""
+        """Handle END; without a stance the robot is not known to have stood still to the end."""
         if stance is None:
             self._break(UNKNOWN_END)
         elif self._add(stance, now, stamp):
@@ -138,19 +138,19 @@ class Pause:
             self.ended.set()
 
     def begin_again(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Handle a second BEGIN of this pause: True when it repeats the first; else this pause is over."""
+        """Handle a second BEGIN of this pause: True if it repeats the first, else the pause ends."""
         if self._add(stance, now, stamp):
             return True
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
         return False
 
     def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
-        """Handle joints that arrive after END: those read before it count, others are of the swing that follows."""
+        """Handle joints that arrive after END: those read before it count, later ones belong to the next swing."""
         if stance is not None and not self.broken and stamp < self.newest_stamp:
             self._add(stance, now, stamp)
 
     def expire(self, now: float) -> None:
-        """End it when its time is over."""
+        """End the pause if its deadline has passed."""
         if not self.ended.is_set() and now > self.deadline:
             length = self.planned_end - self.begun
             if self._plan[0] == self.stamp:
@@ -159,11 +159,11 @@ class Pause:
             self._break(f"the pause had no END within its time of {length:.3g} s and {grace:.3g} s of grace")
 
     def time_left(self, now: float) -> float:
-        """Time until its planned end [s], 0 or more."""
+        """Time until the planned end [s], 0 or more."""
         return max(self.planned_end - now, 0.0)
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Test a reading; False when the robot moved, which ends the pause."""
+        """Test a reading; False if the robot moved, which ends the pause."""
         is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
@@ -187,7 +187,7 @@ class Pause:
 
 
 def _sound(time_available: float) -> float:
-    """Length of a pause [s], bounded; 0, not known, for an impossible one."""
+    """Length of a pause [s], bounded; 0 (not known) for an impossible one."""
     return min(time_available, LONGEST_S) if 0.0 < time_available < math.inf else 0.0
 
 

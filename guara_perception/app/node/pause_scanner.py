@@ -30,7 +30,7 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Number of scans whose longest time from the last frame to the published grid is expected of the next one.
+# Number of scans whose longest time from last frame to published grid is expected for the next scan.
 TAILS = 5
 
 
@@ -72,7 +72,7 @@ class PauseScanner:
         return self._map.latest
 
     def make_ready(self) -> None:
-        """Bring the mirror home and to the first stripe, so that the first pause need not wait for it."""
+        """Home the mirror and move it to the first stripe, so that the first pause need not wait for it."""
         self._lost_steps()
 
     def scan(
@@ -81,9 +81,9 @@ class PauseScanner:
         """Scan one pause and publish the result, as provisional while the pause has not confirmed it.
 
         Args:
-            pause: pause that the gait is in.
+            pause: present pause of the gait.
             mode: one of SWEEPS.
-            should_stop: True ends the scan early; what was not fired stays unscanned.
+            should_stop: True ends the scan early; stripes that were not fired stay unscanned.
             progress: called with (stripes done, stripes in all).
 
         Returns:
@@ -167,7 +167,7 @@ class PauseScanner:
         )
 
     def _check_steps(self) -> None:
-        """Refuse a scan in which the mirror lost motor steps, so that stripes lay elsewhere than commanded.
+        """Reject a scan in which the mirror lost motor steps, so that stripes were not at their commanded angles.
 
         Homing takes a tenth of a second, so the grid is published before it, and withdrawn when steps were lost. The
         scan is fused into the map only after it.
@@ -180,11 +180,11 @@ class PauseScanner:
             )
 
     def _lost_steps(self) -> int:
-        """Motor steps that the mirror lost since it was last home; 0 where the board cannot be asked."""
+        """Motor steps lost by the mirror since it was last homed; 0 if the board does not answer."""
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:
-            # A board that is gone does not make the last scan wrong; the next scan finds it again or fails.
+            # A disconnected board does not make the last scan wrong; the next scan reconnects or fails.
             self._status.problem("board", str(error))
             return 0
         self._status.solved("board")

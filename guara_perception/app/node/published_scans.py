@@ -34,16 +34,16 @@ TOO_LITTLE = (
 
 @dataclasses.dataclass(slots=True, eq=False)
 class Published:
-    """A scan whose grid was published.
+    """Scan with a published grid.
 
     Attributes:
         pause: pause in which it was taken.
         swept: the scan and its processors.
         terrain: grid of the scan alone.
-        fused: the map with it, None while it is not in the map.
-        is_confirmed: whether the pause has confirmed it.
-        was_sent_provisional: whether it was published as provisional.
-        will_be_refined: whether a finer grid of the same pause follows, which is confirmed in its place.
+        fused: map with this scan, None while it is not in the map.
+        is_confirmed: the pause has confirmed it.
+        was_sent_provisional: it was published as provisional.
+        will_be_refined: a finer grid of the same pause follows, which is confirmed in its place.
     """
 
     pause: Pause
@@ -59,7 +59,7 @@ class PublishedScans:
     """Publishes the grids and maps of successive pauses; used from one thread.
 
     Attributes:
-        newest: the scan whose grid was published last, None where it was withdrawn.
+        newest: scan whose grid was published last, None if it was withdrawn.
         fused: the scan of the newest pause that is in the map.
     """
 
@@ -71,7 +71,7 @@ class PublishedScans:
         recorder: ScanRecorder | None,
         unseen: Callable[[Pause], TerrainGrid],
     ) -> None:
-        """Start before the first pause; `unseen` gives the grid of a scan of a pause that saw nothing."""
+        """State before the first pause; `unseen` returns the grid of a pause in which nothing was seen."""
         self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
         self._unseen = unseen
         self._unknown_clock = (
@@ -85,7 +85,7 @@ class PublishedScans:
         self.fused: Published | None = None
 
     def begin(self, pause: Pause) -> None:
-        """Leave the pause before: confirmed scans of it stay in the map, all others are withdrawn."""
+        """Leave the previous pause: its confirmed scans stay in the map, all others are withdrawn."""
         before = self.newest or self.fused
         if before is None or before.pause is pause:
             return
@@ -98,7 +98,7 @@ class PublishedScans:
         self.newest = self.fused = None
 
     def usable(self, pause: Pause, swept: Swept) -> Swept:
-        """The part of a scan that may be published: all of it during the pause, then what the gait has confirmed.
+        """Part of a scan that may be published: all of it during the pause, afterwards what the gait has confirmed.
 
         Raises:
             CameraMoved: none of it.
@@ -117,7 +117,7 @@ class PublishedScans:
         return self._send(self.newest, terrain)
 
     def publish_map(self) -> TerrainMessage:
-        """Fuse the newest scan into the map, unless the pause has one there already, and publish the map."""
+        """Fuse the newest scan into the map, unless it holds one of this pause, and publish the map."""
         if self.fused is None or self.fused.fused is None:
             assert self.newest is not None
             return self._fuse(self.newest)
@@ -183,7 +183,7 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Leave out stripes taken later than the joints that confirm the scan, after a pause that ended well."""
+        """Remove stripes taken after the joints that confirm the scan, after a pause that ended well."""
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)
         if cut is None:
@@ -200,7 +200,7 @@ class PublishedScans:
     def _withdraw(self, pause: Pause) -> None:
         """Withdraw the grid, and undo it in the map unless it was confirmed.
 
-        A grid that was confirmed before the robot moved is right, but its frame is no longer where the robot stands.
+        A grid that was confirmed before the robot moved is right, but the robot has left its frame.
         """
         reason = f"withdrawn: {self._why_not(pause)}"
         self._status.withdrawn("moved" if pause.broken else "late" if pause.is_clock_known else "clock")
@@ -237,10 +237,10 @@ class PublishedScans:
         )
 
     def _send_images(self, make: Callable[[], TerrainGrid]) -> None:
-        """Publish and record the range images of a grid: of a confirmed one, since an image cannot say that it is not.
+        """Publish and record the range images of a grid: only if confirmed, since an image has no flag for it.
 
         Args:
-            make: function that gives the grid with its pictures; called if somebody wants them.
+            make: function that returns the grid with its pictures; called if there is a subscriber or a recorder.
         """
         messages = functools.cache(lambda: range_image_messages(make()))
         self._are_images_out = True
@@ -250,11 +250,11 @@ class PublishedScans:
             self._recorder.add_range_images(messages)
 
     def _why_not(self, pause: Pause) -> str:
-        """Reason for which a scan of an ended pause is not used."""
+        """Reason why a scan of an ended pause is not used."""
         return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
-        """The grid that withdraws another one: nothing known, and the reason; its range images too, if they are out."""
+        """Grid that withdraws another one: all unknown, with the reason; with range images if those were published."""
         nothing = self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
         if self._are_images_out:
             self._send_images(lambda: with_pictures(nothing))
@@ -263,7 +263,7 @@ class PublishedScans:
 
 
 def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
-    """The grid with the problems of the devices in its health."""
+    """Add the problems of the devices to the health of a grid."""
     if not scan.problems and not scan.stopped_early:
         return terrain
     health = terrain.record.health or Health()
@@ -273,5 +273,5 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """Fields of a grid's record: its walk, and whether its pause has yet to confirm it."""
+    """Fields of a grid's record: its walk, and its provisional state."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

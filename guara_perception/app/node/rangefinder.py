@@ -40,8 +40,8 @@ class Rangefinder:
     Attributes:
         board: the laser board.
         camera: the camera.
-        options: how scans are taken; None = one off frame per scan, STRIPES_TOGETHER.
-        settings: settings that are locked and read back when the camera is opened; None leaves the camera as it is.
+        options: acquisition options; None = one off frame per scan, STRIPES_TOGETHER.
+        settings: settings that are locked and read back when the camera is opened; None = leave the camera unchanged.
         clock: clock of all devices of this process while these are open; None = the machine's. Emulated devices have
             one on which waiting takes no time, so that they miss nothing on a busy machine.
     """
@@ -75,18 +75,18 @@ class Rangefinder:
         self._close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Lock settings of the open camera; `setting_changes` compares with those that it held then.
+        """Lock settings of the open camera; `setting_changes` compares with these.
 
         Raises:
-            drivers.CameraError: the camera does not take one.
+            drivers.CameraError: the camera rejects a setting.
         """
         self._locked = self.camera.lock(settings)
         return self._locked
 
     def setting_changes(self) -> tuple[str, ...]:
-        """Locked settings that the camera no longer holds, each with what to do; empty where it cannot be read.
+        """Changes of locked settings, each with what to do; empty if they cannot be read.
 
-        It reads a few settings, which takes some milliseconds.
+        Reading the settings takes some milliseconds.
         """
         if self._locked is None:
             return ()
@@ -103,9 +103,9 @@ class Rangefinder:
         return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
-        """Bring the mirror home, then to the first stripe; return the motor steps lost since it was last home.
+        """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.
 
-        Any lost step means that stripes since then lay elsewhere than commanded, so that their heights are wrong.
+        Any lost step means that stripes since then were not at their commanded angles: their heights are wrong.
 
         Raises:
             drivers.BoardError: the board cannot be reached, or found no home.

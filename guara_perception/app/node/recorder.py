@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Frames that wait for a slow disk take at most this many bytes: 614 of 640x512 pixels in one channel.
+# Largest number of bytes that wait for a slow disk: 614 frames of 640x512 pixels in one channel.
 MAXIMUM_WAITING = 192 * 1024 * 1024
 # How long the end of the program waits for the disk [s].
 CLOSE_TIMEOUT_S = 30.0
 
 
 class ScanRecorder(AbstractContextManager["ScanRecorder"]):
-    """An MCAP file that grows with every scan; what was acknowledged survives the end of the process.
+    """MCAP recorder of scans; acknowledged data survives the end of the process.
 
-    Where the file exists the recording goes on in the next one. In a folder it also does when a file is full, between
-    two pauses; each file opens by itself.
+    If the file exists, the recording continues in the next one. In a folder it also does so when a file is full,
+    between two pauses; each file can be opened on its own.
 
     No scan waits for the disk: copies of its frames, and its grid, are written on another thread. Data that a slow or
     full disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
@@ -86,7 +86,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._add_later("the robot", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
-        """Write what is waiting, and the end of the file."""
+        """Write waiting data and the end of the file."""
         if self._thread.close(CLOSE_TIMEOUT_S):
             self.writer.close()
         else:
@@ -99,7 +99,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     @property
     def cut(self) -> list[Path]:
-        """Files of this recording whose process was killed, oldest first: `guara recover` makes them readable."""
+        """Files of this recording whose process was killed, oldest first; `guara recover` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
@@ -124,7 +124,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return ScanRecording(self, record, self._quality)
 
     def add_terrains(self, step: int, terrains: Sequence[TerrainMessage]) -> None:
-        """Add grids that are published after their scan has ended, as when it is withdrawn; returns at once."""
+        """Add grids that are published after their scan has ended, for instance withdrawals; returns at once."""
         if step < self._first:
             return
 
@@ -167,7 +167,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
                 self.writer.add_messages(self._scene.of_grid(terrain))
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all that was handed over is written or lost; False when `timeout` [s] passed before."""
+        """Wait until all data is written or lost; False after `timeout` [s]."""
         return self._thread.flush(timeout)
 
     def status_item(self) -> StatusItem:
@@ -185,11 +185,11 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             )
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
-        """Hand over a task that takes `size` bytes of memory; False when too much waits already."""
+        """Queue a task that holds `size` bytes of memory; False if the queue is full."""
         return self._thread.post(size, task)
 
     def ended(self, step: int, problem: str) -> None:
-        """Count a scan as recorded, or as lost when there is a problem."""
+        """Count a scan as recorded, or as lost if there is a problem."""
         with self._counted:
             self._recorded += not problem
             self._lost += bool(problem)
@@ -212,14 +212,14 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._report(str(error))
 
     def _go_on(self) -> None:
-        """Go on in a new file when this one is full; on the recorder's thread, between two scans."""
+        """Continue in a new file if this one is full; on the recorder's thread, between two scans."""
         size = self._files.file_size
         if size is None or self.writer.size < size or self.writer.is_scan_open:
             return
         self._make_room()
         full = self.writer
         try:
-            # What a full disk refused waits in memory, and the file with it.
+            # Data that a full disk rejected waits in memory, and keeps the file open.
             full.flush()
             self.writer = self._open()
         except RecordingError as error:
@@ -232,13 +232,13 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         _guarded("the robot", self._add_robot)
 
     def _report(self, trouble: str) -> None:
-        """Log and keep what disturbs the recording, once."""
+        """Log a problem of the recording once, and keep it for the status."""
         if trouble and trouble != self._trouble:
             logger.error("recording: %s", trouble)
         self._trouble = trouble
 
     def _add_later(self, what: str, add: Callable[[], None]) -> None:
-        """Add something besides the scans; an error of the disk is logged, and the scans go on."""
+        """Add data other than scans; a disk error is logged and does not stop the scans."""
         self.post(0, lambda: _guarded(what, add))
 
 
@@ -282,7 +282,7 @@ class ScanRecording:
 
         Args:
             mode: mode of the whole scan, which is then recorded as a second scan of this pause that refers to the
-                frames already written; None when the scan will not be whole: then no more frames are recorded.
+                frames already written; None if the scan will be incomplete: then no more frames are recorded.
         """
         if mode is None:
             self._is_full = True

@@ -27,7 +27,7 @@ from transport.stance_link import StancePublisher
 
 # The terrain that comes with the package.
 DEMO_WORLD = Path(__file__).parents[2] / "simulation" / "worlds" / "demo.toml"
-# From the end of an exposure to the frame's arrival: that of a camera on a fast link.
+# Time from the end of an exposure to the frame's arrival, as of a camera on a fast link.
 LATENCY_S = 0.001
 
 
@@ -80,11 +80,11 @@ class SimulatedRobot:
         self.stand_at(next(self.walk(cycles=0)))
 
     def stand_at(self, pause: WalkPause) -> None:
-        """Put the robot where it stands at a pause; only between scans."""
+        """Set the robot to its pose at a pause; only between scans."""
         self.place(pause.transform_base_to_world, pause.joint_positions)
 
     def place(self, transform_base_to_world: Float, joint_positions: Mapping[str, float]) -> None:
-        """Put the robot in a pose (4, 4) with joint positions [rad]; only between scans.
+        """Set the pose (4, 4) and the joint positions [rad] of the robot; only between scans.
 
         Raises:
             InvalidInput: camera or laser in the ground.
@@ -108,7 +108,7 @@ class SimulatedGait:
     def __init__(
         self, publisher: StancePublisher, instance: str, time_available: float = 0.0, *, seed: int = 0
     ) -> None:
-        """Send through `publisher` as the robot `instance`, which stands this long [s]; 0 when not known."""
+        """Send through `publisher` as the robot `instance`, with this time for each pause [s]; 0 = not known."""
         self._rng = np.random.default_rng(seed)
         self._publisher, self._instance, self.epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available

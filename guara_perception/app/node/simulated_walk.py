@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 SCAN_TIMEOUT_S = 60.0
 # Longest time until a stop is noticed while waiting for a scan.
 STOP_POLL_S = 0.2
-# Rest after each scan, so that planners that are slow to subscribe can follow.
+# Pause after each scan, for planners that are slow to subscribe.
 REST_S = 1.0
 # The world of the demo ends there.
 CYCLES = 11
@@ -87,7 +87,7 @@ def _stand(
 
 
 def _is_done(wait: Callable[[], bool], stop: threading.Event) -> bool:
-    """Wait for a scan, but not past a stop; False when it did not come in time."""
+    """Wait for a scan or a stop; False if no scan came in time."""
     end = time.monotonic() + SCAN_TIMEOUT_S
     while not wait():
         if stop.is_set():

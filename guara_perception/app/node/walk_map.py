@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class _WalkState:
-    """State of a walk; `withdraw` goes back to a copy of it."""
+    """State of a walk; `withdraw` restores a copy of it."""
 
     odometry: LegOdometry
     map: TerrainMap
@@ -31,12 +31,12 @@ class _WalkState:
     restarts: list[str] = field(default_factory=list)
 
     def copy(self) -> _WalkState:
-        """A copy with its own odometry. The map is shared: it is large, and keeps what it needs to go back itself."""
+        """Copy with its own odometry. The map is shared: it is large, and keeps its own undo state."""
         return replace(self, odometry=copy.copy(self.odometry), restarts=list(self.restarts))
 
 
 class WalkMap:
-    """Map of one walk, which starts again when the odometry is lost or another walk begins; its record says so.
+    """Map of a walk. It restarts if the odometry is lost or another walk begins; its record states the reason.
 
     A fused scan may turn out to be wrong: `withdraw` undoes all updates since `keep`.
     """
@@ -96,7 +96,7 @@ class WalkMap:
         return state.last
 
     def keep(self) -> None:
-        """Make all updates so far permanent: `withdraw` goes back to this state."""
+        """Make all updates so far permanent: `withdraw` returns to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
 
@@ -116,7 +116,7 @@ class WalkMap:
         began_again = self._state.map is not self._kept.map
         self._state = self._kept
         if self._state.last is None:
-            # No pause was kept yet: nothing else was ever in this map.
+            # No pause was kept: this map never held anything else.
             self._state.map = TerrainMap(self._robot)
         else:
             self._state.map.take_back()

@@ -1,16 +1,16 @@
-"""Assignment of announcements to walks; refusal of those that are late or for another node."""
+"""Assignment of announcements to walks, and rejection of late ones and those for another node."""
 
 from __future__ import annotations
 
 from guara_perception.app.node.pause import Pause
 from transport import PausePhase, StancePause
 
-# Number of ended walks whose late announcements are still refused.
+# Number of ended walks whose late announcements are still rejected.
 REMEMBERED = 64
 
 
 class Walks:
-    """Register of walks: refuses those that ended, names those of a gait that gives no epoch."""
+    """Register of walks: rejects ended ones, and names those of a gait without epochs."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Start before the first walk.
@@ -24,7 +24,7 @@ class Walks:
         self._past: list[str] = []
 
     def refusal(self, announcement: StancePause, last: Pause | None) -> str:
-        """Reason to refuse an announcement, empty when there is none; `last` is the newest pause."""
+        """Reason to reject an announcement, empty if there is none; `last` is the newest pause."""
         if announcement.robot != self._robot:
             return f"the announcement is for robot {announcement.robot!r}, this node is {self._robot!r}"
         epoch = announcement.epoch
@@ -39,7 +39,7 @@ class Walks:
         return ""
 
     def epoch_of(self, announcement: StancePause, last: Pause | None) -> str:
-        """Walk of a pause; where the gait names none, a lower step begins another walk."""
+        """Walk of a pause; if the gait names none, a lower step begins another walk."""
         if last is not None and last.given_epoch and last.given_epoch != announcement.epoch:
             self._past = [*self._past[1 - REMEMBERED :], last.given_epoch]
         if announcement.epoch:

@@ -1,4 +1,4 @@
-"""Thread that runs tasks for others: they wait in memory up to a limit, and handing one over never blocks."""
+"""Thread that runs queued tasks; the queue is limited in bytes, and queueing never blocks."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class WriterThread:
             return self._waiting
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
-        """Hand over a task that holds `size` bytes of memory; False when too much waits already, or it is closed."""
+        """Queue a task that holds `size` bytes of memory; False if the queue is full or closed."""
         with self._changed:
             if self._is_closing or (size and self._waiting + size > self._limit):
                 return False
@@ -47,12 +47,12 @@ class WriterThread:
             return True
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all tasks are done; False when `timeout` [s] passed first."""
+        """Wait until all tasks are done; False after `timeout` [s]."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._tasks and not self._is_busy, timeout)
 
     def close(self, timeout: float) -> bool:
-        """Accept no more tasks and end when all are done; False when `timeout` [s] passed first: it then goes on."""
+        """Accept no more tasks and end when all are done; False after `timeout` [s], when the thread still runs."""
         is_done = self.flush(timeout)
         with self._changed:
             self._is_closing = True

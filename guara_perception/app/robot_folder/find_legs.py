@@ -18,7 +18,7 @@ LEAST_LEGS = 3
 
 @dataclass(frozen=True, slots=True)
 class FoundLeg:
-    """A chain of joints that ends in a foot.
+    """Chain of joints that ends in a foot.
 
     Attributes:
         name: lf, rf, lh, rh where there are four; else the name of its foot.
@@ -72,7 +72,7 @@ def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) ->
     for joint in urdf.path_to(chain[0].child):
         transform = transform @ joint.transform_child_to_parent
     x, y, z = (float(v) for v in transform[:3, 3])
-    # Down the fixed links: a foot is the last of them that has a shape, or that has no more below it.
+    # Along the fixed links: the foot is the last one that has a shape, or has no further link.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}
     while len(below.get(link, [])) == 1:

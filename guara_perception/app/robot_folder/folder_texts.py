@@ -38,7 +38,7 @@ def assumed(proposal: Proposal) -> dict[str, str]:
 
 
 def toml_text(proposal: Proposal, source: str) -> str:
-    """The text of robot.toml: every value with its reason, and which of them nobody has measured.
+    """Text of robot.toml: every value with its reason, and the list of those not measured.
 
     Args:
         proposal: proposal of the robot.
@@ -82,7 +82,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
 
 
 def readme_text(proposal: Proposal, source: str, notes: tuple[str, ...]) -> str:
-    """The text of README.md.
+    """Text of README.md.
 
     Args:
         proposal: proposal of the robot.

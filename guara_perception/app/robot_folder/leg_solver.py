@@ -99,7 +99,7 @@ class LegSolver:
         whole = np.zeros(len(self._tree.joint_names))
         whole[self._columns] = positions
         with warnings.catch_warnings():
-            # Zero may lie beyond the limits of a joint.
+            # Zero may be outside the limits of a joint.
             warnings.simplefilter("ignore", JointLimitWarning)
             state = RobotState(self._tree, whole)
         moving = [joint for joint in self._tree.urdf.path_to(TIP) if joint.kind != "fixed"]
@@ -140,13 +140,13 @@ def tree_of(urdf: Urdf, legs: tuple[LegConfig, ...], sole: tuple[float, float] =
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foot:
-    """The end of a leg, in the frame of the last moving link.
+    """Foot at the end of a leg, in the frame of the last moving link.
 
     Attributes:
         link: the last moving link.
         tip: (3,) centre of the foot, or of the round end of the bone [m].
-        shapes: what moves rigidly with it, each with transform_shape_to_link (4, 4).
-        is_round: whether the foot is a ball or the end of a bone: it touches in a point.
+        shapes: shapes that move rigidly with it, each with transform_shape_to_link (4, 4).
+        is_round: the foot is a ball or the end of a bone, and touches in a point.
         size: (3,) extents of the foot along its own axes; a ball's diameter, a bone's width [m].
     """
 

@@ -123,7 +123,7 @@ def _pitch(area_x: tuple[float, float], camera_x: float, height: float) -> float
 
 
 def _in_view(points: Float, camera: Float, pitch: float) -> bool:
-    """Whether a camera pitched forward from straight down sees all points (n, 3)."""
+    """True if a camera pitched forward from straight down sees all points (n, 3)."""
     directions = points - camera
     ahead = np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
     along = np.array([np.cos(pitch), 0.0, np.sin(pitch)])

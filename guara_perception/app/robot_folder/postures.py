@@ -13,7 +13,7 @@ from kinematics.leg import NumericLeg
 from kinematics.tree import KinematicTree
 
 # Footholds of the wave gait relative to the standing foot [m]: on level ground half a swing fore and aft plus the
-# search radius of the planner; half a swing on lower ground; more above an obstacle. All 40 mm aside.
+# search radius of the planner; half a swing on lower ground; more above an obstacle. All also 40 mm to the side.
 FOOT_OFFSETS = np.array(
     [
         (x, y, z)
@@ -45,7 +45,7 @@ class FoundPosture:
 
 
 def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None:
-    """Posture with the hips at a height over the soles, which lie below the hips; None = out of reach."""
+    """Posture with the hips at a height above the soles, which are below the hips; None = out of reach."""
     top = float(np.mean([leg.pitch_joint[2] for leg in legs]))
     floor = top - hip_height
     joints: dict[str, float] = {}

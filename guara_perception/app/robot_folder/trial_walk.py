@@ -1,4 +1,4 @@
-"""A short simulated walk of a robot, scanned pause by pause, over ground laid out for its own tracks."""
+"""Short simulated walk of a robot, scanned pause by pause, over ground laid out along its tracks."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TrialWalk:
         feet: number of footholds that were chosen.
         feet_on_hazard: number of these on a hazard, by the map or by the true ground; must be 0.
         known: share of the area that a scan knows, mean of all scans.
-        ended: why the walk ended early, None when it did not.
+        ended: reason why the walk ended early, None if it did not.
     """
 
     pauses: int
@@ -118,7 +118,7 @@ def trial_walk(
 
 
 def _is_bad_ground(robot: RobotModel, world: World, x: float, y: float) -> bool:
-    """Whether the true ground under a sole absorbs the laser, or is more uneven than the limits allow."""
+    """True if the ground under a sole absorbs the laser or exceeds the limits of unevenness."""
     length, width = robot.sole
     u, v = np.meshgrid(np.linspace(-0.5, 0.5, SOLE_SAMPLES) * length, np.linspace(-0.5, 0.5, SOLE_SAMPLES) * width)
     heights, limits = world.height(x + u, y + v), Settings.of(robot).limits

@@ -25,7 +25,7 @@ class SceneMirror:
         """Mirror every grid that the server publishes from now on.
 
         Args:
-            server: server with a mirror; without one nothing is made.
+            server: server with a mirror; without one nothing is computed.
             scene: makes the messages.
             unknown: value of unknown cells in occupancy grids, 100 or -1.
             with_tf: mirror the robot itself too: `/<robot>/tf`, `/<robot>/tf_static`, `/<robot>/robot_description`.

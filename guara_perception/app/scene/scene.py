@@ -43,7 +43,7 @@ class Scene:
     """Makes the messages of one robot's scenes; stamps are [ns] since the epoch."""
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
-        """For a robot and its rangefinder.
+        """Create the scene of a robot and its rangefinder.
 
         Raises:
             InvalidInput: the calibration belongs to another robot.
@@ -115,7 +115,7 @@ class RobotFrames:
     """Transforms between the links of a robot, with the camera at its calibrated mount instead of the URDF's."""
 
     def __init__(self, robot: RobotModel, transform_camera_to_base: npt.ArrayLike) -> None:
-        """For a robot and the camera that it carries, (4, 4)."""
+        """Create the frames of a robot and its camera at its calibrated mount (4, 4)."""
         self._robot = robot
         self._camera_to_base = np.asarray(transform_camera_to_base, dtype=np.float64)
 

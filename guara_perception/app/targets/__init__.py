@@ -1,4 +1,4 @@
-"""What a calibration looks at, printed to scale: checkerboard, crosses, floor mat, labels, ruler.
+"""Printable calibration targets, to scale: checkerboard, crosses, floor mat, labels, ruler.
 
 Only `app` imports it; it writes one PDF and nothing else.
 """

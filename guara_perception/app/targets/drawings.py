@@ -1,4 +1,4 @@
-"""The drawings of a calibration: board, crosses to cut out, floor mat, labels and ruler; and their options as text."""
+"""Drawings of calibration targets (board, crosses, floor mat, labels, ruler), and parsers of their options."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from kinematics import RobotModel
 
-# The detectors want white around the board; a third of a square is enough and keeps 300 mm boards on A3.
+# The detectors need white around the board; a third of a square is enough and keeps 300 mm boards on A3.
 QUIET_OF_SQUARE = 0.33
-# Crosses stand this far inside the corners of the scanned area, where plates do not hide what is measured.
+# Distance of the crosses from the corners of the scanned area, where plates do not hide them.
 CROSS_INSET_M = 0.020
 MAT_BORDER_M = 0.030
 # Distance of the rulers from the borders of their drawing.
@@ -32,9 +32,9 @@ GUIDE = "#888888"
 
 
 def cross_points(robot: RobotModel) -> Float:
-    """Where the crosses belong, (5, 2) in base_footprint [m]: near the corners of the scanned area and one within.
+    """Nominal positions (5, 2) of the crosses in base_footprint [m]: four near the corners of the area, one inside.
 
-    The fifth makes the mirror image of all of them differ from them.
+    The fifth makes the pattern differ from its mirror image.
     """
     settings = Settings.of(robot)
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
@@ -51,7 +51,7 @@ def cross_points(robot: RobotModel) -> Float:
 
 
 def calibration_board(board: BoardSpec) -> Sheet:
-    """The board in black and white with a white border, its first corner at the top left.
+    """Board in black and white with a white border, its first corner at the top left.
 
     Raises:
         InvalidInput: a ChArUco board with more squares than there are markers for.
@@ -59,7 +59,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
     square = 1e3 * board.square
     quiet = QUIET_OF_SQUARE * square
     columns, rows = board.columns + 1, board.rows + 1
-    # Seen on paper the corners are counted from the top left, and the markers stand upright.
+    # On paper the corners are counted from the top left, and the markers are upright.
     ink = board_ink(board)[::-1]
     cell = square * columns / ink.shape[1]
 
@@ -81,7 +81,7 @@ def calibration_board(board: BoardSpec) -> Sheet:
 def _runs(ink: Mask) -> Iterator[tuple[int, int, int, int]]:
     """Column, row, width and height of runs of inked cells, along the rows and along the columns.
 
-    Cells that touch lie in one run, so that no page shows a white hairline between them.
+    Touching cells are in one run, so that no white hairline shows between them.
     """
     for cells, across in ((ink, True), (ink.T, False)):
         for line, row in enumerate(cells):
@@ -109,9 +109,9 @@ def crosses() -> Sheet:
 
 
 def mat(robot: RobotModel) -> Sheet:
-    """The floor below the robot in its scan posture: soles in outline, crosses where they belong; x up, y to the left.
+    """Floor below the robot in its scan posture: outlines of the soles, and crosses; x up, y to the left.
 
-    The robot is set on the outlines, so that the crosses lie where `cross_points` says.
+    With the robot on the outlines, the crosses are at `cross_points`.
     """
     from kinematics import Stance
 
@@ -145,7 +145,7 @@ def mat(robot: RobotModel) -> Sheet:
 
 
 def labels(heights: tuple[float, ...]) -> Sheet:
-    """A label per plate, with room for the height that was measured."""
+    """Label for each plate, with space for the measured height."""
     width, height = 90.0, 30.0
 
     def draw(axes: Axes) -> None:

@@ -1,4 +1,4 @@
-"""`Sheet`: a drawing in millimetres, cut into printed pages that can be joined again."""
+"""Drawings in millimetres, cut into printed pages that can be joined."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 # Width and height in portrait.
 PAPERS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}
-# What common printers leave white.
+# Unprintable margin of common printers.
 MARGIN_MM = 10.0
-# How far two pages of one drawing show the same, to lay one on the other.
+# Overlap of adjacent pages of a drawing.
 OVERLAP_MM = 10.0
 MARK_MM = 4.0
 MM_PER_INCH = 25.4
@@ -25,7 +25,7 @@ MM_PER_INCH = 25.4
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """A drawing to scale.
+    """Drawing to scale.
 
     Attributes:
         title: printed on every page.
@@ -41,7 +41,7 @@ class Sheet:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One printed page of a sheet.
+    """Printed page of a sheet.
 
     Attributes:
         sheet: sheet of which it shows a part.

@@ -1,4 +1,4 @@
-"""`write_targets`: all drawings of a calibration in one PDF, to scale."""
+"""Writer of all calibration targets to one PDF, to scale."""
 
 from __future__ import annotations
 
