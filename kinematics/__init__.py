@@ -21,6 +21,9 @@ from kinematics.exceptions import StanceError as StanceError
 from kinematics.exceptions import UnknownName as UnknownName
 from kinematics.footprint import BASE_FOOTPRINT as BASE_FOOTPRINT
 from kinematics.footprint import ODOM as ODOM
+from kinematics.joint_check import JointCheck as JointCheck
+from kinematics.joint_check import JointFault as JointFault
+from kinematics.joint_check import JointReport as JointReport
 from kinematics.load import describe_robot as describe_robot
 from kinematics.load import load_robot as load_robot
 from kinematics.load import robot_from_description as robot_from_description

@@ -33,15 +33,17 @@ class WalkNoise:
         slip: standard deviation of a sole's position at touch-down, per axis [m].
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
             reported.
+        creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
     """
 
     joint: float = 0.0035
     contact: float = 0.0005
     slip: float = 0.001
     imu: float | None = 0.00175
+    creep: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("joint", "contact", "slip", "imu"):
+        for name in ("joint", "contact", "slip", "imu", "creep"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"walk noise: {name} is {value}, it must be finite and 0 or more")
@@ -165,6 +167,8 @@ def simulate_walk(
         )
         yield pause
         x, y = chosen_foothold(pause, choose)
+        if noise.creep:
+            soles = {each: sole + noise.creep * np.append(rng.standard_normal(2), 0.0) for each, sole in soles.items()}
         soles = {**soles, leg: set_down(*pause.to_world(x, y))}
         sole = soles[leg]
         footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers import DriverError
+from guara_perception.app.node.joint_watch import JointWatch
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.published_scans import PublishedScans
@@ -60,6 +61,7 @@ class PauseScanner:
         self._settings = Settings.of(robot)
         self._view = LiveView(server.views, centre=self._settings.stripes // 2)
         self._map = WalkMap(robot, calibration)
+        self._joints = JointWatch(robot, status)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         self._published = PublishedScans(
             server, status, self._map, recorder, lambda pause: self._processor(pause, "standard").finish()
@@ -96,6 +98,7 @@ class PauseScanner:
             KinematicsError: the stance does not fit the robot.
         """
         self._published.begin(pause)
+        self._published.doubts = self._joints.doubts(pause)
         recording = None
         if self._mirror is not None:
             self._mirror.begin(pause.stance, time.time_ns())

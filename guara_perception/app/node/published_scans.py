@@ -61,6 +61,7 @@ class PublishedScans:
     Attributes:
         newest: scan whose grid was published last, None if it was withdrawn.
         fused: the scan of the newest pause that is in the map.
+        doubts: what is wrong with the joints of the pause, for the health of its grids.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class PublishedScans:
             "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
         )
         self._are_images_out = False
+        self.doubts: tuple[str, ...] = ()
         self.newest: Published | None = None
         self.fused: Published | None = None
 
@@ -112,7 +114,7 @@ class PublishedScans:
 
     def publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
         """Publish the grid of a scan; `will_be_refined` where a finer one follows in this pause."""
-        terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan), stamp=swept.scan.end)
+        terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan, self.doubts), stamp=swept.scan.end)
         self.newest = Published(pause, swept, terrain, will_be_refined=will_be_refined)
         return self._send(self.newest, terrain)
 
@@ -262,14 +264,14 @@ class PublishedScans:
         return nothing
 
 
-def with_problems(terrain: TerrainGrid, scan: LiveScan) -> TerrainGrid:
-    """Add the problems of the devices to the health of a grid."""
-    if not scan.problems and not scan.stopped_early:
+def with_problems(terrain: TerrainGrid, scan: LiveScan, doubts: tuple[str, ...] = ()) -> TerrainGrid:
+    """Add the problems of the devices, and doubts about the joints, to the health of a grid."""
+    if not scan.problems and not scan.stopped_early and not doubts:
         return terrain
     health = terrain.record.health or Health()
     early = ("the pause ended before the scan",) if scan.stopped_early else ()
-    level = "failed" if scan.failed else "degraded"
-    return terrain.restated(health=Health(level, (*health.reasons, *scan.problems, *early)))
+    level = "failed" if scan.failed or health.level == "failed" else "degraded"
+    return terrain.restated(health=Health(level, (*health.reasons, *scan.problems, *early, *doubts)))
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:

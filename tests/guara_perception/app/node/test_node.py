@@ -45,11 +45,36 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
     # The status follows the grid.
-    expected = {"calibration", "drift", "pause", "scanner", "stillness", "thread guara-scans"}
+    expected = {"calibration", "drift", "joints", "pause", "scanner", "stillness", "thread guara-scans"}
     assert wait_until(lambda: {item.name for item in bench.status.items()} == expected)
     levels = {item.name: item.level for item in bench.status.items() if item.level is not Health.OK}
     # Two readings a pause are too few to see a millimetre.
     assert levels == {"stillness": Health.WARN}
+
+
+def test_a_joint_that_jumps_between_two_pauses_is_told(bench: Bench) -> None:
+    """Status and health of the next grid name it; a new walk begins with nothing to compare."""
+    wrong = "rh_kfe_joint"
+    joints = dict(bench.gait.stance.joint_positions)
+    joints[wrong] += 0.1
+    jumped = Stance(joints, bench.gait.stance.support_feet, bench.gait.stance.gravity_in_base)
+
+    def told() -> tuple[Health, str, dict[str, str]]:
+        (item,) = (item for item in bench.status.items() if item.name == "joints")
+        return item.level, item.message, dict(item.values)
+
+    for step, stance in ((0, None), (1, None), (2, jumped)):
+        bench.gait.say(step, PausePhase.BEGIN, stance, epoch="a")
+        terrain = bench.client.wait_for_step(step, timeout=TIMEOUT)
+        level, message, values = told()
+        if step < 2:
+            assert level is Health.OK and float(values["residual"]) == pytest.approx(0.0, abs=0.01) or step == 0
+        bench.gait.say(step, PausePhase.END, stance, epoch="a")
+    assert level is Health.WARN and wrong in message and wrong in values["joints"] and values["step"] == "2"
+    assert terrain.metadata["health"]["level"] == "degraded"
+    assert any(f"joint {wrong}" in reason for reason in terrain.metadata["health"]["reasons"])
+    bench.gait.say(0, PausePhase.BEGIN, epoch="b")
+    assert wait_until(lambda: told()[0] is Health.OK)
 
 
 def test_the_mirror_stands_at_the_first_stripe_before_the_first_pause(bench: Bench) -> None:

@@ -1,0 +1,96 @@
+"""Joints that read wrong: jumps and wrong zeros that are told, and alarms on clean walks.
+
+`python -m benchmarks joints [--pauses 500]`. Guará, and Go2 from its stock URDF (extra `robots-test`), walk on level
+ground with 0.2 degrees of joint noise fresh in every pause and feet that creep by 1.4 mm per axis between two pauses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from guara_perception.simulation.walk import WalkPause
+from kinematics import JointCheck, RobotModel
+from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
+
+# Pauses after which a cycle, and two, are over.
+CYCLES = (4, 8)
+
+
+@dataclass(slots=True)
+class Told:
+    """Of one joint: sigma of its zero after each of `CYCLES` [rad], jumps and zeros told, and tried."""
+
+    sigmas: tuple[float, ...] = ()
+    jumps: list[bool] = field(default_factory=list)
+    zeros: dict[int, list[bool]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
+
+
+def jumps_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
+    """Let each joint jump at each pause after the first cycle at which its foot stands."""
+    check = JointCheck(robot)
+    for before, pause in zip((None, *pauses), pauses, strict=False):
+        if before is not None and pause.step > CYCLES[0]:
+            for leg in robot.legs:
+                for joint in robot.tree.leg(leg).joints if leg != before.next_leg else ():
+                    for error in (ERROR, -ERROR):
+                        report = copy.copy(check).update(misread(pause.stance, joint, error))
+                        found[joint].jumps.append(is_named(report.faults, joint, "jump"))
+        check.update(pause.stance)
+
+
+def zeros_told(robot: RobotModel, pauses: Sequence[WalkPause], found: dict[str, Told]) -> None:
+    """Give each joint a wrong zero from the start of a walk."""
+    for joint in robot.joint_names:
+        for error in (ERROR, -ERROR):
+            check, told = JointCheck(robot), False
+            for pause in pauses[: CYCLES[-1] + 1]:
+                told |= is_named(check.update(misread(pause.stance, joint, error)).faults, joint, "offset")
+                if pause.step in CYCLES:
+                    found[joint].zeros[pause.step].append(told)
+
+
+def measured(robot: RobotModel, *, has_imu: bool, walks: int) -> dict[str, Told]:
+    """Errors of every joint on some walks of three cycles."""
+    found = {joint: Told() for joint in robot.joint_names}
+    for seed in range(walks):
+        pauses = walk(robot, 13, 100 + seed, has_imu=has_imu)
+        jumps_told(robot, pauses[:9], found)
+        zeros_told(robot, pauses, found)
+    check = JointCheck(robot)
+    for pause in pauses:
+        check.update(pause.stance)
+        if pause.step in CYCLES:
+            for joint, sigma in check.sigmas.items():
+                found[joint].sigmas += (sigma,)
+    return found
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pauses", type=int, default=500, help="pauses of clean walks")
+    parser.add_argument("--walks", type=int, default=5, help="walks on which each joint reads wrong, either way")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    for name in ("guara", "go2"):
+        robot = load(name)
+        for has_imu in (True, False):
+            clean = walk(robot, options.pauses, 0, has_imu=has_imu)
+            print(
+                f"{name}, {'IMU' if has_imu else 'no IMU'}: {alarms(robot, clean)} alarms in {len(clean)} clean pauses"
+            )
+            print(
+                f"{'joint':<16} {'sigma of zero [rad], 1 and 2 cycles':>36} {'jumps':>8} {'zeros, 1 and 2 cycles':>22}"
+            )
+            for joint, told in measured(robot, has_imu=has_imu, walks=options.walks).items():
+                sigmas = " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in told.sigmas)
+                zeros = " ".join(f"{sum(each)}/{len(each)}" for each in told.zeros.values())
+                print(f"{joint:<16} {sigmas:>36} {sum(told.jumps)}/{len(told.jumps):<5} {zeros:>20}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Joints of each pause of a walk, tested against those of the pauses before, for status and health."""
+
+from __future__ import annotations
+
+import math
+
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.pause import Pause
+from kinematics import JointCheck, JointReport, RobotModel
+from transport import Health, StatusItem
+
+
+class JointWatch:
+    """Status item `joints`; used from one thread."""
+
+    def __init__(self, robot: RobotModel, status: NodeStatus) -> None:
+        self._check, self._status = JointCheck(robot), status
+        self._last: Pause | None = None
+        self._report = JointReport(math.nan)
+
+    def doubts(self, pause: Pause) -> tuple[str, ...]:
+        """What is wrong with the joints of a pause, in sentences; tested once, however often the pause is scanned.
+
+        Raises:
+            kinematics.KinematicsError: the stance does not fit the robot.
+        """
+        last = self._last
+        if pause is not last:
+            if last is not None and (pause.epoch != last.epoch or pause.step <= last.step):
+                self._check.reset()
+            self._report, self._last = self._check.update(pause.stance), pause
+            self._tell(pause)
+        return tuple(str(fault) for fault in self._report.faults)
+
+    def _tell(self, pause: Pause) -> None:
+        faults, residual = self._report.faults, self._report.residual
+        message = "; ".join(str(fault) for fault in faults)
+        values = {"step": str(pause.step), "residual": f"{residual:.2f}"}
+        if faults:
+            values["joints"] = ", ".join(name for fault in faults for name in fault.joints)
+        elif math.isnan(residual):
+            message = "fewer than three feet stayed since the last pause: nothing to compare"
+        else:
+            message = "the joints of standing legs fit those of the last pause"
+        level = Health.WARN if faults else Health.OK
+        self._status.set(StatusItem(name="joints", level=level, message=message, values=values))

@@ -1,0 +1,118 @@
+"""Joints that read wrong: told by name as far as the closed chains of standing legs tell, and never on clean walks."""
+
+from __future__ import annotations
+
+import copy
+import math
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from kinematics import JointCheck, RobotModel, Stance
+from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
+from tests.thorough import IS_THOROUGH, further
+
+GUARA_TOLD = [f"{leg}_{joint}_joint" for leg in ("lf", "rf", "lh", "rh") for joint in ("hfe", "kfe")]
+GO2_TOLD = ["FL_thigh_joint", "FR_thigh_joint", "RL_thigh_joint", "RR_thigh_joint"]
+
+
+@pytest.fixture(scope="module", params=["guara", *further("go2")])
+def walker(request: pytest.FixtureRequest) -> RobotModel:
+    """A robot with flat soles, and one with round feet."""
+    return load(request.param)
+
+
+@pytest.fixture(autouse=True)
+def beyond_limits() -> Iterator[None]:
+    """A joint that reads wrong may read beyond its limits."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@pytest.mark.slow
+def test_a_jump_is_told_at_the_next_pause(walker: RobotModel) -> None:
+    """0.1 rad of every joint whose foot stands, either way; the joint is among those named, and few others are."""
+    pauses = walk(walker, 8, 1, has_imu=True)
+    check = JointCheck(walker)
+    for pause in pauses[:-1]:
+        assert check.update(pause.stance).faults == ()
+    legs = [leg for leg in walker.legs if leg != pauses[-2].next_leg]
+    for joint in (joint for leg in legs for joint in walker.tree.leg(leg).joints):
+        for error in (ERROR, -ERROR):
+            (fault,) = copy.copy(check).update(misread(pauses[-1].stance, joint, error)).faults
+            assert fault.kind == "jump" and joint in fault.joints, fault
+            assert f"joint {fault.joints[0]}" in str(fault) and "jumped by" in str(fault)
+            if fault.joints[0] == joint:
+                assert fault.error == pytest.approx(error, abs=0.05)
+    assert check.update(pauses[-1].stance).faults == ()
+
+
+@pytest.mark.slow
+def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
+    """0.1 rad from the start, of a joint that the analysis of observability names; `sigmas` says so."""
+    pauses = walk(walker, 5, 3, has_imu=True)
+    joints = GUARA_TOLD if walker.name == "guara" else GO2_TOLD
+    for joint in joints if IS_THOROUGH else joints[:2]:
+        check = JointCheck(walker)
+        reports = [check.update(misread(pause.stance, joint, ERROR)) for pause in pauses]
+        assert is_named(reports[-1].faults, joint, "offset"), joint
+        assert check.sigmas[joint] < 0.027
+    unseen = {name: sigma for name, sigma in check.sigmas.items() if "haa" in name or "hip" in name}
+    assert min(unseen.values()) > 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("has_imu", [True, *further(False)])
+def test_clean_walks_raise_no_alarm(walker: RobotModel, has_imu: bool) -> None:
+    """Noise of the joints fresh in every pause, soles set down beside their place, standing feet that creep."""
+    assert alarms(walker, walk(walker, 500 if IS_THOROUGH else 60, 7, has_imu=has_imu)) == 0
+
+
+def test_a_joint_beyond_its_limits_is_told(guara: RobotModel) -> None:
+    """At the first pause too, where nothing can be compared."""
+    stance = Stance(guara.posture("scan"), guara.legs)
+    report = JointCheck(guara).update(misread(stance, "lf_kfe_joint", -2.3))
+    assert math.isnan(report.residual)
+    (fault,) = report.faults
+    assert str(fault).startswith("joint lf_kfe_joint reads +") and "rad beyond its limits" in str(fault)
+
+
+def test_a_robot_that_stands_is_compared_with_itself(guara: RobotModel) -> None:
+    """The same stance: no residual. Four feet, one joint: its foot is the one that left. Then a cycle of memory."""
+    stance = Stance(guara.posture("scan"), guara.legs, (0.0, 0.0, -1.0))
+    check = JointCheck(guara)
+    check.update(stance)
+    assert check.update(stance).residual == pytest.approx(0.0, abs=1e-6)
+    wrong = misread(stance, "rh_kfe_joint", ERROR)
+    (fault,) = check.update(wrong).faults
+    assert fault.joints == ("rh_kfe_joint",)
+    assert [len(check.update(wrong).faults) for _ in range(5)] == [1, 1, 1, 1, 0]
+    check.reset()
+    assert check.update(stance).faults == () and math.isinf(check.sigmas["lf_haa_joint"])
+
+
+def test_a_foot_that_was_lifted_is_no_joint(guara: RobotModel) -> None:
+    """Steps of 60 to 140 mm forward and aside on level ground, one foot at a time."""
+    stance = Stance(guara.posture("scan"), guara.legs, (0.0, 0.0, -1.0))
+    soles = guara.state(stance.joint_positions).soles_in_base(["lf"])[0]
+    names = guara.tree.leg("lf").joints
+    for x, y in ((0.06, 0.0), (0.10, 0.0), (0.14, 0.0), (-0.08, 0.0), (0.0, 0.06), (0.07, -0.05)):
+        check = JointCheck(guara)
+        check.update(stance)
+        found = guara.reach("lf", soles + np.array([x, y, 0.0]), 0.0)
+        joints = {**stance.joint_positions, **dict(zip(names, found.joint_positions.tolist(), strict=True))}
+        report = check.update(Stance(joints, stance.support_feet, stance.gravity_in_base))
+        assert report.faults == () and report.residual < 1.0, (x, y)
+
+
+@pytest.mark.parametrize("feet", [("lf", "rf"), ("lf", "rf", "lh")])
+def test_few_feet_tell_nothing_of_others(guara: RobotModel, feet: tuple[str, ...]) -> None:
+    """Two feet have one distance; of three, the fourth leg's joints are not compared."""
+    stance = Stance(guara.posture("scan"), feet, (0.0, 0.0, -1.0))
+    check = JointCheck(guara)
+    check.update(stance)
+    report = check.update(misread(stance, "rh_hfe_joint", ERROR))
+    assert report.faults == () and math.isnan(report.residual) == (len(feet) < 3)
