@@ -153,8 +153,8 @@ PARTS = (
         "U2",
         "74HC123",
         "DIP-16",
-        "supplied from 3.3 V, not 5 V: reads 3.3 V surely",
-        ("TI CD74HC123", "Nexperia 74HC123", "Toshiba TC74HC123A"),
+        "supplied from 3.3 V; its pulse is 0.45 R C (of 1.0 R C: C4 470 nF)",
+        ("TI CD74HC123", "Nexperia 74HC123", "Toshiba TC74HC123A (1.0 R C)"),
         (
             ("/A1", "GND"), ("B1", "HEARTBEAT"), ("/R1", "POWER_UP"), ("/Q1", None), ("Q2", None), ("C2", None),
             ("RC2", None), ("GND", "GND"), ("/A2", "GND"), ("B2", "GND"), ("/R2", "GND"), ("/Q2", None),
