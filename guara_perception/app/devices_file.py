@@ -260,7 +260,7 @@ def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _D
         for each in beside:
             sys.path.remove(each)
     if not isinstance(made, kind):
-        raise InvalidInput(f"{what} source {source!r} is no drivers.{kind.__name__}: derive the class from it")
+        raise InvalidInput(f"{what} source {source!r} is not a drivers.{kind.__name__}: derive the class from it")
     return made
 
 

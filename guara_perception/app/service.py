@@ -119,7 +119,7 @@ def notify(*states: str) -> None:
             link.connect(address)
             link.send("\n".join(states).encode())
     except OSError as error:
-        logger.warning("the service manager was not told %s: %s", ", ".join(states), error)
+        logger.warning("cannot notify the service manager of %s: %s", ", ".join(states), error)
 
 
 class ServiceManager:

@@ -86,7 +86,7 @@ class SimulatedRangefinder:
             InvalidInput: `set_pose` was never called.
         """
         if self._view is None:
-            raise InvalidInput("the simulated rangefinder stands nowhere: call set_pose(transform_base_to_world) first")
+            raise InvalidInput("the simulated rangefinder has no pose: call set_pose(transform_base_to_world) first")
         return self._view
 
     def set_pose(

@@ -229,7 +229,7 @@ def command(
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
         click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
-            click.echo(f"{instance}: uplink to {uplink}, dialled again whenever it is gone")
+            click.echo(f"{instance}: uplink to {uplink}; reconnects after a loss")
         if recorder is not None:
             click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:

@@ -31,7 +31,7 @@ def open_session(folder: str | Path) -> CalibrationSession:
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
     if not (folder / SESSION_FILE).is_file():
         kind = "; this is the folder of a single scan" if (folder / SCAN_FILE).is_file() else ""
-        raise MissingFile(f"{folder}: no {SESSION_FILE} in it, so it is no calibration session{kind}")
+        raise MissingFile(f"{folder}: no {SESSION_FILE} in it; a calibration session has one{kind}")
     fields = read_json(folder / SESSION_FILE)
     fields.text("format", (FORMAT,))
     try:
@@ -89,7 +89,7 @@ def _plate(item: Fields, folder: Path) -> Plate:
 
 def _picture_name(name: object, folder: Path, path: str) -> str:
     if not isinstance(name, str):
-        raise FileFormatError(f"{path}: {name!r} is no file name")
+        raise FileFormatError(f"{path}: {name!r} is not a file name")
     if not (folder / name).is_file():
-        raise MissingFile(f"{path}: {folder / name} is not there")
+        raise MissingFile(f"{path}: {folder / name} does not exist")
     return name

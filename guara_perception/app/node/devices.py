@@ -102,8 +102,8 @@ def _refuse_assumed(robot: RobotModel) -> None:
     open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
     if open_keys:
         raise InvalidInput(
-            f"{robot.config.path}: nobody has measured {', '.join(open_keys)} of {robot.name!r}, by which feet are "
-            "set: measure them as the table [assumed] says and delete their lines there; --simulated needs none of them"
+            f"{robot.config.path}: {', '.join(open_keys)} of {robot.name!r} not measured, and footholds depend on it: "
+            "measure as the table [assumed] says and delete the lines there; --simulated needs none of them"
         )
 
 

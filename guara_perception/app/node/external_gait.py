@@ -94,7 +94,7 @@ class ExternalGait:
             misfits.append(f"the gait jumped: {error}. The robot is set down where it stood")
         for name, angle in pose.pose.state.beyond_limits.items():
             if angle > LIMIT_ERROR_RAD:
-                misfits.append(f"joint {name} is {angle:.3f} rad beyond its limits: no robot stands like this")
+                misfits.append(f"joint {name} is {angle:.3f} rad beyond its limits: the robot cannot take this posture")
         joints = {name: angle + self._bias[name] for name, angle in stance.joint_positions.items()}
         soles = self._robot.robot.state(joints).soles_in_base(stance.support_feet)
         transform, heights = stand_on_ground(

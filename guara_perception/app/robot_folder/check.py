@@ -73,7 +73,7 @@ def _file_findings(robot: RobotModel) -> Iterator[Finding]:
         subject, _, rest = text.partition(": ")
         yield wrong(f"robot.toml {subject}", rest)
     for key, what in robot.config.assumed.items():
-        yield note(f"robot.toml [assumed] {key}", f"nobody has measured it: {what}")
+        yield note(f"robot.toml [assumed] {key}", f"assumed, not measured: {what}")
 
 
 def walk_findings(walk: TrialWalk) -> Iterator[Finding]:

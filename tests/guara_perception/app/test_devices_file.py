@@ -98,7 +98,7 @@ def test_cameras_of_every_kind_are_made(own_camera: str):
 @pytest.mark.parametrize(
     ("name", "reported"),
     [
-        ("NotOne", "is no drivers.Camera: derive the class from it"),
+        ("NotOne", "is not a drivers.Camera: derive the class from it"),
         ("Missing", "cannot be made"),
         ("WantsMore", "cannot be made"),
     ],
@@ -150,7 +150,7 @@ def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
     """One line that says why, and where the file was looked for; ids go with the board of the protocol."""
     text = devices_toml.read_text()
     for name, reported in (
-        (f"{devices_toml.parents[1].name}_own:Neither", "is no drivers.Board: derive the class from it"),
+        (f"{devices_toml.parents[1].name}_own:Neither", "is not a drivers.Board: derive the class from it"),
         (f"{devices_toml.parents[1].name}_own:Absent", "cannot be made: .*no attribute 'Absent'"),
         (
             "nowhere_at_all:Arm",

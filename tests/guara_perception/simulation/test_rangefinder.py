@@ -262,7 +262,7 @@ def test_bad_input_is_refused(robot: RobotModel, calibration: Calibration) -> No
     rangefinder = SimulatedRangefinder(
         World(features=(Pit(x=0.7, y=0, size=(0.1, 0.1), depth=0.05),)), calibration, robot
     )
-    with pytest.raises(InvalidInput, match="stands nowhere: call set_pose"):
+    with pytest.raises(InvalidInput, match="has no pose: call set_pose"):
         rangefinder.frame()
     low = np.eye(4)
     low[2, 3] = -0.1

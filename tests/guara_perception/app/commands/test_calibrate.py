@@ -132,9 +132,9 @@ BROKEN: list[tuple[Edit, str]] = [
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
     (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is a text, it must be a number"),
     (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m are allowed"),
-    (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg is not there"),
-    (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is no file name"),
-    (lambda c: c["fiducials"].update(image="none.jpg"), "none.jpg is not there"),
+    (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg does not exist"),
+    (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is not a file name"),
+    (lambda c: c["fiducials"].update(image="none.jpg"), "none.jpg does not exist"),
     (lambda c: c["fiducials"]["points_in_footprint"].pop(), "points_in_footprint: 3 points given, 4 or more"),
     (
         lambda c: c["fiducials"].update(points_px=[[1, 2]]),
@@ -190,7 +190,7 @@ def test_no_session(tmp_path: Path) -> None:
     """A folder that is not there, and one without session.json, are said to be missing."""
     with pytest.raises(gp.MissingFile, match="no such folder; a calibration session is a folder with session.json"):
         open_session(tmp_path / "none")
-    with pytest.raises(gp.MissingFile, match="no session.json in it, so it is no calibration session"):
+    with pytest.raises(gp.MissingFile, match="no session.json in it; a calibration session has one"):
         open_session(tmp_path)
 
 

@@ -79,7 +79,7 @@ def test_without_calibration_live_commands_say_what_to_do(command: str, capsys: 
 def test_a_real_robot_does_not_walk_on_assumed_values(
     tmp_path: Path, calibration_file: Path, capsys: pytest.CaptureFixture[str], robot: RobotModel
 ) -> None:
-    """`run` names what nobody has measured, exit 2; once measured, it goes on to look for the board."""
+    """`run` names unmeasured values, exit 2; once they are measured, it goes on to open the board."""
     folder = Path(shutil.copytree(robot.folder, tmp_path / "guara"))
     toml = folder / "robot.toml"
     text = toml.read_text()
@@ -87,7 +87,7 @@ def test_a_real_robot_does_not_walk_on_assumed_values(
     toml.write_text(text + assumed)
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 2
     error = capsys.readouterr().err
-    assert "nobody has measured sole of 'guara'" in error and "--simulated needs none of them" in error
+    assert "sole of 'guara' not measured" in error and "--simulated needs none of them" in error
     toml.write_text(text + assumed.replace('"sole" = "measure a foot"\n', ""))
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 1
     assert "no laser board" in capsys.readouterr().err
@@ -270,7 +270,7 @@ def test_an_uplink_serves_readers_elsewhere_too(free_endpoint: str) -> None:
         finally:
             node.kill()
     assert node.returncode == 0
-    assert printed.splitlines()[1] == f"guara: uplink to {site}, dialled again whenever it is gone"
+    assert printed.splitlines()[1] == f"guara: uplink to {site}; reconnects after a loss"
 
 
 @pytest.mark.slow

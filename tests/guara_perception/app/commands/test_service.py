@@ -98,7 +98,7 @@ def test_without_a_manager_nothing_is_sent(monkeypatch: pytest.MonkeyPatch, capl
     assert not caplog.records
     monkeypatch.setenv("NOTIFY_SOCKET", "@guara-no-such-socket")
     notify("READY=1")
-    assert "the service manager was not told READY=1" in caplog.text
+    assert "cannot notify the service manager of READY=1" in caplog.text
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_it_loads_under_the_folder_s_name_and_is_sound(
     assert run(["robot", "check", str(robot.folder)]) == 0
     printed = capsys.readouterr().out
     assert f"{robot.folder}: sound" in printed
-    assert "note: robot.toml [assumed] sole: nobody has measured it" in printed
+    assert "note: robot.toml [assumed] sole: assumed, not measured" in printed
 
 
 @pytest.mark.slow
