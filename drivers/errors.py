@@ -1,7 +1,7 @@
-"""Everything that can go wrong with a device, as one family of exceptions under `DriverError`.
+"""Exceptions of device drivers, all derived from `DriverError`.
 
-Each error also derives from the builtin that fits (`TimeoutError`, `PermissionError`, ...), so that a
-caller who knows nothing of this package still catches it. Every message says what was given or found,
+Each error also derives from the builtin that fits (`TimeoutError`, `PermissionError`, ...), so that
+callers need not know this package to catch it. Every message says what was given or found,
 what is allowed, and what to do.
 """
 
@@ -13,7 +13,7 @@ class DriverError(Exception):
 
 
 class BoardError(DriverError):
-    """Something went wrong between the host and the laser board."""
+    """Failure between the host and the laser board."""
 
 
 class NoUsbBackend(BoardError, ImportError):
@@ -61,7 +61,7 @@ class ProtocolMismatch(BoardError, RuntimeError):
 
 
 class BoardTooOld(BoardError, NotImplementedError):
-    """The board's firmware lacks what was asked for."""
+    """The board's firmware lacks the requested function."""
 
 
 class LaserRefused(BoardError, RuntimeError):
@@ -93,7 +93,7 @@ class HomeNotFound(BoardError, RuntimeError):
 
 
 class CameraError(DriverError):
-    """Something went wrong with a camera."""
+    """Failure of a camera."""
 
 
 class CameraNotFound(CameraError, FileNotFoundError):
@@ -121,7 +121,7 @@ class CameraEnded(CameraError, EOFError):
 
 
 class CameraSettingRefused(CameraError, ValueError):
-    """The camera did not take a setting: what was read back differs from what was asked."""
+    """The camera rejected a setting: the value read back differs from the requested one."""
 
 
 class AcquisitionError(DriverError):

@@ -1,4 +1,4 @@
-"""Monotonic clock of all devices; an emulated one lets emulated devices run without waiting."""
+"""Monotonic clock of all devices; replaceable, so that emulated devices run without waiting."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock on which one can wait."""
+    """Interface of a clock: time and waiting."""
 
     def monotonic(self) -> float:
         """Time [s]."""

@@ -15,16 +15,16 @@ from drivers.board.protocol import describe_faults
 from drivers.errors import BoardError, LaserRefused, MirrorOutOfRange, MirrorTimeout
 
 logger = logging.getLogger(__name__)
-# Seconds until the mirror has come to rest, and between two looks.
-MOTION_TIMEOUT, LOOK_PERIOD = 5.0, 0.002
+# Longest wait for the mirror to come to rest [s], and interval between two polls [s].
+MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
 
 
 class Board(ABC):
     """Base class of all laser boards, a context manager. To wire another board, write the eight abstract members.
 
-    What a board must promise, whatever its host does, because people stand in front of it:
+    Guarantees of a board, whatever its host does, because people stand in front of it:
 
-    - It is dark when it starts, when it is opened and when it is closed, and when its host is gone.
+    - The laser is off at power-up, after opening, after closing, and when the host is gone.
     - It turns the laser off by itself after `identity.watchdog` without a call of `status` or of another method that
       reaches it, 0.4 s at most, and after `identity.laser_limit` of light without a rest. Nothing on the host feeds
       its watchdog in the background.
@@ -32,11 +32,11 @@ class Board(ABC):
     - `identity.angle_of(step)` is the angle of the mirror to half a step once `home` has run, until the power is lost;
       MOVING is reported until the mirror has settled.
 
-    `tests/drivers/board/test_any_board.py` asks a board for all of this that can be asked without instruments.
+    `tests/drivers/board/test_any_board.py` tests all of this that can be tested without instruments.
     """
 
     def __enter__(self) -> Self:
-        """Open the board; it is closed however the program ends."""
+        """Open the board, and close it when the program ends, however it ends."""
         self.open()
         guard.watch(self)
         return self
@@ -44,7 +44,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close; a failure to do so never hides an error that is under way."""
+        """Turn the laser off and close; a failure to do so never hides an earlier error."""
         try:
             self.close()
         except BoardError as failure:
@@ -102,7 +102,7 @@ class Board(ABC):
         """Switch the laser off and check that it is dark.
 
         Raises:
-            LaserStuckOn: it did not go out on command.
+            LaserStuckOn: it did not go off on command.
         """
 
     @abstractmethod
@@ -133,10 +133,10 @@ class Board(ABC):
         return self.status()
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board fit for a scan: clear faults, find home if unknown; return the status.
+        """Make the board ready for a scan: clear faults, find home if unknown; return the status.
 
         Args:
-            timeout: how long to look for a board that is gone [s]; this default looks once.
+            timeout: longest search for a board that is gone [s]; this default searches once.
 
         Raises:
             LaserRefused: a fault whose cause is still there.
@@ -177,11 +177,11 @@ class Board(ABC):
         while (status := self.status()).moving:
             if timing.monotonic() > deadline:
                 raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
-            timing.sleep(LOOK_PERIOD)
+            timing.sleep(POLL_PERIOD)
         return status, timing.monotonic()
 
     def go_to_angle(self, angle: float, *, wait: bool = True) -> float:
-        """Turn the mirror to `angle` [rad] and return the angle of the nearest step, where it really goes.
+        """Turn the mirror to `angle` [rad] and return the angle of the nearest step, to which it turns.
 
         Args:
             angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.

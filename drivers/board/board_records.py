@@ -1,4 +1,4 @@
-"""Records of the board, identity and status, to and from the bytes that `PROTOCOL.md` defines."""
+"""Identity and status records of the board, packed to and unpacked from the bytes that `PROTOCOL.md` defines."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class BoardIdentity:
 class BoardStatus:
     """Status of a board: the answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
 
-    A board of one's own gives `flags`, `faults` and `step`; the others are of the protocol.
+    Another implementation of a board fills `flags`, `faults` and `step`; the other fields belong to the protocol.
 
     Attributes:
         result: whether the command was carried out, or why not.
@@ -105,7 +105,7 @@ class BoardStatus:
         sequence: count of requests served since power-up, modulo 65536.
         flags: state of the board.
         faults: faults that are set.
-        step: believed position of the mirror, in steps from the home switch.
+        step: position of the mirror according to the firmware, in steps from the home switch.
         motion: count of motions begun since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
         home_error: error of the count of steps when the home switch was last met.

@@ -1,4 +1,4 @@
-"""Driver of the laser board: laser on and off, mirror to its home and to an angle."""
+"""Driver of the laser board: switches the laser, homes and turns the mirror."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from drivers.errors import (
 
 logger = logging.getLogger(__name__)
 EVERY_FAULT = 0xFFFF
-# [s] A lost report costs at most this before the status is fetched.
+# Longest wait for a report before the status is fetched instead [s].
 REPORT_SLICE = 0.02
 # [ms]
 CLOCK_WRAP = 1 << 32
-# Resolution of the board's clock [s], and share by which it may be slow.
+# Resolution of the board's clock [s], and the relative error by which it may be slow.
 CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
     """Driver of the laser board, a context manager, usable from any thread.
 
-    The board's watchdog turns the laser off after 0.4 s without a command, and so it does when the program dies. Call
-    `status()` meanwhile to keep it on for longer.
+    The board's watchdog turns the laser off after 0.4 s without a command, also when the program dies. Call `status()`
+    regularly to keep it on for longer.
     """
 
-    # Motion last commanded: its number, whether it may still go on, and board's and host's time of its beginning.
+    # Last commanded motion: its number, whether it may still run, and its start on the board's and the host's clock.
     _motion = 0
     _moving = False
     _board_time = _host_time = 0.0

@@ -25,7 +25,7 @@ IDENTITY_SIZE = 32
 STATUS_SIZE = 26
 STRIPE_SIZE = 32
 MOTION_SIZE = 32
-# [byte] Read from the interrupt endpoint at once, so that a longer record of a later 1.x fits too.
+# Bytes of one read from the interrupt endpoint, enough for a longer record of a later 1.x.
 REPORT_SIZE = 32
 
 # First byte of a stripe's record; that of a status report is its result, 0.
@@ -66,7 +66,7 @@ class Request(enum.IntEnum):
     SETTLE = 0x54
 
 
-# By number: a look-up takes a tenth of the time of the enum's own.
+# Lookup by number, ten times faster than that of the enum.
 REQUESTS = {int(request): request for request in Request}
 
 

@@ -128,7 +128,7 @@ class UsbLink:
 
         Raises:
             BoardNotOpen: no device is held.
-            BoardError: the transfer failed; its type says how.
+            BoardError: the transfer failed; its type gives the cause.
         """
         device = self._held()
         value, index = split_argument(argument)
@@ -149,7 +149,7 @@ class UsbLink:
         Raises:
             BoardNotOpen: no device is held.
             BoardStalled: the endpoint stalled; its halt has been cleared, so the next read works.
-            BoardError: the transfer failed; its type says how.
+            BoardError: the transfer failed; its type gives the cause.
         """
         device = self._held()
         try:
@@ -188,7 +188,7 @@ class UsbLink:
         if len(found) > 1:
             raise BoardNotFound(
                 f"{len(found)} laser boards {wanted} are plugged in ({', '.join(serials)}): "
-                "say which by its serial number"
+                "give the serial number of one"
             )
         return found[0], serials[0]
 

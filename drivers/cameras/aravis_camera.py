@@ -17,7 +17,7 @@ from drivers.errors import CameraEnded, CameraNotFound, CameraSettingRefused, Ca
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
-# Pictures that may wait, so that a host that is busy for a fifth of a second loses none.
+# Number of buffers, so that a host that is busy for a fifth of a second loses no picture.
 BUFFERS = 24
 # Formats of one byte a pixel, in the order in which they are chosen; names of the Pixel Format Naming Convention.
 MONO = "Mono8"
@@ -271,7 +271,7 @@ class AravisCamera(Camera):
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
-        """The frame in a buffer, None when its packets did not all come."""
+        """Frame of a buffer, None if packets are missing."""
         if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
             logger.info("%s: a frame is %s", self.name, buffer.get_status().value_nick)
             return None

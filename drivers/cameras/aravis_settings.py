@@ -15,7 +15,7 @@ FEATURES = {"exposure": ("exposure_time", 1e-6, 0.05, 0.0), "gain": ("gain", 1.0
 
 
 def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str) -> CameraSettings:
-    """Switch the automatics off, set what was asked for, read it back and return what the camera holds.
+    """Switch automatic modes off, apply the settings, read them back and return the values of the camera.
 
     Args:
         camera: an `Aravis.Camera`.
@@ -53,7 +53,7 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
 
 
 def held_settings(camera: Any, aravis: Any, locked: CameraSettings) -> HeldSettings:
-    """Read what the camera holds of the settings that were locked.
+    """Read the locked settings back from the camera.
 
     Args:
         camera: an `Aravis.Camera`.

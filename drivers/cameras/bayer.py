@@ -1,4 +1,4 @@
-"""Bayer mosaics: which pixel sees which colour."""
+"""Bayer mosaics and their patterns of colours."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def mosaic(picture: Image, pattern: str) -> Image:
 
 
 def red_pixels(seen: Image, pattern: str) -> Image:
-    """The red pixels of a mosaic: a picture of half the width and height, in which nothing is made up.
+    """Red pixels of a mosaic, as a picture of half the width and height without interpolation.
 
     Args:
         seen: mosaic as the camera gives it, (height, width), both even.

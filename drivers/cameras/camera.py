@@ -143,7 +143,7 @@ class Camera(ABC):
 
 
 def opened(device: T | None, camera: Camera) -> T:
-    """The device of a camera that is open.
+    """Check that a camera is open and return its device.
 
     Raises:
         CameraNotOpen: there is none.
@@ -154,7 +154,7 @@ def opened(device: T | None, camera: Camera) -> T:
 
 
 def evidence_of(camera: Camera) -> str:
-    """Text on how a scan with this camera is taken, and what proves that a frame is the right one."""
+    """Description of the acquisition with this camera, and of the proof that each frame is the right one."""
     if camera.triggered:
         return "waits for the board's trigger: a stripe is proved by the camera's clock, a lost frame is found"
     if camera.counts_frames:

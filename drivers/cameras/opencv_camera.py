@@ -193,7 +193,7 @@ class OpenCvCamera(Camera):
         while not self._stop.is_set():
             try:
                 frame = self._read(capture)
-            except BaseException:  # grab() must raise, whatever ends this thread
+            except BaseException:  # grab() must raise however this thread ends
                 logger.exception("%s: OpenCV failed to read", self.name)
                 frame = None
             with self._changed:
@@ -248,7 +248,7 @@ class Capture(Protocol):
 
 
 def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
-    """Switch the automatics off, set what was asked for, read it back and return what the camera holds.
+    """Switch automatic modes off, apply the settings, read them back and return the values of the camera.
 
     Args:
         capture: an open capture.

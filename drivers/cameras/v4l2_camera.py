@@ -115,7 +115,7 @@ class V4l2Camera(Camera):
             device.close()
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Switch the automatics off, set what was asked for and read it back."""
+        """Switch automatic modes off, apply the settings and read them back."""
         self._opened()
         held = {}
         for name, (control, unit, switch, off) in CONTROLS.items():

@@ -1,4 +1,4 @@
-"""An emulated laser board at the USB level, and a camera that looks at it.
+"""Emulated laser board at the USB level, and an emulated camera in front of it.
 
 `emulated_backend(EmulatedBoard())` is a pyusb backend for `LaserBoard(backend=...)`. Imports `board` and `cameras`.
 """

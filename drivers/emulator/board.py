@@ -1,4 +1,4 @@
-"""Emulated board: it answers the commands of `PROTOCOL.md`, and cameras see its laser and mirror."""
+"""Emulated board: serves the commands of `PROTOCOL.md`, and shows laser and mirror to emulated cameras."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class EmulatedBoard:
         return self._plugged
 
     def unplug(self) -> None:
-        """Pull the plug: no power, no light, the mirror stops."""
+        """Unplug the board: it loses power, the laser is off and the mirror stops."""
         with self._lock:
             now = self._advance()
             self._plugged = False

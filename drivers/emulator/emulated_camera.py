@@ -1,4 +1,4 @@
-"""Free-running camera that looks at an emulated board and renders each exposure."""
+"""Free-running emulated camera that renders each exposure of an emulated board."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
 
 
 class EmulatedCamera(Camera):
-    """Exposes at a fixed rate, whether anybody reads or not; a slow reader gets only the newest frame.
+    """Exposes at a fixed rate, independently of its reader; a slow reader gets only the newest frame.
 
     Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
 

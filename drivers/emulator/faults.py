@@ -1,4 +1,4 @@
-"""Faults of the emulated board, and the plan of when each strikes."""
+"""Faults of the emulated board, and the plan of their occurrence."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class Switching:
 
 
 class Laser:
-    """Laser with its past, which cameras ask for."""
+    """Laser with a log of its changes, from which cameras compute their light."""
 
     def __init__(self, now: float) -> None:
         """Begin dark."""
@@ -62,7 +62,7 @@ class Laser:
         """Share of the interval `start` ... `end` during which it was on, 0 ... 1."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
-        # From the newest change back: a camera asks for an interval just past, and the log may be long.
+        # From the newest change back: the interval is recent, and the log may be long.
         lit, until = 0.0, end
         for event in reversed(self._log):
             if event.time < until:
@@ -107,7 +107,7 @@ class LightUnit:
         self.clear(BoardFault.WATCHDOG, now)
 
     def command(self, on: bool, now: float) -> bool:
-        """Switch the laser; return whether the firmware was willing."""
+        """Switch the laser; return True if the firmware permits it."""
         if on and self.faults & BLOCKING:
             return False
         if on and not self._commanded:
@@ -164,7 +164,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Let the hardware timers act at the instants at which they are due."""
+        """Apply the hardware timers that are due, each at its own time."""
         if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
             self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:

@@ -42,7 +42,7 @@ class Motor:
         speed: speed of the motor [steps/s].
         settle: time after a motion before the mirror is still [s].
         still_at: end of the present motion, settling included [s].
-        lost: true position minus the firmware's belief [steps].
+        lost: true position minus the firmware's position [steps].
     """
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
@@ -89,7 +89,7 @@ class Motor:
         return self._segments[0].origin
 
     def believed_position(self, time: float) -> float:
-        """Position in which the firmware believes [steps]."""
+        """Position according to the firmware [steps]."""
         return self.true_position(time) - self.lost
 
     def _add(self, start: float, origin: float, target: float) -> float:
@@ -104,7 +104,7 @@ class Motor:
 
 
 class MirrorUnit:
-    """Motor, home switch, and the firmware's belief about both.
+    """Motor, home switch, and the firmware's estimate of the position.
 
     Attributes:
         faults: faults that are set.
@@ -114,7 +114,7 @@ class MirrorUnit:
     """
 
     def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
-        """Stand somewhere in the travel, home unknown."""
+        """Start somewhere in the travel, with unknown home."""
         self._config, self._identity, self._plan = config, config.identity, plan
         centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
@@ -239,7 +239,7 @@ class MirrorUnit:
         return self._motor.still_at
 
     def step(self, instant: float) -> int:
-        """Step in which the firmware believes."""
+        """Step according to the firmware."""
         return round(self._motor.believed_position(instant))
 
     def flags(self, instant: float) -> int:
@@ -254,7 +254,7 @@ class MirrorUnit:
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
 
     def believed_angle(self, instant: float) -> float:
-        """Mirror angle in which the firmware believed [rad]."""
+        """Mirror angle according to the firmware [rad]."""
         position = self._motor.believed_position(instant)
         return self._identity.angle_of(0) + position * self._identity.step_angle
 

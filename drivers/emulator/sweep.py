@@ -1,4 +1,4 @@
-"""The sweep of the emulated firmware: turn, settle, trigger, shine while the camera exposes, report; event by event."""
+"""Sweep of the emulated firmware, event by event: turn, settle, trigger, flash during the exposure, report."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class SweepUnit:
         self.forget(0.0)
 
     def forget(self, now: float) -> None:
-        """Begin a session: end what runs, nothing set."""
+        """Begin a session: end a running sweep and clear all settings."""
         self._phase = getattr(self, "_phase", Phase.IDLE)
         self.end(now)
         self.due = math.inf
@@ -80,7 +80,7 @@ class SweepUnit:
         return self._phase is not Phase.IDLE
 
     def set_step(self, place: int, wait: int, step: int) -> Result:
-        """Put a step into the table."""
+        """Write an entry of the step table."""
         if place >= SWEEP_PLACES or not self._mirror.reaches(step):
             return Result.OUT_OF_RANGE
         if self.running:
@@ -127,7 +127,7 @@ class SweepUnit:
         return Result.OK
 
     def end(self, now: float) -> None:
-        """End in the dark, the mirror halted; does nothing when none runs."""
+        """End the sweep with the laser off and the mirror halted; does nothing when none runs."""
         if self.running:
             self._mirror.halt_sweep(now)
             self._finish(now)

@@ -1,4 +1,4 @@
-"""Scans: stripes arrive one by one, proved to be in step, while the mirror already turns to the next."""
+"""Acquisition of a scan, stripe by stripe: each is verified while the mirror turns to the next."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from drivers.sweep.stripe_worker import ScanTask
 from drivers.sweep.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
-# [s] Between two checks that the scan's thread is alive.
+# Interval between checks that the scan's thread is alive [s].
 POLL = 1.0
-# [s] More than a camera may take to return from a grab slice.
+# Upper bound of the time in which a camera returns from a grab slice [s].
 JOIN = 2.0
 MEANINGS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
@@ -50,7 +50,7 @@ def acquire(
     band: RowRangeOf | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> StripeStream:
-    """A scan to be taken in a `with` block, whose stripes are iterated.
+    """Scan as a context manager, whose stripes are iterated.
 
     ```python
     with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:
@@ -97,7 +97,7 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
 
 
 class StripeStream:
-    """One scan under way; made by `acquire`."""
+    """Scan in progress; made by `acquire`."""
 
     def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
         """Prepare; see `acquire`."""

@@ -1,4 +1,4 @@
-"""Sweeps that the board runs by itself: options, table of steps, start, and the time of each stripe."""
+"""Sweeps run by the board: options, step table, start, and trigger times."""
 
 from __future__ import annotations
 

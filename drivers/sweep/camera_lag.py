@@ -19,7 +19,7 @@ FULL = 0.9
 GOLDEN = 0.618034
 # Largest allowed share of clipped pixels in the stripe.
 MAX_CLIPPED = 0.1
-# Frames after which every camera pipeline shows the new state.
+# Number of frames after which any camera's pipeline shows the new state.
 SETTLE_FRAMES = 6
 # Frames without the expected change after which the measurement fails.
 MOST_FRAMES = 20

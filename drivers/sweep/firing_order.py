@@ -1,4 +1,4 @@
-"""The list of stripes of a scan: which index at which mirror angle, and in which order."""
+"""Firing order of a scan: stripe indices and mirror angles, in order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.errors import BadFiringOrder
 
 @dataclass(frozen=True, slots=True)
 class PlannedStripe:
-    """One stripe to be taken: its index in the standard pattern and the mirror angle [rad]."""
+    """Stripe of a firing order: its index in the standard pattern and its mirror angle [rad]."""
 
     index: int
     mirror_angle: float

@@ -43,12 +43,12 @@ class FrameGrabber:
         self.last_stamp = timing.monotonic()
 
     def restart(self) -> None:
-        """Forget what waits in the camera, and count again from its next frame."""
+        """Discard the frames queued in the camera, and restart counting at the next one."""
         self._camera.flush()
         self._before = None
 
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
-        """The first frame exposed wholly after `ready` [s]; None when none came in time.
+        """Fetch the first frame exposed entirely after `ready` [s]; None on timeout.
 
         Args:
             ready: when the command had taken effect [s]; if `proved` is given, the earliest instant that is possible.
@@ -93,7 +93,7 @@ class FrameGrabber:
             return False
         self._before = frame
         if before is not None:
-            # Frames that arrived while nobody asked for one were not wanted; those due since then are lost.
+            # Gaps before the request are of no interest; missing frames that were due after it count as lost.
             gap = frame.counter - before.counter
             period = (frame.stamp - before.stamp) / gap
             self.dropped += sum(before.stamp + missed * period > asked for missed in range(1, gap))

@@ -33,13 +33,13 @@ class LightCheck:
     """
 
     def __init__(self) -> None:
-        """Start with nothing seen."""
+        """Start without stripes."""
         self.problems: tuple[str, ...] = ()
         self._examined = 0
         self._has_background = False
 
     def look(self, capture: StripeCapture, rows: tuple[int, int]) -> None:
-        """Look at a stripe, unless enough was seen.
+        """Check a stripe, unless enough have been checked.
 
         Args:
             capture: the next stripe of the scan.

@@ -1,4 +1,4 @@
-"""Exposure metering before a scan: the stripe bright, but not clipped."""
+"""Exposure metering before a scan, for a bright but unclipped stripe."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def meter_exposure(
 ) -> MeteringResult:
     """Set the exposure so that the ridge of one stripe is within `levels` of the full scale.
 
-    The laser is off afterwards, whatever happens.
+    The laser is off afterwards, also after an error.
 
     Args:
         board: an open board, ready for a scan.

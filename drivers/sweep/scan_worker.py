@@ -1,4 +1,4 @@
-"""Thread of a scan by the host: it turns the mirror, switches the laser, takes the frames, hands over the stripes."""
+"""Thread of a scan that the host controls: mirror, laser, frames, and stripes to the caller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import OffFrames
 from drivers.sweep.stripe_worker import ScanTask, StripeWorker
 
-# [s] Between two checks of a request to stop, while the caller is slow.
+# Interval between checks of a stop request while the caller is slow [s].
 QUEUE_SLICE = 0.05
 
 
@@ -57,7 +57,7 @@ class ScanWorker(StripeWorker):
             self.switch.off()
             dark = timing.monotonic()
             here, reached = reached, self._move_on(number, reached)
-            # The off frame does not care where the mirror is, so the mirror turns meanwhile.
+            # An off frame does not depend on the mirror, which turns meanwhile.
             off = self._off_frame(dark)
             self._collect(number, StripeCapture.of(stripe, here, on, off))
 
@@ -109,7 +109,7 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _collect(self, number: int, stripe: StripeCapture) -> None:
-        """Hand a group over when it is full, or too large for what is still to come."""
+        """Hand over a group when it is full, earlier near the end of the scan, where groups get smaller."""
         self._group.append(stripe)
         left = len(self._firing_order) - 1 - number
         if len(self._group) < min(self._options.together, 2 * left - 2):

@@ -36,7 +36,7 @@ class ScanStopped(Exception):  # noqa: N818 - not an error: the scan was asked t
 
 
 class LaserSwitch:
-    """Switch of the laser; once it is closed the laser stays off, whatever the scan's thread still tries.
+    """Switch of the laser; once closed, it keeps the laser off against any later command of the scan's thread.
 
     Attributes:
         interruptions: number of times that the board itself turned the laser off (watchdog, time limit).
@@ -151,7 +151,7 @@ class StripeWorker(threading.Thread, ABC):
         self.switch.close()
 
     def run(self) -> None:
-        """Take the scan; the laser is off afterwards, however it ends."""
+        """Run the scan; the laser is off afterwards, also after an error."""
         self.begun = timing.monotonic()
         try:
             self._take()
@@ -171,7 +171,7 @@ class StripeWorker(threading.Thread, ABC):
 
     @abstractmethod
     def _end(self) -> None:
-        """Hand over the stripes that are left, and None."""
+        """Hand over the remaining stripes, and None."""
 
     def _check(self) -> None:
         if self._cancelled.is_set():

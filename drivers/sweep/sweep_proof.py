@@ -1,4 +1,4 @@
-"""Proof of which frame of a triggered camera belongs to which trigger, from the differences of the two clocks."""
+"""Assignment of a triggered camera's frames to triggers, proved by the intervals of both clocks."""
 
 from __future__ import annotations
 
@@ -23,11 +23,10 @@ CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
-    """Waits before the triggers of a sweep [0.5 ms], by place, so that no shift by whole triggers looks like the truth.
+    """Waits before the triggers of a sweep [0.5 ms], by place, that make every shift by whole triggers detectable.
 
-    Each is twice the tolerance. Frames that belong to one offset lie within the tolerance; so two gaps that differ by
-    twice as much never explain frames by one and the same shift, however the frames lie within it. With nine of them
-    every shift misses ten frames or more, and any two triggers may be missed, doubled or late.
+    Each is twice the tolerance, within which frames of one offset agree. Two gaps that differ by twice the tolerance
+    therefore never fit one and the same shift. With nine waits every shift misses ten frames or more, and any two triggers may be missed, doubled or late.
 
     Args:
         count: number of stripes.
@@ -41,8 +40,8 @@ def uneven_waits(count: int, tolerance: float) -> list[int]:
 class ClockMatch:
     """The offset between the board's clock and the camera's, once it is proved; then the frame of a trigger.
 
-    Triggers at even intervals would look the same to a camera that missed the first: uneven gaps show
-    such a shift, and the offset counts as proved only when no other shift explains nearly as many frames.
+    With even intervals between triggers a missed first trigger would go unnoticed. Uneven ones reveal the shift, and
+    the offset counts as proved only if no other shift explains nearly as many frames.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -61,7 +60,7 @@ class ClockMatch:
         return self._offset is not None
 
     def learn(self, triggers: Float, stamps: Float) -> None:
-        """Look for the offset, if it is not known yet.
+        """Search for the offset if it is still unknown.
 
         Args:
             triggers: (n,) times of this sweep's triggers so far on the board's clock [s], rising.

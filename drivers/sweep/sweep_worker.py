@@ -1,4 +1,4 @@
-"""Thread of a scan by the board's own sweep: it reads records, takes frames, hands over proved stripes."""
+"""Thread of a scan by a board sweep: reads records, grabs frames, hands over stripes with proved frames."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class FrameCounts:
 
 @dataclass
 class Sweep:
-    """One sweep under way: its stripes by place, its records, its frames."""
+    """Sweep in progress: its stripes by place, records and frames."""
 
     stripes: Sequence[PlannedStripe]
     motion: int
@@ -68,7 +68,7 @@ class SweepWorker(StripeWorker):
 
     def __init__(self, task: ScanTask) -> None:
         """Prepare; `start` begins."""
-        # A sweep waits for nobody, so the queue has no bound but the number of stripes.
+        # A sweep cannot wait for the caller, so only the number of stripes bounds the queue.
         super().__init__(task, groups=0)
         self._sweep_options = task.options.sweep or SweepOptions()
         self._match = ClockMatch(self._sweep_options.tolerance)
@@ -110,7 +110,7 @@ class SweepWorker(StripeWorker):
             self.items.put((StripeCapture.of(stripe, angle, None, None),))
 
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
-        """Take one sweep, hand over what is proved, return the stripes that are not."""
+        """Run one sweep, hand over the proved stripes and return the others."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
         begun = sweeps.begin(steps, self._waits(steps), first)
         sweep = Sweep(stripes, begun.motion, first)

@@ -1,4 +1,4 @@
-"""Queryables whose questions are answered on threads of their own: a slow link delays no other, a flood is dropped."""
+"""Queryables that answer on separate threads: a slow link delays no other, and excess queries are dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recovery of the last message of a publisher when it was lost, in pieces that the link can carry."""
+"""Recovery of a publisher's last message after a loss, in pieces of a size that suits the link."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from transport.links.recent import Recent
 from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
-# [byte/s] On a slower link most published messages are lost half way, and the pieces of them that were sent delay
-# others: a reader there unsubscribes, and fetches what is announced.
+# On a slower link [byte/s] most published messages are lost in part, and their fragments delay others: a reader
+# unsubscribes there and fetches the announced messages.
 SUBSCRIBING_RATE = 3e6
 # [s] A piece must come within this time, since an answer may be lost; the second is for pieces larger than FIRST_PIECE,
 # which are asked for only over a quick link. Pieces are made larger below QUICK and smaller above SLOW.
@@ -50,7 +50,7 @@ class Patience:
         self._lateness: float | None = None
 
     def learn(self, lateness: float) -> None:
-        """A message came by itself, this long after its announcement [s]; 0 or less where it came before."""
+        """Record that a message arrived this long after its announcement [s]; 0 or less if it arrived before it."""
         late = max(0.0, lateness)
         self._lateness = late if self._lateness is None else max(late, KEPT * self._lateness)
 
@@ -103,7 +103,7 @@ class Fetcher:
         self._thread.start()
 
     def take(self, source: str, number: int, payload: bytes) -> None:
-        """Hand over a message that came by itself, unless a later one of its publisher came before."""
+        """Deliver a message that arrived without a fetch, unless a later one of its publisher was delivered before."""
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)

@@ -57,7 +57,7 @@ class MadeOnce:
             return self._made
 
 
-# When a question was asked that never was, and what is kept while there is no message.
+# Time of the last query before there is one, and value kept while there is no message.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 

@@ -124,7 +124,7 @@ class Outbox:
                 action()
             except Exception as failure:
                 error = f"{key}: {failure}"
-                # Whoever closes the session, or why it closed, says so; what is lost by it is no further error.
+                # The close of the session is reported elsewhere; messages lost by it are no further error.
                 is_expected = self._closed or isinstance(failure, SessionClosed)
                 logger.log(logging.INFO if is_expected else logging.ERROR, "sending on %s failed: %s", key, failure)
             with self._changed:

@@ -201,7 +201,7 @@ def open_node(
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        # Whoever is behind the router at the other end of an uplink reaches this node through it.
+        # Clients behind the router at the other end of an uplink reach this node through it.
         check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
         return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")

@@ -23,7 +23,7 @@ from transport.keys import (
 # Roles of a robot that get a certificate; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
-# Roles that belong to no robot: a router of a site, and a watcher that sees which robots live and how they are.
+# Roles that belong to no robot: a router of a site, and a fleet member that sees the robots alive and their status.
 ROUTER, FLEET = "router", "fleet"
 
 SUBSCRIBING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
@@ -131,7 +131,7 @@ def router_access_control(
     Args:
         robots: instance name -> role -> common names that have it.
         neighbours: other routers.
-        fleet: common names of those who see which robots live, and their status.
+        fleet: common names of the members that see which robots are alive, and their status.
     """
     rules = _Rules()
     _write_watching(rules)

@@ -66,7 +66,7 @@ class Members:
         root: the folder.
         robots: instance name -> members of that robot.
         routers: name, which is that of its folder too -> router.
-        fleet: names of those who see which robots live.
+        fleet: names of the members that see which robots are alive.
         revoked: routers and fleet members that were revoked.
     """
 
