@@ -26,7 +26,8 @@ def uneven_waits(count: int, tolerance: float) -> list[int]:
     """Waits before the triggers of a sweep [0.5 ms], by place, that make every shift by whole triggers detectable.
 
     Each is twice the tolerance, within which frames of one offset agree. Two gaps that differ by twice the tolerance
-    therefore never fit one and the same shift. With nine waits every shift misses ten frames or more, and any two triggers may be missed, doubled or late.
+    therefore never fit one and the same shift. With nine waits every wrong shift misses ten frames or more, and any two
+    triggers may be missed, doubled or late.
 
     Args:
         count: number of stripes.
