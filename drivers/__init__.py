@@ -39,6 +39,7 @@ from drivers.sweep.capture import ScanReport as ScanReport
 from drivers.sweep.capture import StripeCapture as StripeCapture
 from drivers.sweep.capture import StripeEvidence as StripeEvidence
 from drivers.sweep.capture import StripeVerdict as StripeVerdict
+from drivers.sweep.flash_code import draw_code as draw_code
 from drivers.sweep.light_check import LightCheck as LightCheck
 from drivers.sweep.metering import MeteringResult as MeteringResult
 from drivers.sweep.metering import meter_exposure as meter_exposure

@@ -211,6 +211,8 @@ static uint8_t in_session(uint8_t request, int32_t argument, uint64_t now) {
         return sweep_set_off_frames(argument);
     case REQUEST_SWEEP:
         return sweep_begin(bits, now);
+    case REQUEST_SWEEP_DARK:
+        return sweep_set_dark(bits & 0xFFFF, bits >> 16);
     default:
         return set_motion(request, argument);
     }

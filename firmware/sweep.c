@@ -14,7 +14,7 @@ enum {
     LAST_WAIT_US = 2000,     /* for surplus exposures after the last trigger */
     RETRY_US = 100,
     SEEN_AFTER_US = 200,     /* a flash of this length must be seen by the photodiode */
-    KEPT = 2 * SWEEP_STRIPES + 1,
+    KEPT = 3 * SWEEP_STRIPES + 1,
 };
 
 enum phase { IDLE, READY, TRIGGERED, LIT, OFF_FRAME, LAST };
@@ -22,6 +22,7 @@ enum phase { IDLE, READY, TRIGGERED, LIT, OFF_FRAME, LAST };
 static struct {
     int16_t table[SWEEP_PLACES];
     uint8_t waits[SWEEP_PLACES]; /* before the trigger, in WAIT_UNIT_US */
+    bool dark_after[SWEEP_PLACES]; /* a dark flash follows the stripe */
     uint32_t flash_us, period_us;
     uint8_t off_frames;
     bool knows_number; /* of the sweep last begun in this session */
@@ -31,6 +32,7 @@ static struct {
     bool ended;
     uint16_t place, left;
     bool shot_is_off;  /* the shot under way or next is an off frame */
+    uint8_t offs_due;  /* further off frames before the next stripe */
     bool shot_open;    /* its record is not written yet */
     bool has_shone;
     bool has_waited;   /* the time that the table gives for its place */
@@ -45,6 +47,7 @@ void sweep_forget(uint64_t now) {
     sweep_end(now);
     for (uint16_t place = 0; place < SWEEP_PLACES; place++) {
         sweep.table[place] = UNSET;
+        sweep.dark_after[place] = false;
     }
     sweep.flash_us = sweep.period_us = 0;
     sweep.off_frames = OFF_FRAMES_NONE;
@@ -72,6 +75,17 @@ static uint8_t set(uint32_t *value, int32_t us, int32_t lowest, int32_t highest)
         return RESULT_BUSY;
     }
     *value = (uint32_t)us;
+    return RESULT_OK;
+}
+
+uint8_t sweep_set_dark(uint32_t place, uint32_t is_dark) {
+    if (place >= SWEEP_PLACES || is_dark > 1) {
+        return RESULT_OUT_OF_RANGE;
+    }
+    if (sweep.phase != IDLE) {
+        return RESULT_BUSY;
+    }
+    sweep.dark_after[place] = is_dark;
     return RESULT_OK;
 }
 
@@ -175,6 +189,7 @@ uint8_t sweep_begin(uint32_t argument, uint64_t now) {
     sweep.place = (uint16_t)place;
     sweep.left = (uint16_t)count;
     sweep.shot_is_off = sweep.off_frames == OFF_FRAMES_ONE;
+    sweep.offs_due = 0;
     sweep.shot_open = sweep.ended = sweep.has_shone = sweep.has_waited = false;
     sweep.first_report = sweep.report_count = 0;
     sweep.triggered = now - sweep.period_us;
@@ -225,8 +240,11 @@ static void fire(uint64_t now) {
 /* The shot is over: the mirror turns on, and what comes next is prepared. */
 static void next_shot(uint64_t now) {
     hal_trigger(false);
-    bool was_stripe = !sweep.shot_is_off;
-    if (was_stripe) {
+    if (!sweep.shot_is_off) {
+        sweep.offs_due = sweep.off_frames == OFF_FRAMES_PER_STRIPE;
+        if (sweep.dark_after[sweep.place]) {
+            sweep.offs_due++;
+        }
         sweep.left--;
         sweep.place++;
         sweep.has_waited = false;
@@ -234,7 +252,10 @@ static void next_shot(uint64_t now) {
             turn_mirror();
         }
     }
-    sweep.shot_is_off = was_stripe && sweep.off_frames == OFF_FRAMES_PER_STRIPE;
+    sweep.shot_is_off = sweep.offs_due > 0;
+    if (sweep.shot_is_off) {
+        sweep.offs_due--;
+    }
     sweep.ready_since = now;
     if (sweep.left == 0 && !sweep.shot_is_off) {
         sweep.phase = LAST;

@@ -6,6 +6,7 @@
 void sweep_forget(uint64_t now);             /* a new session: end what runs, no table, nothing set */
 
 uint8_t sweep_set_step(uint16_t place, uint16_t wait, int16_t step); /* these return a result of the protocol */
+uint8_t sweep_set_dark(uint32_t place, uint32_t is_dark);
 uint8_t sweep_set_flash(int32_t us);
 uint8_t sweep_set_period(int32_t us);
 uint8_t sweep_set_off_frames(int32_t mode);

@@ -26,6 +26,7 @@ class ScanStripe:
         on: name of the frame with the laser on.
         off: name of the frame with the laser off (may be shared), or None.
         stamp: time of the frame [ns since the epoch], or None.
+        dark: name of the frame of the dark flash that came after the stripe, or None.
     """
 
     index: int
@@ -33,6 +34,7 @@ class ScanStripe:
     on: str
     off: str | None
     stamp: int | None = None
+    dark: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,7 @@ class Scan:
         source: file or folder that the scan came from, for messages.
         read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
         withdrawn: reason for which the node withdrew the grid of this scan, as recorded; empty when it did not.
+        dark_after: indices of the stripes after which the sweep had a dark flash; empty when it had no code.
     """
 
     robot: str
@@ -64,6 +67,7 @@ class Scan:
     source: str
     read_frame: Callable[[str], Image]
     withdrawn: str = ""
+    dark_after: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -109,4 +113,5 @@ class FrameReader:
             if self._last is None or self._last[0] != stripe.off:
                 self._last = (stripe.off, self._read_frame(stripe.off))
             off = self._last[1]
-        return FramePair(stripe.index, self._read_frame(stripe.on), off)
+        dark = None if stripe.dark is None else self._read_frame(stripe.dark)
+        return FramePair(stripe.index, self._read_frame(stripe.on), off, dark)

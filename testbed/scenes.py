@@ -86,20 +86,21 @@ def simulated(
     seed: int = 0,
     *,
     is_uncertain: bool = True,
+    world: World = WORLD,
 ) -> ScanInMemory:
-    """The benchmark's own scene, the same on every machine; in ordinary light unless another is given.
+    """The benchmark's own scene, or another one, the same on every machine; in ordinary light unless another is given.
 
     Its calibration is exact, and as uncertain as a real one unless `is_uncertain` is false.
     """
     robot = robot_with(stripes)
     calibration = with_covariance(specimen(robot, size)) if is_uncertain else specimen(robot, size)
     stance = scan_stance(robot)
-    rangefinder = SimulatedRangefinder(WORLD, calibration, robot, seed, light=light)
+    rangefinder = SimulatedRangefinder(world, calibration, robot, seed, light=light)
     view = rangefinder.set_pose(robot.stance_pose(stance).transform_base_to_footprint, robot.posture("scan"))
     frames = tuple(rangefinder.frames(range(stripes)))
     seen = (view.points + view.origin)[view.laser_gain > 0]
     name = f"simulated, {size[0]} x {size[1]}, {stripes} stripes"
-    return ScanInMemory(name, robot, calibration, stance, "standard", frames, _simulated_truth(robot, seen))
+    return ScanInMemory(name, robot, calibration, stance, "standard", frames, _simulated_truth(world, robot, seen))
 
 
 def recorded(folder: Path) -> ScanInMemory:
@@ -170,11 +171,11 @@ def _resize(image: Image, size: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
 
 
-def _simulated_truth(robot: RobotModel, seen_points: npt.NDArray[np.floating]) -> Truth:
+def _simulated_truth(world: World, robot: RobotModel, seen_points: npt.NDArray[np.floating]) -> Truth:
     """Truth by cells of 5 mm; seen is what a lit pixel of the camera falls on."""
     settings = Settings.of(robot)
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
-    elevation, materials = WORLD.raster((x0, x1), (y0, y1), 1e-3)
+    elevation, materials = world.raster((x0, x1), (y0, y1), 1e-3)
     ny, nx = elevation.shape
     hit = np.zeros((ny, nx), np.uint8)
     ix = np.floor((seen_points[:, 0] - x0) * 1e3).astype(int)

@@ -62,6 +62,7 @@ class BoardSession(Board):
         config: ids and timeouts.
         sweep_table: entries of the board's table of steps that this session has written: arguments of SWEEP_STEP by
             place.
+        sweep_darks: places of that table after whose stripe the board takes a frame in the dark.
     """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
@@ -77,6 +78,7 @@ class BoardSession(Board):
         )
         self._identity: BoardIdentity | None = None
         self.sweep_table: dict[int, int] = {}
+        self.sweep_darks: set[int] = set()
         self._lock = threading.RLock()
 
     @property
@@ -198,6 +200,7 @@ class BoardSession(Board):
 
     def _begin_session(self) -> BoardStatus:
         self.sweep_table.clear()
+        self.sweep_darks.clear()
         return self._command(Request.HELLO, HOST_VERSION)
 
     def _read_report(self, timeout: float) -> BoardStatus | None:

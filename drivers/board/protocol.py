@@ -13,7 +13,9 @@ MANUFACTURER = "Guara"
 PRODUCT = "Guara laser board"
 
 PROTOCOL_MAJOR = 1
-PROTOCOL_MINOR = 1
+PROTOCOL_MINOR = 2
+DARKS_SINCE = (1, 2)
+"""Protocol since which a board takes dark flashes in its sweeps."""
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
@@ -59,6 +61,7 @@ class Request(enum.IntEnum):
     SWEEP_PERIOD = 0x42
     SWEEP_OFF_FRAMES = 0x43
     SWEEP = 0x44
+    SWEEP_DARK = 0x45
     MOTION = 0x50
     START_SPEED = 0x51
     TOP_SPEED = 0x52

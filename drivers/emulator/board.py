@@ -85,7 +85,7 @@ class EmulatedBoard:
         with self._lock:
             now = self._advance()
             known = REQUESTS.get(request)
-            if known is None or (known >= Request.SWEEP_STEP and self.config.identity.protocol[1] < 1):
+            if known is None or self.config.identity.protocol[1] < minor_of(known):
                 return None
             if known is Request.IDENTIFY:
                 return self._identity()
@@ -267,6 +267,8 @@ class EmulatedBoard:
                 return self._sweep.set_option(request, argument)
             case Request.SWEEP:
                 return self._sweep.begin(bits, self._power_up, now)
+            case Request.SWEEP_DARK:
+                return self._sweep.set_dark(bits & 0xFFFF, bits >> 16)
         return Result.BUSY if self._sweep.running else self._mirror.set_motion(request, argument, now)
 
     def _sweep_flags(self) -> int:
@@ -291,3 +293,10 @@ class EmulatedBoard:
             self._light.time_on(instant),
             instant - self._power_up,
         )
+
+
+def minor_of(request: Request) -> int:
+    """Minor number of the protocol 1 since which a board knows a request."""
+    if request is Request.SWEEP_DARK:
+        return 2
+    return 1 if request >= Request.SWEEP_STEP else 0

@@ -70,6 +70,7 @@ class SweepUnit:
         self.records: deque[StripeRecord] = deque()
         self._table: dict[int, tuple[int, float]] = {}
         self._options = dict.fromkeys(OPTIONS, 0)
+        self._dark_after: set[int] = set()
         self._number: int | None = None
         self._closed = -math.inf
         self._shot: StripeRecord | None = None
@@ -98,6 +99,15 @@ class SweepUnit:
         self._options[request] = value
         return Result.OK
 
+    def set_dark(self, place: int, is_dark: int) -> Result:
+        """Set whether a dark flash follows the stripe of a place."""
+        if place >= SWEEP_PLACES or is_dark > 1:
+            return Result.OUT_OF_RANGE
+        if self.running:
+            return Result.BUSY
+        (self._dark_after.add if is_dark else self._dark_after.discard)(place)
+        return Result.OK
+
     def begin(self, argument: int, power_up: float, now: float) -> Result:
         """Begin a sweep; `argument` is that of SWEEP, unsigned."""
         count, place, number = argument & 0xFFFF, argument >> 16 & (SWEEP_PLACES - 1), argument >> 25
@@ -118,6 +128,7 @@ class SweepUnit:
         self._flash, self._period = (1e-6 * self._options[each] for each in (Request.SWEEP_FLASH, Request.SWEEP_PERIOD))
         self._off_frames = SweepOffFrames(self._options[Request.SWEEP_OFF_FRAMES])
         self._is_off = self._off_frames is SweepOffFrames.ONE
+        self._offs_due = 0
         self._has_shone = False
         self._last_trigger = -math.inf
         self.records.clear()
@@ -215,13 +226,13 @@ class SweepUnit:
 
     def _next(self, now: float) -> None:
         if not self._is_off:
+            self._offs_due = (self._off_frames is SweepOffFrames.PER_STRIPE) + (self._place in self._dark_after)
             self._left -= 1
             self._place += 1
             if self._left:
                 self._turn(now)
-            self._is_off = self._off_frames is SweepOffFrames.PER_STRIPE
-        else:
-            self._is_off = False
+        self._is_off = self._offs_due > 0
+        self._offs_due -= self._is_off
         if self._left == 0 and not self._is_off:
             self._wait_for(Phase.FINISH, now + LAST_WAIT)
         else:

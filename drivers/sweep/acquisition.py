@@ -97,7 +97,11 @@ def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
 
 
 class StripeStream:
-    """Scan in progress; made by `acquire`."""
+    """Scan in progress; made by `acquire`.
+
+    Attributes:
+        dark_after: indices of the stripes after which a dark flash is taken; none where the board cannot take them.
+    """
 
     def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
         """Prepare; see `acquire`."""
@@ -109,6 +113,8 @@ class StripeStream:
             )
         self._worker = ScanWorker(task) if task.options.sweep is None else SweepWorker(task)
         self._proof = StripeProof(task.options.limits)
+        takes_darks = not isinstance(self._worker, SweepWorker) or self._worker.takes_darks
+        self.dark_after: frozenset[int] = task.options.dark_after if takes_darks else frozenset()
         self._verdicts: list[tuple[int, StripeVerdict]] = []
         self._on_before: Image | None = None
         self._waiting: deque[StripeCapture] = deque()
@@ -214,7 +220,8 @@ class StripeStream:
             taken = dataclasses.replace(taken, on=None, on_stamp=math.nan)
         elif taken.on is not None:
             self._on_before = taken.on
-        return dataclasses.replace(taken, verdict=verdict, evidence=evidence)
+        is_dark_due = taken.index in self.dark_after
+        return dataclasses.replace(taken, verdict=verdict, evidence=evidence, is_dark_due=is_dark_due)
 
     def _verdict(self, taken: StripeCapture) -> tuple[StripeVerdict, StripeEvidence | None]:
         image = taken.on

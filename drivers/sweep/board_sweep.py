@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from drivers.board.board_records import BoardStatus
 from drivers.board.laser_board import LaserBoard
@@ -54,13 +54,16 @@ class BoardSweep:
         """Set which off frames to take."""
         self._board.command(Request.SWEEP_OFF_FRAMES, SweepOffFrames[off.name])
 
-    def begin(self, steps: Sequence[int], waits: Sequence[int], first: int = 0) -> BoardStatus:
+    def begin(
+        self, steps: Sequence[int], waits: Sequence[int], first: int = 0, dark_after: Collection[int] = ()
+    ) -> BoardStatus:
         """Fill the table and start a sweep; return the status, whose `motion` marks the records of this sweep.
 
         Args:
             steps: motor steps of the stripes, in order, at most 256.
             waits: wait before the trigger of each stripe, in units of 0.5 ms.
             first: place of the first stripe in the table. Entries that the board already holds are not sent again.
+            dark_after: places after whose stripe a dark flash comes.
 
         Raises:
             ValueError: too many stripes, not one wait per stripe, or a wait out of range.
@@ -76,11 +79,17 @@ class BoardSweep:
             if table.get(place) != argument:
                 self._board.command(Request.SWEEP_STEP, argument)
                 table[place] = argument
+            if (place in dark_after) is not (place in self._board.sweep_darks):
+                self._set_dark(place, place in dark_after)
         self._board.wait_until_still()
         while self._board.read_record(0.001) is not None:
             pass
         self._number = (self._number + 1) % NUMBERS
         return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
+
+    def _set_dark(self, place: int, is_dark: bool) -> None:
+        self._board.command(Request.SWEEP_DARK, int(is_dark) << 16 | place)
+        (self._board.sweep_darks.add if is_dark else self._board.sweep_darks.discard)(place)
 
     def clock_of(self, record: StripeRecord) -> float:
         """Time of a record's trigger relative to the first record [s], corrected for the wrap of the board's clock."""

@@ -86,6 +86,9 @@ class StripeCapture:
         off_stamp: time of the off frame on the monotonic clock [s], NaN without one.
         verdict: verdict about laser, mirror and frame.
         evidence: the measurements behind the verdict; None without a frame.
+        dark: frame of the dark flash that came after the stripe, read-only; None where none was due or it was lost.
+        dark_stamp: time of that frame on the monotonic clock [s], NaN without one.
+        is_dark_due: whether the code of the sweep has a dark flash after this stripe.
     """
 
     index: int
@@ -97,9 +100,14 @@ class StripeCapture:
     off_stamp: float
     verdict: StripeVerdict
     evidence: StripeEvidence | None
+    dark: Image | None = None
+    dark_stamp: float = math.nan
+    is_dark_due: bool = False
 
     @classmethod
-    def of(cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None) -> StripeCapture:
+    def of(
+        cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None, dark: Frame | None = None
+    ) -> StripeCapture:
         """A stripe of some frames that has not been judged; `reached` as `mirror_angle_reached`."""
         return cls(
             index=stripe.index,
@@ -111,6 +119,8 @@ class StripeCapture:
             off_stamp=math.nan if off is None else off.stamp,
             verdict=StripeVerdict.LOST if on is None else StripeVerdict.UNPROVED,
             evidence=None,
+            dark=None if dark is None else dark.image,
+            dark_stamp=math.nan if dark is None else dark.stamp,
         )
 
 

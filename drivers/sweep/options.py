@@ -73,6 +73,8 @@ class AcquireOptions:
             finds its code and data in the processor's caches: on a machine that is idle between frames it takes over
             a third less time. Each stripe costs the memory of a frame.
         limits: thresholds for differences between frames.
+        dark_after: indices of the stripes after which a frame is taken with the laser dark, see `draw_code`; their
+            frames come with them, and a stripe whose dark frame was lost is lost.
         sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
             mirror and the camera runs freely. A sweep does not wait for a slow caller: all of its frames may queue up.
 
@@ -87,6 +89,7 @@ class AcquireOptions:
     queue_size: int = 4
     together: int = 1
     limits: ProofLimits = field(default_factory=ProofLimits)
+    dark_after: frozenset[int] = frozenset()
     sweep: SweepOptions | None = None
 
     def __post_init__(self) -> None:

@@ -59,7 +59,7 @@ class ScanWorker(StripeWorker):
             here, reached = reached, self._move_on(number, reached)
             # An off frame does not depend on the mirror, which turns meanwhile.
             off = self._off_frame(dark)
-            self._collect(number, StripeCapture.of(stripe, here, on, off))
+            self._collect(number, self._capture(stripe, here, on, off))
 
     def _take_sweep(self) -> None:
         self.switch.off()
@@ -76,14 +76,22 @@ class ScanWorker(StripeWorker):
             self.fired.append(stripe.index)
             on = self._frame(self._lit_and_still if ahead else None)
             here, reached = reached, self._move_on(number, reached)
-            if number + 1 == len(self._firing_order):
+            if number + 1 == len(self._firing_order) or stripe.index in self._options.dark_after:
                 self.switch.off()
-            self._collect(number, StripeCapture.of(stripe, here, on, off))
+            self._collect(number, self._capture(stripe, here, on, off))
 
     def _move_on(self, number: int, reached: float) -> float:
         if number + 1 < len(self._firing_order):
             return self._board.go_to_step(self._steps[number + 1], wait=False)
         return reached
+
+    def _capture(self, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None) -> StripeCapture:
+        """The stripe with the frame of its dark flash, if one is due: the laser is off, and the mirror may turn."""
+        if stripe.index not in self._options.dark_after:
+            return StripeCapture.of(stripe, reached, on, off)
+        # The frame after one that was lost serves as well.
+        dark = self.grabber.after(timing.monotonic()) or self.grabber.after(timing.monotonic())
+        return StripeCapture.of(stripe, reached, None if dark is None else on, off, dark)
 
     def _off_frame(self, dark_since: float) -> Frame | None:
         frame = self.grabber.after(dark_since)

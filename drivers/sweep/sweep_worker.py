@@ -12,7 +12,7 @@ import numpy as np
 from drivers import timing
 from drivers.arrays import Float
 from drivers.board.laser_board import LaserBoard
-from drivers.board.protocol import SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
+from drivers.board.protocol import DARKS_SINCE, SWEEP_STRIPES, WAIT_UNITS, BoardFault, BoardFlag, Shot, describe_faults
 from drivers.board.sweep_records import StripeRecord
 from drivers.errors import CameraNotTriggered, CameraTimeout, LaserRefused
 from drivers.frame import Frame
@@ -28,6 +28,11 @@ logger = logging.getLogger(__name__)
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
 # [s] Frames may arrive this long after the last trigger.
 LAST_FRAMES = 0.1
+# Note of a scan by a board that cannot take dark flashes.
+NO_DARKS = (
+    "no dark flashes: the board speaks protocol 1.1, 1.2 takes them: flash firmware/guara_board.uf2, so that foreign "
+    "light and frames of another instant are found"
+)
 NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
 
 
@@ -49,6 +54,7 @@ class Sweep:
     stripes: Sequence[PlannedStripe]
     motion: int
     first: int = 0
+    dark_after: frozenset[int] = frozenset()
     records: list[StripeRecord] = field(default_factory=list)
     clocks: list[float] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
@@ -90,6 +96,8 @@ class SweepWorker(StripeWorker):
         self._counted = sweeps.counts_exposures
         if not self._counted:
             self.notes.append("exposures not counted: frames are proved by their times alone")
+        if self._options.dark_after and not self._takes_darks:
+            self.notes.append(NO_DARKS)
         self._camera.flush()
         self._period = max(self._sweep_options.period, self._camera.trigger_period)
         sweeps.prepare(self._sweep_options.flash, self._period, self._options.off)
@@ -112,8 +120,9 @@ class SweepWorker(StripeWorker):
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
         """Run one sweep, hand over the proved stripes and return the others."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
-        begun = sweeps.begin(steps, self._waits(steps), first)
-        sweep = Sweep(stripes, begun.motion, first)
+        dark_after = self._dark_places(stripes, first)
+        begun = sweeps.begin(steps, self._waits(steps), first, dark_after)
+        sweep = Sweep(stripes, begun.motion, first, dark_after)
         self._off_settled = self._off_settled or self._off is not None
         while not self._is_over(sweep):
             self._check()
@@ -122,6 +131,17 @@ class SweepWorker(StripeWorker):
             self._grab(sweep)
             self._hand_over(sweep)
         return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
+
+    @property
+    def _takes_darks(self) -> bool:
+        return self._board.identity.protocol >= DARKS_SINCE
+
+    def _dark_places(self, stripes: Sequence[PlannedStripe], first: int) -> frozenset[int]:
+        """Places after whose stripe a dark flash comes; the last one of stripes taken again is among them too."""
+        if not (self._options.dark_after and self._takes_darks):
+            return frozenset()
+        places = {place for place, stripe in enumerate(stripes, first) if stripe.index in self._options.dark_after}
+        return frozenset({*places, first + len(stripes) - 1})
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
         """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, none after that.
@@ -199,13 +219,14 @@ class SweepWorker(StripeWorker):
                 continue
             on = self._proved(sweep, number, stamps)
             off, may_go = self._off_of(sweep, number, stamps)
-            if on is None or not may_go:
+            dark = self._dark_of(sweep, number, stamps)
+            if on is None or not may_go or (dark is None and record.place in sweep.dark_after):
                 continue
             sweep.done.add(record.place)
             self.grabber.used += 1
             ready.append(
                 StripeCapture.of(
-                    sweep.stripes[record.place - sweep.first], self._board.identity.angle_of(record.step), on, off
+                    sweep.stripes[record.place - sweep.first], self._board.identity.angle_of(record.step), on, off, dark
                 )
             )
         if ready:
@@ -227,6 +248,13 @@ class SweepWorker(StripeWorker):
             return None, False
         off = self._proved(sweep, number + 1, stamps)
         return off, off is not None
+
+    def _dark_of(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
+        """The frame of the dark flash after a stripe, None while it is not proved, or where none is due."""
+        after = number + (2 if self._options.off is OffFrames.PER_STRIPE else 1)
+        if sweep.records[number].place not in sweep.dark_after or after >= len(sweep.records):
+            return None
+        return self._proved(sweep, after, stamps)
 
     def _proved(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
         record = sweep.records[number]

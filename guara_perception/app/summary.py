@@ -9,6 +9,7 @@ import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
+from guara_perception.terrain.layers.record import ScanRecord
 
 
 def facts(terrain: TerrainGrid) -> dict[str, Any]:
@@ -45,6 +46,7 @@ def summary(terrain: TerrainGrid) -> str:
         f"traversable {found['traversable']:.0%}",
         f"attitude from {record.attitude_source or '?'}",
         "provisional" if terrain.is_provisional else "",
+        "no dark flashes" if isinstance(record, ScanRecord) and record.dark_flashes is None else "",
         "hazards " + " ".join(f"{name} {hazards[name]}" for name in most) if most else "",
         "; ".join(record.health.reasons) if record.health else "",
     ]

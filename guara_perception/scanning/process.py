@@ -18,6 +18,7 @@ from kinematics.stillness import check_camera_still
 
 logger = logging.getLogger(__name__)
 
+NO_CODE = "no dark flashes were recorded: foreign laser light, and frames of another instant, cannot be told"
 # [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much turns the light by 1 mrad, half a millimetre.
 MIRROR_TOLERANCE = 5e-4
 
@@ -57,6 +58,9 @@ def run_scan(
         )
     except KinematicsError as error:
         raise InvalidInput(f"{scan.source}: stance: {error}") from error
+    processor.expect_dark(scan.dark_after)
+    if not scan.dark_after:
+        logger.info("%s: %s", scan.source, NO_CODE)
     width, height = calibration.camera.size
     fitting = turned = done = 0
     unreadable: list[MissingFile | FileFormatError] = []

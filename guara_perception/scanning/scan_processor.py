@@ -18,9 +18,11 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ranging.locate import locator
 from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Proof, without_spoilt
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface
+from guara_perception.scanning.second_line import SECOND_LINE, has_second_line
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
@@ -107,14 +109,17 @@ class ScanProcessor:
             (settings.footprint_x, settings.footprint_y),
         )
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step, threshold)
-        body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
+        self._body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
         height_limits = settings.minimum_height, settings.maximum_height
         self._ranger = StripeRanger(
-            self._geometry, self._locator, height_limits, body.contains, self._undetectable_motion()
+            self._geometry, self._locator, height_limits, self._body.contains, self._undetectable_motion()
         )
         self._profiles: dict[int, StripeProfile] = {}
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
-        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, body, self._sway_variance())
+        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, self._body, self._sway_variance())
+        self._proof = FlashProof()
+        # What the proof leaves of the scan, with what was added to it by then.
+        self._proved: tuple[tuple[int, ...], _Proved] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _undetectable_motion(self) -> Float | None:
@@ -164,7 +169,52 @@ class ScanProcessor:
     @property
     def points(self) -> Mapping[int, StripePoints]:
         """Organised points of the stripes added so far, by index, without those of bad frames."""
-        return self._surface.stripes
+        return self._what_is_proved().surface.stripes
+
+    @property
+    def refused(self) -> str:
+        """Why nothing of this scan may be used, by its dark flashes; empty when it may."""
+        return self._what_is_proved().proof.refused
+
+    def expect_dark(self, dark_after: Collection[int]) -> None:
+        """Expect dark flashes after these stripes: what none of them follows is not used.
+
+        Args:
+            dark_after: indices of stripes that are to be added, their pictures with `FramePair.dark`.
+        """
+        self._proof.expect(dark_after)
+
+    def add_dark(self, index: int, dark: Image, off: Image | None = None) -> None:
+        """Take the picture of the dark flash that came after a stripe whose own pictures cannot be used."""
+        self._proof.add_dark(index, dark, off)
+
+    def _what_is_proved(self) -> _Proved:
+        """Profiles and surface without what the dark flashes forbid."""
+        version = (*self._proof.version, len(self._profiles))
+        if self._proved is None or self._proved[0] != version:
+            self._proved = version, self._prove(self._proof.judge())
+        return self._proved[1]
+
+    def _prove(self, proof: Proof) -> _Proved:
+        width = self._calibration.camera.size[0]
+        unproved = f"{OTHER_INSTANT}: no dark flash came after it"
+        forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
+        if proof.refused:
+            forbidden = dict.fromkeys(self._profiles, proof.refused)
+        changed: dict[int, StripeProfile] = {}
+        for index, profile in self._profiles.items():
+            if profile.is_frame_bad:
+                continue
+            if index in forbidden:
+                changed[index] = bad_frame(width, forbidden[index])
+            elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
+                changed[index] = new
+        if not changed:
+            return _Proved(proof, self._profiles, self._surface)
+        surface = ScanSurface(self.grid.resolution, self._geometry, self.settings, self._pattern, self._body, self._sway_variance())
+        surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
+        surface.add(self._ranger.points({i: each for i, each in changed.items() if not each.is_frame_bad}))
+        return _Proved(proof, {**self._profiles, **changed}, surface)
 
     def drift(self) -> Drift:
         """Drift of the calibration: measured floor compared with the plane of the soles.
@@ -175,17 +225,18 @@ class ScanProcessor:
 
     def _mirrored_points(self) -> dict[int, StripePoints]:
         """Points of the stripes as if every frame had been mirrored left to right."""
-        usable = {index: each.mirrored() for index, each in self._profiles.items() if not each.is_frame_bad}
+        profiles = self._what_is_proved().profiles
+        usable = {index: each.mirrored() for index, each in profiles.items() if not each.is_frame_bad}
         return self._ranger.points(usable)
 
     @property
     def profiles(self) -> Mapping[int, StripeProfile]:
         """Stripe profiles of the frames added so far, by index."""
-        return dict(sorted(self._profiles.items()))
+        return dict(sorted(self._what_is_proved().profiles.items()))
 
-    def add(self, index: int, on: Image, off: Image | None = None) -> StripeProfile:
+    def add(self, index: int, on: Image, off: Image | None = None, dark: Image | None = None) -> StripeProfile:
         """Process one frame pair as `add_all` does, with the same errors, and return its stripe."""
-        return self.add_all([FramePair(index, on, off)])[0]
+        return self.add_all([FramePair(index, on, off, dark)])[0]
 
     def add_all(self, pairs: Sequence[FramePair]) -> list[StripeProfile]:
         """Process frame pairs, in any order if they have laser-off frames.
@@ -221,6 +272,11 @@ class ScanProcessor:
         for pair in pairs:
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
+            self._proof.add(pair.index, profiles[pair.index])
+            if pair.index in good and has_second_line(pair, good[pair.index]):
+                self._proof.add_second_line(pair.index)
+            if pair.dark is not None:
+                self._proof.add_dark(pair.index, pair.dark, pair.off)
         extracted = time.perf_counter()
         points = self._ranger.points(good)
         triangulated = time.perf_counter()
@@ -243,6 +299,7 @@ class ScanProcessor:
         """
         self._check_new(index)
         self._profiles[index] = bad_frame(self._calibration.camera.size[0], reason or "no frame")
+        self._proof.add(index, self._profiles[index])
 
     def band(self, index: int) -> tuple[int, int]:
         """First and end row between which a stripe can appear; (0, 0) when it is out of view at this stance.
@@ -289,7 +346,9 @@ class ScanProcessor:
         )
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
         other._samples.take_over(self._samples, indices)
-        other._surface.add({index: each for index, each in self.points.items() if index in indices})
+        other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})
+        # The same object: what is found later forbids what was taken before.
+        other._proof = self._proof
         other._seconds.update(self._seconds)
         return other
 
@@ -299,7 +358,7 @@ class ScanProcessor:
         Affects the run time of `finish` only, and takes about as long as `finish`: call it while waiting for the last
         few stripes.
         """
-        self._surface.layers("footprint")
+        self._what_is_proved().surface.layers("footprint")
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
         """Terrain of the stripes added so far; may be called at any time, and again after more stripes.
@@ -313,7 +372,8 @@ class ScanProcessor:
             UnsafeGrid: the grid violates the safety invariant (a defect of this program, never of the data).
         """
         start = time.perf_counter()
-        layers = self._surface.layers(area)
+        proved = self._what_is_proved()
+        layers = proved.surface.layers(area)
         if record is None:
             record = scan_record(
                 geometry=self._geometry,
@@ -322,14 +382,15 @@ class ScanProcessor:
                 pose=self.pose,
                 mode=self.mode,
                 method=self._method,
-                profiles=self._profiles,
-                points=self.points,
+                profiles=proved.profiles,
+                points=proved.surface.stripes,
                 layers=layers,
                 seconds={**self._seconds, "finish": time.perf_counter() - start},
                 samples=self._samples,
                 mirrored_points=self._mirrored_points,
+                proof=proved.proof,
             )
-        lost = {index for index, profile in self._profiles.items() if profile.is_frame_bad}
+        lost = {index for index, profile in proved.profiles.items() if profile.is_frame_bad}
         is_lost = np.array([index in lost for index in self._geometry.stripes])
         return TerrainGrid(
             layers=layers,
@@ -337,7 +398,7 @@ class ScanProcessor:
             stamp=self._stamp,
             step=self._step,
             extent="footprint",
-            record=dataclasses.replace(record, lost_cells=self._surface.lost_cells(layers, is_lost, area)),
+            record=dataclasses.replace(record, lost_cells=proved.surface.lost_cells(layers, is_lost, area)),
         )
 
     def _check_new(self, index: int, others: Sequence[int] = ()) -> None:
@@ -347,3 +408,12 @@ class ScanProcessor:
             )
         if index in self._profiles or index in others:
             raise InvalidInput(f"stripe index {index} was added before; a scan takes each stripe once")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _Proved:
+    """What the dark flashes leave of a scan."""
+
+    proof: Proof
+    profiles: Mapping[int, StripeProfile]
+    surface: ScanSurface

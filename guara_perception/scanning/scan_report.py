@@ -13,6 +13,7 @@ from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.scanning.flash_proof import OTHER_INSTANT, Proof
 from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile, StripeStatus
@@ -131,6 +132,7 @@ def scan_record(
     seconds: Mapping[str, float],
     samples: FrameSamples,
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
+    proof: Proof,
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     from kinematics import describe_robot
@@ -146,7 +148,11 @@ def scan_record(
     unknown = (hazard & UNKNOWN_MASK) != 0
     expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
     coverage = float((~unknown & expected).sum() / max(int(expected.sum()), 1))
-    reasons = [f"stripe {index}: {reason}" for index, reason in bad.items()]
+    reasons = [f"stripe {index}: {reason}" for index, reason in bad.items() if index not in proof.unproved]
+    if proof.unproved:
+        reasons.append(
+            f"{OTHER_INSTANT}, perhaps: no dark flash came after {len(proof.unproved)} stripes, which are not used"
+        )
     missing = [index for index in planned if index not in profiles]
     if missing:
         reasons.append(f"{len(missing)} of {len(planned)} stripes were not fired")
@@ -200,7 +206,8 @@ def scan_record(
         coverage_regions=regional_coverage(~unknown, expected),
         known=float((~unknown).mean()),
         hazard_cells=cells_by_flag(hazard),
-        health=Health.of(tuple(reasons)),
+        dark_flashes=proof.darks,
+        health=Health("failed", (proof.refused,)) if proof.refused else Health.of(tuple(reasons)),
         seconds={name: round(value, 6) for name, value in seconds.items()},
         # An unjudged calibration is said too.
         extra={"calibration_verdict": None},

@@ -34,11 +34,13 @@ class FramePair:
         index: index of the stripe in the standard pattern.
         on: picture with the laser on, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
         off: picture with the laser off, or None: earlier frames of the sweep serve instead.
+        dark: picture of the dark flash that came after the stripe, None where none did.
     """
 
     index: int
     on: Image
     off: Image | None = None
+    dark: Image | None = None
 
 
 class SharedFrame:

@@ -1,4 +1,4 @@
-"""What PROTOCOL.md 1.1 demands of a board that sweeps by itself, asked of all three."""
+"""What PROTOCOL.md 1.2 demands of a board that sweeps by itself, asked of all three."""
 
 from __future__ import annotations
 
@@ -103,6 +103,30 @@ def test_off_frames_are_taken_in_the_dark(session, off: SweepOffFrames) -> None:
         to_come -= record.shot is Shot.STRIPE
         assert record.left == to_come
     assert all((record.lit > 0) == (record.shot is Shot.STRIPE) for record in records)
+
+
+@pytest.mark.parametrize("off", list(SweepOffFrames))
+def test_dark_flashes_follow_the_stripes_named(session, off: SweepOffFrames) -> None:
+    """Besides the other off frames; they can be taken back, and a new session knows none."""
+    prepare(session, off=off)
+    for place in (1, 2, STRIPES - 1):
+        assert session.ask(Request.SWEEP_DARK, 1 << 16 | place).result is Result.OK
+    assert session.ask(Request.SWEEP_DARK, 2).result is Result.OK
+    assert session.ask(Request.SWEEP_DARK, 1 << 16 | 512).result is Result.OUT_OF_RANGE
+    assert session.ask(Request.SWEEP_DARK, 2 << 16).result is Result.OUT_OF_RANGE
+    sweep(session)
+    assert session.ask(Request.SWEEP_DARK, 1 << 16).result is Result.BUSY
+    records, _ = finish(session)
+    wanted = [Shot.OFF] if off is SweepOffFrames.ONE else []
+    for place in range(STRIPES):
+        wanted += [Shot.STRIPE, *[Shot.OFF] * ((off is SweepOffFrames.PER_STRIPE) + (place in (1, STRIPES - 1)))]
+    assert [record.shot for record in records] == wanted
+    assert all((record.lit > 0) == (record.shot is Shot.STRIPE) for record in records)
+    assert [record.place for record in records if record.shot is Shot.STRIPE] == list(range(STRIPES))
+    session.ask(Request.HELLO, HELLO)
+    prepare(session)
+    sweep(session, number=2)
+    assert [record.shot for record in finish(session)[0]] == [Shot.STRIPE] * STRIPES
 
 
 def test_a_period_and_waits_hold_triggers_back(session) -> None:

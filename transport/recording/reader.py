@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self, cast
 
@@ -16,7 +17,7 @@ from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
 from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name
 
-SCAN_PARTS = ("scan/start", "scan/stripe", "scan/end")
+SCAN_PARTS = ("scan/start", "scan/stripe", "scan/dark", "scan/end")
 CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")
 
 
@@ -193,6 +194,16 @@ class Recording:
                 start, stripes = body, []
             elif start is not None and short == "scan/stripe":
                 stripes.append(_make_stripe(body))
+            elif start is not None and short == "scan/dark":
+                dark = FrameReference(body.off_topic, read_time(body.off_stamp))
+                stripes[:] = [
+                    replace(stripe, dark=dark if dark.topic else None, is_dark_due=True)
+                    if stripe.index == body.index
+                    else stripe
+                    for stripe in stripes
+                ]
+            elif short == "scan/dark":
+                continue
             elif start is not None:
                 yield _make_scan(start, stripes, body)
                 start = None

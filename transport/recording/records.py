@@ -87,6 +87,8 @@ class StripeRecord:
         on: frame with the laser on, None when it was lost.
         off: frame with the laser off, None when there is none; stripes may share one.
         stamp: [ns] since the epoch.
+        dark: frame of the dark flash after the stripe, None where none was due or it was lost.
+        is_dark_due: whether the code of the sweep has a dark flash there.
     """
 
     index: int
@@ -94,6 +96,8 @@ class StripeRecord:
     on: FrameReference | None
     off: FrameReference | None
     stamp: int
+    dark: FrameReference | None = None
+    is_dark_due: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

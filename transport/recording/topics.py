@@ -26,6 +26,7 @@ from transport.messages.typestore import (
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
+    "scan/dark": STRIPE,
     "scan/end": SCAN_END,
     "camera/on": IMAGE,
     "camera/off": IMAGE,

@@ -140,19 +140,25 @@ class RecordingWriter:
             on_at = self.add_frame(on, laser_on=True) if isinstance(on, FrameRecord) else on
             off_at = self.add_frame(off, laser_on=False) if isinstance(off, FrameRecord) else off
             when = stamp if stamp is not None else (on_at.stamp if on_at else scan.stamp)
-            message = make_message(
-                STRIPE,
-                header=make_header(when, CAMERA_FRAME),
-                step=scan.step,
-                index=index,
-                mirror_angle=float(mirror_angle),
-                on_topic=on_at.topic if on_at else "",
-                on_stamp=make_time(on_at.stamp if on_at else 0),
-                off_topic=off_at.topic if off_at else "",
-                off_stamp=make_time(off_at.stamp if off_at else 0),
-            )
+            message = _stripe_message(scan.step, index, mirror_angle, on_at, off_at, when)
             self._file.add("scan/stripe", encode(message))
             self._stripes += 1
+
+    def add_dark(self, index: int, mirror_angle: float, frame: FrameRecord | FrameReference | None, stamp: int) -> None:
+        """Add the dark flash after a stripe of the open scan, right after the stripe.
+
+        Args:
+            index, mirror_angle: those of the stripe.
+            frame: its picture, None when it was lost.
+            stamp: [ns].
+
+        Raises:
+            RecordingError: no scan is open.
+        """
+        with self._lock:
+            scan = self._open_scan()
+            at = self.add_frame(frame, laser_on=False) if isinstance(frame, FrameRecord) else frame
+            self._file.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
         """End the open scan; when this returns the scan is safe.
@@ -234,3 +240,19 @@ class RecordingWriter:
         with self._lock:
             self._file.add(short, payload)
             self._file.flush()
+
+
+def _stripe_message(
+    step: int, index: int, mirror_angle: float, on: FrameReference | None, off: FrameReference | None, stamp: int
+) -> Any:
+    return make_message(
+        STRIPE,
+        header=make_header(stamp, CAMERA_FRAME),
+        step=step,
+        index=index,
+        mirror_angle=float(mirror_angle),
+        on_topic=on.topic if on else "",
+        on_stamp=make_time(on.stamp if on else 0),
+        off_topic=off.topic if off else "",
+        off_stamp=make_time(off.stamp if off else 0),
+    )

@@ -91,12 +91,18 @@ def command(
     firing_order = [(s.index, s.mirror_angle) for s in calibrated.stripes if s.index in wanted]
     with ScanFolderWriter(target) as writer:
         with rig.rangefinder, progress("Scanning") as show:
-            done = itertools.count(1)
+            done, dark_after = itertools.count(1), list[int]()
 
             def keep(capture: StripeCapture) -> None:
                 show(next(done), len(firing_order))
+                if capture.is_dark_due:
+                    dark_after.append(capture.index)
                 if capture.on is not None:
-                    writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
+                    writer.add(
+                        *(capture.index, capture.mirror_angle, capture.on, capture.off),
+                        off_key=id(capture.off),
+                        dark=capture.dark,
+                    )
 
             scan = live_scan(rig.rangefinder, processor, firing_order, should_stop=lambda: False, on_stripe=keep)
         for problem in scan.problems:
@@ -109,6 +115,7 @@ def command(
             stance=standing,
             calibration_hash=calibrated.hash,
             calibration=calibrated,
+            dark_after=dark_after,
         )
     terrain = with_pictures(with_problems(processor.finish(), scan), processor)
     click.echo(f"{target}: {summary(terrain)}")

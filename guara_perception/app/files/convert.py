@@ -12,7 +12,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from guara_perception.exceptions import InvalidInput
 from guara_perception.progress import Progress
-from guara_perception.scan import Scan
+from guara_perception.scan import FrameReader, Scan
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
 
 
@@ -60,14 +60,17 @@ def _write_recording(
                 )
             )
             shared: dict[str, FrameReference] = {}
-            for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
-                stamp = stripe.stamp or scan.stamp
-                if stripe.off is not None and off is not None and stripe.off not in shared:
-                    shared[stripe.off] = writer.add_frame(FrameRecord(pixels=off, stamp=stamp), laser_on=False)
+            reader = FrameReader(scan)
+            for done, stripe in enumerate(scan.stripes, start=1):
+                pair, stamp = reader.read(stripe), stripe.stamp or scan.stamp
+                if stripe.off is not None and pair.off is not None and stripe.off not in shared:
+                    shared[stripe.off] = writer.add_frame(FrameRecord(pixels=pair.off, stamp=stamp), laser_on=False)
                 reference = None if stripe.off is None else shared[stripe.off]
-                writer.add_stripe(
-                    stripe.index, stripe.mirror_angle, FrameRecord(pixels=on, stamp=stamp), reference, stamp=stamp
-                )
+                on = FrameRecord(pixels=pair.on, stamp=stamp)
+                writer.add_stripe(stripe.index, stripe.mirror_angle, on, reference, stamp=stamp)
+                if pair.dark is not None or stripe.index in scan.dark_after:
+                    dark = None if pair.dark is None else FrameRecord(pixels=pair.dark, stamp=stamp)
+                    writer.add_dark(stripe.index, stripe.mirror_angle, dark, stamp)
                 if progress is not None:
                     progress(done, len(scan.stripes))
             end = None if scan.stance_end is None else stance_to_message(scan.stance_end)
@@ -79,8 +82,10 @@ def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, pro
         # scan.json has no field for this.
         raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot ({scan.withdrawn}); not converted")
     with ScanFolderWriter(target) as writer:
-        for done, (stripe, on, off) in enumerate(scan.frames(), start=1):
-            writer.add(stripe.index, stripe.mirror_angle, on, off, off_key=stripe.off, stamp=stripe.stamp)
+        reader = FrameReader(scan)
+        for done, stripe in enumerate(scan.stripes, start=1):
+            pair, angle = reader.read(stripe), stripe.mirror_angle
+            writer.add(stripe.index, angle, pair.on, pair.off, off_key=stripe.off, stamp=stripe.stamp, dark=pair.dark)
             if progress is not None:
                 progress(done, len(scan.stripes))
         writer.finish(
@@ -92,4 +97,5 @@ def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, pro
             stance_end=scan.stance_end,
             calibration_hash=scan.calibration_hash,
             calibration=calibration,
+            dark_after=scan.dark_after,
         )

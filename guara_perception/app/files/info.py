@@ -83,6 +83,7 @@ def _scan(path: Path) -> dict[str, Any]:
         "stamp": scan.stamp,
         "stripes": len(scan.stripes),
         "laser_off_frames": len({stripe.off for stripe in scan.stripes if stripe.off is not None}),
+        "dark_flashes": len(scan.dark_after),
         "calibration_hash": scan.calibration_hash,
         "carries_calibration": (path / CALIBRATION_FILE).is_file(),
     }

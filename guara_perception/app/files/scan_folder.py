@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
+from collections.abc import Collection
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,7 +56,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
     fields.text("format", (FORMAT,))
     stripes = tuple(_stripe(item) for item in fields.items("stripes"))
     for stripe in stripes:
-        for name in (stripe.on, stripe.off):
+        for name in (stripe.on, stripe.off, stripe.dark):
             if name is not None and (Path(name).is_absolute() or ".." in Path(name).parts):
                 raise FileFormatError(
                     f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}; allowed: a path inside the "
@@ -84,6 +85,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
             calibration_hash=fields.text("calibration_hash") if fields.has("calibration_hash") else None,
             source=str(folder / SCAN_FILE),
             read_frame=lambda name: read_picture(folder / name),
+            dark_after=_dark_after(fields) if fields.has("dark_after") else (),
         )
     except InvalidInput as error:
         raise FileFormatError(str(error)) from None
@@ -99,6 +101,13 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
     return decode_picture(read_bounded(existing_file(path), LARGEST_PICTURE), str(path))
 
 
+def _dark_after(fields: Fields) -> tuple[int, ...]:
+    values = fields.sequence("dark_after")
+    if any(type(value) is not int or not 0 <= value <= 9999 for value in values):
+        raise FileFormatError(f"{fields.path_to('dark_after')} is {values!r:.80}, allowed: a list of stripe indices")
+    return tuple(values)
+
+
 def _stripe(item: Fields) -> ScanStripe:
     if "off" not in item.data:
         raise FileFormatError(f"{item.path_to('off')} is missing, it must be a frame name or null")
@@ -108,6 +117,7 @@ def _stripe(item: Fields) -> ScanStripe:
         on=item.text("on"),
         off=item.text("off") if item.has("off") else None,
         stamp=item.integer("stamp", minimum=0, maximum=MAXIMUM_STAMP) if item.has("stamp") else None,
+        dark=item.text("dark") if item.has("dark") else None,
     )
 
 
@@ -142,6 +152,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         *,
         off_key: object = None,
         stamp: int | None = None,
+        dark: Image | None = None,
     ) -> None:
         """Write one stripe.
 
@@ -152,6 +163,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             off: laser-off frame, or None.
             off_key: stripes with the same key share one laser-off file; None = a file for this stripe alone.
             stamp: stamp of the laser-on frame [ns since the epoch].
+            dark: frame of the dark flash after the stripe, or None.
 
         Raises:
             OSError: a picture cannot be written.
@@ -165,6 +177,9 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
                 self._offs[key] = f"off_{len(self._offs):03d}.png"
                 self._write(self._offs[key], off)
             entry["off"] = self._offs[key]
+        if dark is not None:
+            entry["dark"] = f"dark_{index:03d}.png"
+            self._write(str(entry["dark"]), dark)
         if stamp is not None:
             entry["stamp"] = stamp
         self._stripes.append(entry)
@@ -180,6 +195,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         stance_end: Stance | None = None,
         calibration_hash: str | None = None,
         calibration: Calibration | None = None,
+        dark_after: Collection[int] = (),
     ) -> Path:
         """Write `scan.json`, and `calibration.json` if one is given, and move the folder to its final name."""
         document: dict[str, object] = {
@@ -191,6 +207,8 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             "stripes": sorted(self._stripes, key=lambda entry: int(str(entry["index"]))),
             "stance": stance.to_dict(),
         }
+        if dark_after:
+            document["dark_after"] = sorted(dark_after)
         if stance_end is not None:
             document["stance_end"] = stance_end.to_dict()
         if calibration_hash:

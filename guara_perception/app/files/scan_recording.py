@@ -81,7 +81,9 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) 
 
     # A stripe whose frame was lost is left out, so that its ground stays unknown.
     stripes = tuple(
-        ScanStripe(stripe.index, stripe.mirror_angle, name(stripe.on) or "", name(stripe.off), stripe.stamp)
+        ScanStripe(
+            stripe.index, stripe.mirror_angle, name(stripe.on) or "", name(stripe.off), stripe.stamp, name(stripe.dark)
+        )
         for stripe in record.stripes
         if stripe.on is not None
     )
@@ -98,6 +100,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) 
             source=source,
             read_frame=read_frame,
             withdrawn=withdrawn,
+            dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
         )
     except (InvalidInput, KinematicsError) as error:
         raise FileFormatError(f"{source}: {error}") from None

@@ -71,6 +71,7 @@ def live_scan(
     worked_ahead = False
     instants: dict[int, float] = {}
     stripes = rangefinder.sweep(firing_order, processor.band, should_stop)
+    processor.expect_dark(stripes.dark_after)
     try:
         with stripes:
             for group in stripes.groups():
@@ -100,7 +101,7 @@ def live_scan(
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
     """Instant at which the host had both frames of a stripe; now without stamps, or with those of an emulated clock."""
-    stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp) if not math.isnan(stamp)]
+    stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp, capture.dark_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()
     return clock.now() - max(0.0, timing.monotonic() - max(stamps))
@@ -117,8 +118,10 @@ def _take(
         light.look(capture, processor.band(capture.index))
         if capture.on is None or not capture.verdict.in_step:
             processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
+            if capture.dark is not None:
+                processor.add_dark(capture.index, capture.dark, capture.off)
         else:
-            pairs.append(FramePair(capture.index, capture.on, capture.off))
+            pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark))
     if pairs:
         processor.add_all(pairs)
     if on_stripe is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 from drivers import (
@@ -15,6 +15,7 @@ from drivers import (
     DriverError,
     StripeStream,
     acquire,
+    draw_code,
     prepare,
     setting_changes,
     timing,
@@ -98,8 +99,9 @@ class Rangefinder:
     def sweep(
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
-        """A scan, to be taken in a `with` block; see `drivers.acquire`."""
+        """A scan with a code of its own, to be taken in a `with` block; see `drivers.acquire`."""
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
+        options = replace(options, dark_after=draw_code([index for index, _ in firing_order]))
         return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
 
     def lost_steps(self, firing_order: FiringOrder) -> int:

@@ -23,7 +23,7 @@ from guara_perception.calibration.file import to_json
 from kinematics import Stance
 from transport import Health, PausePhase, StanceMessage, StancePause, StatusItem, TerrainMessage
 from transport.exceptions import RecordingError
-from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord
+from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
@@ -262,7 +262,7 @@ class ScanRecording:
         self._problem = ""
         self._is_open = False
         self._offs: tuple[object, FrameReference] | None = None
-        self._stripes: list[tuple[int, float, FrameReference | None, FrameReference | None, int]] = []
+        self._stripes: list[StripeRecord] = []
         self._post(0, self._begin)
 
     def add(self, capture: StripeCapture) -> None:
@@ -272,8 +272,17 @@ class ScanRecording:
         on = None if capture.on is None else capture.on.copy()
         off, size = self._shared(capture.off)
         size += 0 if on is None else on.nbytes
-        index, angle, now = capture.index, capture.mirror_angle, time.time_ns()
-        if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(index, angle, on, off, now))):
+        dark = None if capture.dark is None else capture.dark.copy()
+        size += 0 if dark is None else dark.nbytes
+        bare = StripeRecord(
+            index=capture.index,
+            mirror_angle=capture.mirror_angle,
+            on=None,
+            off=None,
+            stamp=time.time_ns(),
+            is_dark_due=capture.is_dark_due or dark is not None,
+        )
+        if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(bare, on, off, dark))):
             self._is_full = True
             self._post(0, lambda: self._fail("the disk is too slow, frames were left out"))
 
@@ -288,6 +297,12 @@ class ScanRecording:
             self._is_full = True
         else:
             self._post(0, lambda: self._begin_again(mode))
+
+    def restart(self) -> None:
+        """Record another sweep of this pause as a scan of its own, without the stripes so far."""
+        self._is_full = False
+        self._post(0, lambda: self._stripes.clear())
+        self._post(0, lambda: self._begin_again(self._record.mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
         """End the scan and add its grids, none where it failed; returns at once, the recorder's status reports it."""
@@ -320,19 +335,27 @@ class ScanRecording:
         self._recorder.writer.end_scan(stamp=time.time_ns())
         self._recorder.writer.begin_scan(dataclasses.replace(self._record, mode=mode))
         # No topic's time may go back for readers: all stripes get the stamp of the last one; frames keep their own.
-        last = self._stripes[-1][-1] if self._stripes else None
-        for index, angle, on, off, _ in self._stripes:
-            self._recorder.writer.add_stripe(index, angle, on, off, stamp=last)
+        for stripe in self._stripes:
+            self._write(dataclasses.replace(stripe, stamp=self._stripes[-1].stamp))
 
-    def _add(self, index: int, angle: float, on: Image | None, off: tuple[object, Image] | None, stamp: int) -> None:
+    def _add(self, bare: StripeRecord, on: Image | None, off: tuple[object, Image] | None, dark: Image | None) -> None:
+        stamp = bare.stamp
         off_at: FrameReference | None = None
         if off is not None:
             if self._offs is None or self._offs[0] is not off[0]:
                 self._offs = (off[0], self._recorder.writer.add_frame(self._frame(off[1], stamp), laser_on=False))
             off_at = self._offs[1]
         on_at = None if on is None else self._recorder.writer.add_frame(self._frame(on, stamp), laser_on=True)
-        self._recorder.writer.add_stripe(index, angle, on_at, off_at, stamp=stamp)
-        self._stripes.append((index, angle, on_at, off_at, stamp))
+        dark_at = None if dark is None else self._recorder.writer.add_frame(self._frame(dark, stamp), laser_on=False)
+        stripe = dataclasses.replace(bare, on=on_at, off=off_at, dark=dark_at)
+        self._write(stripe)
+        self._stripes.append(stripe)
+
+    def _write(self, stripe: StripeRecord) -> None:
+        writer, angle = self._recorder.writer, stripe.mirror_angle
+        writer.add_stripe(stripe.index, angle, stripe.on, stripe.off, stamp=stripe.stamp)
+        if stripe.is_dark_due:
+            writer.add_dark(stripe.index, angle, stripe.dark, stripe.stamp)
 
     def _guarded(self, action: Callable[[], None]) -> None:
         if not self._problem:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
+import secrets
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -28,6 +31,10 @@ ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
 # [s] Added to the measured time from the last frame to the published grid, for other load of the machine.
 MARGIN_S = 0.1
+# Sweeps of one pause, when foreign light spoils them; shortest time from which the wait between two is drawn, and
+# time between two looks whether the pause is over [s].
+MOST_SWEEPS = 4
+LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +126,36 @@ class Sweeper:
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
-        """Sweep once in a mode of SWEEPS."""
+        """Sweep in a mode of SWEEPS; again after a random time where foreign light spoilt it, while the pause lasts."""
+        for attempt in itertools.count(1):
+            start = clock.now()
+            swept = self._sweep(mode, job)
+            if not swept.processor.refused or attempt == MOST_SWEEPS:
+                break
+            took = clock.now() - start
+            # Two robots that began at the same time must not do so again.
+            wait = max(took, LEAST_WAIT_S) * (0.3 + 1.2 * secrets.randbelow(1 << 20) / (1 << 20))
+            ends_at = job.ends_at()
+            if ends_at is not None and clock.now() + wait + took + job.tail + MARGIN_S > ends_at:
+                break
+            logger.warning("scan refused, sweeping again in %.1f s: %s", wait, swept.processor.refused)
+            if not self._wait(wait, job.should_stop):
+                break
+            if job.recording is not None:
+                job.recording.restart()
+        return swept
+
+    @staticmethod
+    def _wait(seconds: float, should_stop: Callable[[], bool]) -> bool:
+        """Wait; False when the pause ended before."""
+        until = clock.now() + seconds
+        while clock.now() < until:
+            if should_stop():
+                return False
+            time.sleep(WAIT_SLICE_S)
+        return True
+
+    def _sweep(self, mode: str, job: SweepJob) -> Swept:
         if mode == ADAPTIVE:
             return self._adaptive(job)
         processor = job.processor(mode)
@@ -132,7 +168,7 @@ class Sweeper:
         firing_order = self.firing_order(self._policy.first_stripes)
         first = self._run(processor, firing_order, job)
         coarse = processor.finish()
-        if first.stopped_early or first.failed:
+        if first.stopped_early or first.failed or processor.refused:
             return Swept(coarse, first, processor)
         now = clock.now()
         ends_at, finishing = job.ends_at(), now - first.last_frame
@@ -154,7 +190,10 @@ class Sweeper:
             problems=tuple(dict.fromkeys((*first.problems, *second.problems))),
             instants={**first.instants, **second.instants},
         )
-        return Swept(refined(coarse, processor.finish()), both, processor, first_processor)
+        fine = processor.finish()
+        if processor.refused:
+            coarse = first_processor.finish()
+        return Swept(refined(coarse, fine), both, processor, first_processor)
 
     def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)

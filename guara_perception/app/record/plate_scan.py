@@ -81,12 +81,16 @@ def scan_uncalibrated(
                             f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
                         )
                     light.look(capture, (0, rows))
-                    writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, off_key=id(capture.off))
+                    writer.add(
+                        *(capture.index, capture.mirror_angle, capture.on, capture.off),
+                        off_key=id(capture.off),
+                        dark=capture.dark,
+                    )
                     done += 1
                     if progress is not None:
                         progress(done, len(order))
         lost = rangefinder.lost_steps(order)
         if lost:
             raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")
-        writer.finish(robot=robot.name, mode=mode, stamp=stamp, step=0, stance=stance)
+        writer.finish(robot=robot.name, mode=mode, stamp=stamp, step=0, stance=stance, dark_after=stripes.dark_after)
     return light.problems

@@ -255,6 +255,7 @@ class ScanRecord(GridRecord):
         coverage_regions: coverage of each ninth of the area.
         seconds: processor time by stage [s].
         lost_cells: cells whose frame was lost, as runs (ix, first iy, end iy).
+        dark_flashes: number of frames that were proved to be dark when the laser was; None where the sweep had none.
     """
 
     ORDER: ClassVar[tuple[str, ...]] = (
@@ -262,7 +263,7 @@ class ScanRecord(GridRecord):
         *("laser_origin", "pose_covariance", "limits", "limit_flags", "validity_pauses", "validity_seconds"),
         *("stripes_planned", "stripes_used", "stripes_missing", "frames_bad", "off_pictures_unused"),
         *("points", "points_used", "coverage", "coverage_regions", "known", "hazard_cells", "health", "seconds"),
-        *("lost_cells", *STATED),
+        *("lost_cells", "dark_flashes", *STATED),
     )
 
     laser_origin: Point | None = None
@@ -276,6 +277,7 @@ class ScanRecord(GridRecord):
     coverage_regions: Mapping[str, float | None] | None = None
     seconds: Mapping[str, float] | None = None
     lost_cells: tuple[Run, ...] | None = None
+    dark_flashes: int | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,6 +96,32 @@ def test_a_sweep_brings_every_stripe_proved(rig: Rig, board: LaserBoard, off: Of
     assert report.in_step and not report.problems and not wrong(rig, stripes)
     assert ("exposures not counted" in " ".join(report.notes)) == (not wired)
     assert not rig.emulated.view().laser_on
+
+
+@pytest.mark.parametrize("off", list(OffFrames))
+@pytest.mark.parametrize("dropped", [frozenset(), frozenset({5}), frozenset({6}), frozenset({73})])
+def test_dark_flashes_come_with_their_stripes(
+    rig: Rig, board: LaserBoard, off: OffFrames, dropped: frozenset[int]
+) -> None:
+    """Proved as every frame is, and dark; one that was lost is taken again with its stripe."""
+    rig.camera.dropped = dropped
+    code = frozenset({4, 30, 50, 69})
+    stripes, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(), dark_after=code))
+    assert sorted(stripe.index for stripe in stripes) == [index for index, _ in FIRING_ORDER]
+    assert not wrong(rig, stripes) and report.in_step and (dropped or not report.problems)
+    darks = {stripe.index: stripe.dark for stripe in stripes if stripe.dark is not None}
+    assert code <= set(darks) and (dropped or code == set(darks))
+    assert all(picture.max() < 100 for picture in darks.values())
+
+
+def test_a_board_of_the_protocol_before_takes_none(board: LaserBoard) -> None:
+    """The scan goes on without them, and says so."""
+    old = EmulatorConfig(identity=replace(EmulatorConfig().identity, protocol=(1, 1)))
+    rig = Rig(old)
+    with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as device:
+        stripes, report = rig.scan(device, AcquireOptions(sweep=SweepOptions(), dark_after=frozenset({69})))
+    assert report.in_step and all(stripe.dark is None for stripe in stripes)
+    assert any(note.startswith("no dark flashes: the board speaks protocol 1.1") for note in report.notes)
 
 
 def test_it_takes_little_longer_than_the_motion(rig: Rig, board: LaserBoard) -> None:

@@ -1,0 +1,229 @@
+"""Proof that the light of a scan is the robot's own, and that its frames show the instants of their flashes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float32, Image, Mask
+from guara_perception.scanning.second_line import REFUSED_SHARE, REFUSED_STRIPES, SECOND_LINE
+from guara_perception.stripes.band import StripeProfile, StripeStatus
+from guara_perception.stripes.peaks import upper_median
+
+FOREIGN_LIGHT = "foreign laser light"
+OTHER_INSTANT = "frames are not of their flash"
+# Pictures are compared at most at about this width [px]; light is averaged over so many pixels each way, and is that
+# of a line or a spot where it is narrower than LARGEST_PX.
+COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
+# [grey levels of 255] and sigmas of the noise by which averaged light stands out.
+LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
+# Light in more columns than this share is a line; in fewer, as of a lamp, only its place is not used.
+LINE_SHARE = 0.08
+# Share of the columns that a spot must have to be compared with that of the dark frame before.
+SPOT_SHARE = 0.01
+# Spots of two dark frames that share less than this of the smaller one are light that moves.
+LEAST_OVERLAP = 0.3
+# A frame with returns in fewer columns than this share shows no line; its neighbours do with more than the second.
+NO_LINE, PLAIN_LINE = 0.02, 0.1
+# Largest shift of frames that is looked for, in frames.
+MOST_SHIFT = 6
+# [px] Returns this near to light of a dark frame are not used, in pictures of COMPARED_PX.
+BESIDE_PX = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """Outcome for a scan.
+
+    Attributes:
+        refused: why nothing of the scan may be used, beginning with its cause; empty when it may.
+        unproved: stripes that no dark flash follows: their frames may be of another instant.
+        spoilt: (h, w) mask of pixels that are lit while the laser is dark, or lie beside such, as of `lit_pixels`; None
+            where there are none.
+        doubled: stripes that are not used because their picture shows two lines.
+        darks: number of dark flashes whose frames are known; None for a sweep without any.
+    """
+
+    refused: str = ""
+    unproved: frozenset[int] = frozenset()
+    spoilt: Mask | None = None
+    doubled: frozenset[int] = frozenset()
+    darks: int | None = None
+
+
+class FlashProof:
+    """Compares the frames of a sweep with the code of its dark flashes."""
+
+    def __init__(self) -> None:
+        """Start with a sweep without a code."""
+        self._planned: set[int] = set()
+        self._seen: dict[int, float] = {}
+        self._darks: dict[int, tuple[float, Mask]] = {}
+        self._doubled: set[int] = set()
+        self._alone: tuple[int, Image] | None = None
+
+    def expect(self, dark_after: Collection[int]) -> None:
+        """Expect dark flashes after some stripes, besides those expected before."""
+        self._planned.update(dark_after)
+
+    def add(self, index: int, profile: StripeProfile) -> None:
+        """Take the profile of a stripe, in the order in which the stripes were fired."""
+        self._seen[index] = float("nan") if profile.is_frame_bad else _share_of_light(profile)
+
+    def add_second_line(self, index: int) -> None:
+        """Note that the picture of a stripe shows two lines."""
+        self._doubled.add(index)
+
+    def add_dark(self, index: int, dark: Image, reference: Image | None) -> None:
+        """Take the frame of the dark flash after a stripe.
+
+        Args:
+            index: index of the stripe.
+            dark: the frame.
+            reference: a frame without the laser, or None: the dark frames are then compared with each other.
+        """
+        self._planned.add(index)
+        if reference is None:
+            if self._alone is None:
+                self._alone = index, dark.copy()
+                self._darks[index] = 0.0, np.zeros((1, 1), np.bool_)
+                return
+            first, reference = self._alone
+            if first in self._darks and self._darks[first][1].size == 1:
+                self._keep(first, reference, dark)
+        self._keep(index, dark, reference)
+
+    def _keep(self, index: int, dark: Image, reference: Image) -> None:
+        if dark.shape != reference.shape or dark.dtype != reference.dtype:
+            # No proof of anything.
+            return
+        lit = lit_pixels(dark, reference)
+        self._darks[index] = max(float(lit.any(axis=0).mean()), float(lit.any(axis=1).mean())), lit
+
+    @property
+    def version(self) -> tuple[int, ...]:
+        """Changes with everything that is added."""
+        return len(self._planned), len(self._seen), len(self._darks), len(self._doubled)
+
+    def judge(self) -> Proof:
+        """Judge the frames added so far."""
+        order, count = list(self._seen), len(self._darks) if self._planned else None
+        if len(self._doubled) >= max(REFUSED_STRIPES, REFUSED_SHARE * len(order)):
+            text = f"{FOREIGN_LIGHT}: {SECOND_LINE}, in {len(self._doubled)} of {len(order)}: another robot, or a "
+            return Proof(text + "reflection of our own line in a window or mirror", darks=count)
+        doubled = frozenset(self._doubled)
+        if not self._planned:
+            return Proof(doubled=doubled)
+        lines = [index for index in order if index in self._darks and self._darks[index][0] >= LINE_SHARE]
+        if lines:
+            return Proof(self._cause(order, lines), darks=count)
+        if self._moves():
+            return Proof(f"{FOREIGN_LIGHT}: it moves while the laser is dark", darks=count)
+        last = max((place for place, index in enumerate(order) if index in self._darks), default=-1)
+        lit = [mask for share, mask in self._darks.values() if share > 0]
+        spoilt = None
+        if lit:
+            grown = np.ones((2 * BESIDE_PX + 1, 2 * BESIDE_PX + 1), np.uint8)
+            spoilt = np.asarray(cv2.dilate(np.logical_or.reduce(lit).astype(np.uint8), grown) > 0)
+        return Proof(unproved=frozenset(order[last + 1 :]), spoilt=spoilt, doubled=doubled, darks=count)
+
+    def _cause(self, order: list[int], lines: list[int]) -> str:
+        """Cause of lines in dark frames: frames of another instant where all are explained by one shift of the code."""
+        listed = ", ".join(map(str, lines))
+        shots: list[tuple[int, bool]] = []
+        for index in order:
+            shots.append((index, True))
+            if index in self._planned:
+                shots.append((index, False))
+        for shift in (each * sign for each in range(1, MOST_SHIFT + 1) for sign in (1, -1)):
+            if self._explains(shots, lines, shift):
+                return (
+                    f"{OTHER_INSTANT}: they come {abs(shift)} {'late' if shift > 0 else 'early'}, and show a line in "
+                    f"the dark after stripe {listed}: restart the camera, and check its driver and trigger"
+                )
+        return (
+            f"{FOREIGN_LIGHT}, or {OTHER_INSTANT}: a line is seen in the dark after stripe {listed}: does another "
+            "robot scan the same ground?"
+        )
+
+    def _explains(self, shots: list[tuple[int, bool]], lines: list[int], shift: int) -> bool:
+        """Test that the frames that should show lines are dark where this shift brings the dark flashes."""
+        found = 0
+        for place, (index, is_lit) in enumerate(shots):
+            at = place + shift
+            if is_lit or index not in lines or not 0 <= at < len(shots) or not shots[at][1]:
+                continue
+            beside = [
+                self._seen[other] for other, lit in shots[max(at - 2, 0) : at + 3] if lit and other != shots[at][0]
+            ]
+            if not (self._seen[shots[at][0]] < NO_LINE and max(beside, default=0.0) > PLAIN_LINE):
+                return False
+            found += 1
+        return found > 0
+
+    def _moves(self) -> bool:
+        spots = [mask for share, mask in self._darks.values() if share >= SPOT_SHARE]
+        return any(
+            np.count_nonzero(a & b) < LEAST_OVERLAP * min(np.count_nonzero(a), np.count_nonzero(b))
+            for a, b in zip(spots, spots[1:], strict=False)
+        )
+
+
+def _share_of_light(profile: StripeProfile) -> float:
+    return float((profile.status != StripeStatus.DROPOUT).mean())
+
+
+def lit_pixels(dark: Image, reference: Image) -> Mask:
+    """Mask of a frame without the laser: light narrower than LARGEST_PX, in any direction, that `reference` lacks.
+
+    The mask is smaller than the frame by a whole factor where the frame is wider than COMPARED_PX.
+    """
+    scale = 255.0 / float(np.iinfo(dark.dtype).max)
+    reduced = [_reduced(picture) for picture in (dark, reference)]
+    samples = [float(picture[::8, ::8].mean()) for picture in reduced]
+    # The scene's own light may have changed as a whole.
+    gain = samples[0] / max(samples[1], 1e-3)
+    light = reduced[0] - np.float32(gain) * reduced[1]
+    if light.ndim == 3:
+        light = light.max(axis=2)
+    mean = np.asarray(cv2.blur(light * np.float32(scale), (MEAN_PX, MEAN_PX)), np.float32)
+    wide = cv2.morphologyEx(mean, cv2.MORPH_OPEN, np.ones((LARGEST_PX, LARGEST_PX), np.uint8))
+    narrow = mean - np.asarray(wide, np.float32)
+    return np.asarray(narrow > max(LEAST_LEVEL, LEAST_SIGMAS * _noise(mean)))
+
+
+def _reduced(picture: Image) -> Float32:
+    """The picture in float32, at most about COMPARED_PX wide."""
+    factor = max(picture.shape[1] // COMPARED_PX, 1)
+    height, width = picture.shape[0] // factor, picture.shape[1] // factor
+    whole = picture[: height * factor, : width * factor].astype(np.float32)
+    return whole if factor == 1 else np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def _noise(mean: Float32) -> float:
+    some = mean[:: 2 * MEAN_PX, :: 2 * MEAN_PX]
+    return 1.4826 * upper_median(np.abs(some - upper_median(some)))
+
+
+def without_spoilt(profile: StripeProfile, spoilt: Mask) -> StripeProfile:
+    """The profile without returns in or beside pixels that are lit while the laser is dark.
+
+    Args:
+        profile: a good profile.
+        spoilt: (h, w) mask of these pixels and of those beside them, of the frame or smaller by a whole factor.
+    """
+    rows = np.where(np.isfinite(profile.position_px), profile.position_px, profile.doubtful_px)
+    columns = np.flatnonzero(np.isfinite(rows))
+    factor = max(rows.size // spoilt.shape[1], 1)
+    at = np.minimum(np.rint(rows[columns]).astype(np.intp) // factor, spoilt.shape[0] - 1)
+    hit = columns[spoilt[at, np.minimum(columns // factor, spoilt.shape[1] - 1)]]
+    if not hit.size:
+        return profile
+    status, position = profile.status.copy(), profile.position_px.copy()
+    sigma, doubtful = profile.sigma_px.copy(), profile.doubtful_px.copy()
+    position[hit] = sigma[hit] = doubtful[hit] = np.nan
+    status[hit] = StripeStatus.AMBIGUOUS
+    return replace(profile, position_px=position, sigma_px=sigma, status=status, doubtful_px=doubtful)

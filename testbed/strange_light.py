@@ -1,0 +1,262 @@
+"""A scan whose frames show light that is not the robot's, or belong to another instant; taken by the real driver.
+
+Frames are made from the laser's own light in the pictures of a scan (laser on minus laser off), so that any light can
+be added to it. The emulated board says what shone in an exposure; faults of a camera change which picture it delivers,
+or when it says that it was taken.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers import AcquireOptions, BoardConfig, Frame, LaserBoard, SweepOptions
+from drivers.cameras.camera import Camera, CameraSettings
+from drivers.emulator import (
+    EmulatedBoard,
+    EmulatedCamera,
+    EmulatedClock,
+    EmulatorConfig,
+    ExposureView,
+    emulated_backend,
+)
+from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.rangefinder import Rangefinder
+from guara_perception.arrays import Float32, Image
+from guara_perception.scanning.scan_processor import ScanProcessor
+from testbed.scenes import ScanInMemory
+from testbed.triggered_camera import EmulatedTriggeredCamera
+
+# Light [s] of a stripe with a triggered camera; frames per second of one that runs freely.
+FLASH, FPS = 0.004, 30.0
+# Standard deviation of the noise that every picture gets anew [grey levels].
+NOISE = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """State of laser and mirror in one exposure.
+
+    Attributes:
+        stripe: number of the stripe at which the mirror stands or is nearest to, from 0 in the order of the pattern.
+        is_lit: whether the laser shone.
+        shot: number of the exposure, from 0.
+    """
+
+    stripe: int
+    is_lit: bool
+    shot: int
+
+
+# Light (h, w) [grey levels] that is added to what a scene shows at an instant; the scene gives its own laser's light.
+Extra = Callable[["Scene", Instant], Float32]
+
+
+class Scene:
+    """Pictures of a recorded or simulated scan, by stripe.
+
+    Attributes:
+        scan: the scan.
+        pitch_px: mean distance of neighbouring indices of the pattern in the picture.
+        dark: (h, w, 3) picture without laser.
+    """
+
+    def __init__(self, scan: ScanInMemory) -> None:
+        """Separate the laser's own light from the scene's."""
+        self.scan = scan
+        self.order = [index for index, _, _ in scan.frames]
+        self.angles = np.array([scan.calibration.stripe(index).mirror_angle for index in self.order])
+        self.dark = np.mean([off for _, _, off in scan.frames[:8]], axis=0).astype(np.float32)
+        self._rng = np.random.default_rng(0)
+        processor = scan.processor()
+        rows = np.array([processor.band(index)[0] for index in self.order], np.float64)
+        inside = (rows > 0) & (rows < self.dark.shape[0])
+        self.pitch_px = float(np.polyfit(np.array(self.order)[inside], rows[inside], 1)[0])
+        self._shots = 0
+
+    def begin(self) -> None:
+        """Draw the same noise again, and count exposures from 0."""
+        self._rng, self._shots = np.random.default_rng(1), 0
+
+    def laser(self, stripe: int) -> Float32:
+        """(h, w, 3) light of the own laser in the picture of a stripe [grey levels]."""
+        _, on, off = self.scan.frames[stripe]
+        light = np.maximum(on.astype(np.float32) - off, 0)
+        # What is left of the noise is no light of the laser.
+        light[light < 6] = 0
+        return light
+
+    def shifted(self, stripe: int, pitches: float) -> Float32:
+        """The same light moved by a number of stripes' pitches down the picture."""
+        import cv2
+
+        matrix = np.array([[1, 0, 0], [0, 1, pitches * self.pitch_px]], np.float32)
+        light = self.laser(stripe)
+        return np.asarray(cv2.warpAffine(light, matrix, light.shape[1::-1]), np.float32)
+
+    def picture(
+        self, view: ExposureView, gain: float, extra: Extra | None, ambient: Callable[[Instant], float]
+    ) -> Image:
+        """The picture of an exposure; `gain` is that of the own laser."""
+        at = Instant(int(np.argmin(np.abs(self.angles - view.mirror_angle))), view.laser_fraction > 0.2, self._shots)
+        self._shots += 1
+        level = self.dark * np.float32(ambient(at))
+        if at.is_lit and gain:
+            level += np.float32(gain) * self.laser(at.stripe)
+        if extra is not None:
+            level += extra(self, at)
+        level += self._rng.standard_normal(level.shape, dtype=np.float32) * np.float32(NOISE)
+        return np.clip(np.rint(level), 0, 255).astype(np.uint8)
+
+
+class LateFrames(Camera):
+    """A camera whose frames hold the pixels of an earlier one, while their stamps and counters are right."""
+
+    def __init__(self, camera: Camera, late: int, first: int) -> None:
+        """Deliver pixels that are `late` frames old from frame number `first` on, counted since it was opened."""
+        self._camera, self._late, self._first = camera, late, first
+        self.name, self.triggered = camera.name, camera.triggered
+        self._before: list[Image] = []
+
+    lag = property(lambda self: self._camera.lag)
+    trigger_period = property(lambda self: self._camera.trigger_period)
+
+    def open(self) -> None:
+        """Open the camera."""
+        self._camera.open()
+
+    def close(self) -> None:
+        """Close it."""
+        self._camera.close()
+
+    def lock(self, settings: CameraSettings) -> CameraSettings:
+        """Lock its settings."""
+        return self._camera.lock(settings)
+
+    def flush(self) -> None:
+        """Forget what has arrived."""
+        self._camera.flush()
+
+    def grab(self, timeout: float) -> Frame:
+        """The next frame, with old pixels."""
+        frame = self._camera.grab(timeout)
+        self._before.append(frame.image)
+        number = len(self._before) - 1
+        late = self._late if number >= self._first else 0
+        return dataclasses.replace(frame, image=self._before[max(number - late, 0)])
+
+
+class JumpingClock(EmulatedTriggeredCamera):
+    """A triggered camera whose clock jumps by a whole number of the gaps between its frames."""
+
+    gaps, at = 0, 10**9
+
+    def _frame(self, number: int, start: float, end: float) -> Frame:
+        frame = super()._frame(number, start, end)
+        if number < self.at:
+            return frame
+        openings = self._board.openings()
+        gap = openings[self.at][0] - openings[self.at - 1][0]
+        assert frame.device_time is not None
+        return dataclasses.replace(frame, device_time=frame.device_time + self.gaps * gap)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Light or frames that are not those of the scan.
+
+    Attributes:
+        name: its name in tables.
+        gain: brightness of the own laser against that of the scan.
+        extra: light that is added.
+        ambient: factor of the scene's own light at an instant.
+        late, first: number of frames by which pixels are late, from which frame on.
+        gaps: number of trigger gaps by which the camera's clock jumps at frame `first`.
+    """
+
+    name: str
+    gain: float = 1.0
+    extra: Extra | None = None
+    ambient: Callable[[Instant], float] = lambda _: 1.0
+    late: int = 0
+    first: int = 0
+    gaps: int = 0
+
+
+def beside(pitches: float, gain: float, shots: range | None = None) -> Extra:
+    """Another robot's sweep, whose line lies beside ours in some exposures; None = in all but the first two.
+
+    The first laser-off picture is clean then: the other's light cannot be seen in it.
+    """
+
+    def light(scene: Scene, at: Instant) -> Float32:
+        if at.shot < 2 if shots is None else at.shot not in shots:
+            return np.zeros_like(scene.dark)
+        # While our laser is dark, the other's shines where it was before.
+        return np.float32(gain) * scene.shifted(at.stripe, pitches)
+
+    return light
+
+
+def ghost(pitches: float, gain: float) -> Extra:
+    """A reflection of our own line, which goes dark with it."""
+
+    def light(scene: Scene, at: Instant) -> Float32:
+        return np.float32(gain) * scene.shifted(at.stripe, pitches) if at.is_lit else np.zeros_like(scene.dark)
+
+    return light
+
+
+def blob(scene: Scene, mask: Float32, level: float = 120.0) -> Extra:
+    """Red light of this level where `mask` (h, w) of the picture is 1, after the first exposure."""
+    light = np.zeros_like(scene.dark)
+    light[:, :, 2] = np.float32(level) * mask
+
+    def shine(_: Scene, at: Instant) -> Float32:
+        return light if at.shot else np.zeros_like(light)
+
+    return shine
+
+
+def take(
+    scene: Scene, fault: Fault, *, triggered: bool, options: AcquireOptions | None = None
+) -> tuple[ScanProcessor, LiveScan]:
+    """One scan of the scene with a fault, by board, driver and the node's own loop.
+
+    Args:
+        scene: what the camera sees.
+        fault: what is wrong.
+        triggered: whether the board triggers the camera; else it runs freely and the host switches step by step.
+        options: how the scan is taken; None = as the node does.
+    """
+    scene.begin()
+    clock = EmulatedClock()
+    board = EmulatedBoard(EmulatorConfig(bus_delay=0.0003), clock=clock.monotonic)
+
+    def render(view: ExposureView, _: CameraSettings) -> Image:
+        return scene.picture(view, fault.gain, fault.extra, fault.ambient)
+
+    camera: Camera
+    if triggered:
+        board.shutter.wired, board.shutter.exposure = True, FLASH
+        jumping = JumpingClock(board, board.shutter, render)
+        if fault.gaps:
+            jumping.gaps, jumping.at = fault.gaps, fault.first
+        camera = jumping
+    else:
+        camera = EmulatedCamera(board, render, fps=FPS, exposure=0.008, latency=0.001)
+    if fault.late:
+        camera = LateFrames(camera, fault.late, fault.first)
+    given = options or AcquireOptions(together=16)
+    if triggered:
+        given = dataclasses.replace(given, sweep=SweepOptions(flash=FLASH))
+    driver = LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(board))
+    order = list(zip(scene.order, scene.angles.tolist(), strict=True))
+    processor = scene.scan.processor()
+    with Rangefinder(driver, camera, given, clock=clock) as rangefinder:
+        rangefinder.lost_steps(order)
+        taken = live_scan(rangefinder, processor, order, should_stop=lambda: False)
+    return processor, taken

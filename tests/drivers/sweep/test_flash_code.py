@@ -1,0 +1,65 @@
+"""The code of a sweep: where its dark flashes lie, and that each scan takes them."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from drivers import AcquireOptions, LaserBoard, OffFrames, SweepOptions, acquire, draw_code
+from drivers.emulator import EmulatedCamera
+from tests.drivers.sweep.scan_options import ALL_MODES, options
+
+CODE = frozenset({3, 31, 60, 69})
+
+
+def test_one_lies_in_each_part_and_the_last_is_always_dark() -> None:
+    """At most 6 % more frames for whole sweeps; every place but the last is as likely as any other."""
+    counts: Counter[int] = Counter()
+    for _ in range(400):
+        code = sorted(draw_code(range(70)))
+        assert len(code) == 4 and code[-1] == 69
+        assert code[0] < 23 <= code[1] < 46 <= code[2] < 69
+        counts.update(code[:-1])
+    assert set(counts) == set(range(69)) and max(counts.values()) < 60
+    coarse = draw_code(range(0, 70, 2))
+    assert len(coarse) == 2 and 68 in coarse
+
+
+@pytest.mark.parametrize(("count", "darks"), [(0, 0), (1, 1), (7, 1), (8, 2), (35, 2), (47, 3), (70, 4)])
+def test_short_sweeps_have_fewer(count: int, darks: int) -> None:
+    assert len(draw_code(range(count))) == darks
+
+
+@pytest.mark.parametrize("off", ALL_MODES)
+def test_a_scan_step_by_step_takes_them(
+    board: LaserBoard, camera: EmulatedCamera, firing_order: list, off: OffFrames
+) -> None:
+    """After the stripes named, dark, and at the cost of these frames alone."""
+    with acquire(board, camera, firing_order, options(off)) as stripes:
+        plain = list(stripes)
+    with acquire(board, camera, firing_order, options(off, dark_after=CODE)) as stripes:
+        taken = list(stripes)
+    assert stripes.report.in_step and not stripes.report.problems
+    assert [stripe.index for stripe in taken] == [stripe.index for stripe in plain]
+    assert {stripe.index for stripe in taken if stripe.dark is not None} == CODE
+    for stripe in taken:
+        if stripe.dark is not None:
+            assert stripe.on is not None and stripe.dark.max() < stripe.on.max()
+            assert stripe.dark_stamp > stripe.on_stamp
+    first, last = plain[0].on_stamp, plain[-1].on_stamp
+    more = (max(stripe.dark_stamp for stripe in taken if stripe.dark is not None) - taken[0].on_stamp) - (last - first)
+    assert more <= len(CODE) * (1 / 30) + 0.02
+
+
+def test_a_dark_frame_that_is_lost_is_taken_again(
+    board: LaserBoard, camera: EmulatedCamera, firing_order: list
+) -> None:
+    """By a camera that runs freely, the next frame serves."""
+    given = AcquireOptions(off=OffFrames.NONE, frame_timeout=0.2, dark_after=frozenset({0, 2}))
+    with acquire(board, camera, firing_order[:3], given) as stripes:
+        taken = list(stripes)
+    assert [stripe.dark is not None for stripe in taken] == [True, False, True]
+    assert all(isinstance(stripe.dark, np.ndarray) for stripe in taken if stripe.index != 1)
+    assert SweepOptions().repeats == 1
