@@ -23,6 +23,7 @@ PROGRAMS = {
     "size": "code lines, modules, words, commands, options and names of the project; the way of a frame to bytes",
     "soak": "nodes and planners killed for minutes, and what was lost",
     "stillness": "still pauses withdrawn and motions missed by noisy joints (extra robots-test)",
+    "strange_light": "light that is not ours, frames of another instant, two robots: free cells that are wrong",
     "stripes": "errors of stripe extraction where the centre is known",
     "sweeps": "triggered and free-running sweeps against the bound of the motion, and faults of the trigger",
     "transport": "messages, viewers, announcements, fleet, compact: delays, faults, floods, many robots, encodings",

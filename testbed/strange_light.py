@@ -44,11 +44,13 @@ class Instant:
         stripe: number of the stripe at which the mirror stands or is nearest to, from 0 in the order of the pattern.
         is_lit: whether the laser shone.
         shot: number of the exposure, from 0.
+        time: time since the first exposure [s].
     """
 
     stripe: int
     is_lit: bool
     shot: int
+    time: float = 0.0
 
 
 # Light (h, w) [grey levels] that is added to what a scene shows at an instant; the scene gives its own laser's light.
@@ -75,7 +77,7 @@ class Scene:
         rows = np.array([processor.band(index)[0] for index in self.order], np.float64)
         inside = (rows > 0) & (rows < self.dark.shape[0])
         self.pitch_px = float(np.polyfit(np.array(self.order)[inside], rows[inside], 1)[0])
-        self._shots = 0
+        self._shots, self._begun = 0, 0.0
 
     def begin(self) -> None:
         """Draw the same noise again, and count exposures from 0."""
@@ -101,7 +103,10 @@ class Scene:
         self, view: ExposureView, gain: float, extra: Extra | None, ambient: Callable[[Instant], float]
     ) -> Image:
         """The picture of an exposure; `gain` is that of the own laser."""
-        at = Instant(int(np.argmin(np.abs(self.angles - view.mirror_angle))), view.laser_fraction > 0.2, self._shots)
+        stripe = int(np.argmin(np.abs(self.angles - view.mirror_angle)))
+        if self._shots == 0:
+            self._begun = view.start
+        at = Instant(stripe, view.laser_fraction > 0.2, self._shots, view.start - self._begun)
         self._shots += 1
         level = self.dark * np.float32(ambient(at))
         if at.is_lit and gain:

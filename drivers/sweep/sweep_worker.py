@@ -96,7 +96,7 @@ class SweepWorker(StripeWorker):
         self._counted = sweeps.counts_exposures
         if not self._counted:
             self.notes.append("exposures not counted: frames are proved by their times alone")
-        if self._options.dark_after and not self._takes_darks:
+        if self._options.dark_after and not self.takes_darks:
             self.notes.append(NO_DARKS)
         self._camera.flush()
         self._period = max(self._sweep_options.period, self._camera.trigger_period)
@@ -133,12 +133,13 @@ class SweepWorker(StripeWorker):
         return [stripe for place, stripe in enumerate(stripes, first) if place not in sweep.done]
 
     @property
-    def _takes_darks(self) -> bool:
+    def takes_darks(self) -> bool:
+        """True where the board takes dark flashes."""
         return self._board.identity.protocol >= DARKS_SINCE
 
     def _dark_places(self, stripes: Sequence[PlannedStripe], first: int) -> frozenset[int]:
         """Places after whose stripe a dark flash comes; the last one of stripes taken again is among them too."""
-        if not (self._options.dark_after and self._takes_darks):
+        if not (self._options.dark_after and self.takes_darks):
             return frozenset()
         places = {place for place, stripe in enumerate(stripes, first) if stripe.index in self._options.dark_after}
         return frozenset({*places, first + len(stripes) - 1})

@@ -16,8 +16,8 @@ REACH_OF_HEIGHT = 1 / 32
 # A line has the same light on both sides of its top; a second one nearly as bright as this share of it moves the row.
 LEAST_SHARE = 0.45
 # Two lines that merge have a flat top. The width at a quarter of the height is 2.2 times that at three quarters for a
-# Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is 0.8
-# to 1.3 as bright as the other, half a stripe beside it; nearer ones move the row by less than 5 mm of height.
+# Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is
+# 0.8 to 1.3 as bright as the other, half a stripe beside it; nearer ones move the row by less than 5 mm of height.
 LEAST_WIDTHS = 1.62
 LEVELS = 0.25, 0.75
 BIN_PX = 0.5

@@ -113,6 +113,15 @@ class Swept:
         return dataclasses.replace(wide, stamp=terrain.stamp, record=record)
 
 
+def retry_delay(took: float) -> float:
+    """Random time before a sweep is repeated [s]: two robots that began at the same time do not do so again.
+
+    Args:
+        took: duration of the sweep that was spoilt [s].
+    """
+    return max(took, LEAST_WAIT_S) * (0.3 + 2.4 * secrets.randbelow(1 << 20) / (1 << 20))
+
+
 class Sweeper:
     """Sweeps the patterns of pauses; its policy remembers how long the path has been clear."""
 
@@ -133,8 +142,7 @@ class Sweeper:
             if not swept.processor.refused or attempt == MOST_SWEEPS:
                 break
             took = clock.now() - start
-            # Two robots that began at the same time must not do so again.
-            wait = max(took, LEAST_WAIT_S) * (0.3 + 1.2 * secrets.randbelow(1 << 20) / (1 << 20))
+            wait = retry_delay(took)
             ends_at = job.ends_at()
             if ends_at is not None and clock.now() + wait + took + job.tail + MARGIN_S > ends_at:
                 break
