@@ -9,6 +9,7 @@ from drivers import timing
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.capture import StripeCapture
+from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import OffFrames
 from drivers.sweep.stripe_worker import ScanTask, StripeWorker
