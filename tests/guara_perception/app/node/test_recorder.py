@@ -25,7 +25,7 @@ PATIENCE = 180.0
 
 def _capture(index: int, off: np.ndarray | None = None) -> SimpleNamespace:
     on = np.random.default_rng(index).integers(0, 256, (200, 320), np.uint8)
-    return SimpleNamespace(index=index, mirror_angle=0.01 * index, on=on, off=off)
+    return SimpleNamespace(index=index, mirror_angle=0.01 * index, on=on, off=off, dark=None, is_dark_due=False)
 
 
 def test_a_stalled_disk_holds_nothing_up(
