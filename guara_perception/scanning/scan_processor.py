@@ -211,7 +211,14 @@ class ScanProcessor:
                 changed[index] = new
         if not changed:
             return _Proved(proof, self._profiles, self._surface)
-        surface = ScanSurface(self.grid.resolution, self._geometry, self.settings, self._pattern, self._body, self._sway_variance())
+        surface = ScanSurface(
+            self.grid.resolution,
+            self._geometry,
+            self.settings,
+            self._pattern,
+            self._body,
+            self._sway_variance(),
+        )
         surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
         surface.add(self._ranger.points({i: each for i, each in changed.items() if not each.is_frame_bad}))
         return _Proved(proof, {**self._profiles, **changed}, surface)
