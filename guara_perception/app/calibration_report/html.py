@@ -58,43 +58,43 @@ def report_page(result: CalibrationResult) -> str:
         _found(result),
         "<h2>The board, before and after</h2>",
         "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
-        "board turns into even squares when it is drawn as seen straight from above.</p>",
+        "board has even squares when it is rectified to a view from straight above.</p>",
         _image(drawing.board_before_after(result), "board before and after correction"),
         "<h2>Does the lens model fit?</h2>",
-        "<p>Each arrow shows how far a corner of the board lies from where the lens model puts it, enlarged. Arrows in "
-        "all directions are noise; arrows like their neighbours (all outward in one corner, say) mean a bent board or "
-        "a wrong model. A picture with a long bar was blurred or moved.</p>",
+        "<p>Each arrow is the residual of one corner of the board, enlarged. Arrows in all directions are noise; "
+        "arrows like their neighbours (for instance all outward in one corner) mean a bent board or a wrong model. A "
+        "picture with a long bar is blurred, or the board moved.</p>",
         _image(drawing.corner_residuals(result), "corner errors"),
         "<h2>Was the whole picture used?</h2>",
-        "<p>The lens is only known where the board was seen. On the right is what that means on the floor: how far a "
-        "point of it may be misplaced.</p>",
+        "<p>The lens is only calibrated where the board was seen. On the right, the resulting position error of points "
+        "on the floor.</p>",
         _image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
     ]
     halves = drawing.halves(result)
     if halves is not None:
         parts += [
-            "<p>A small error proves little: a wrong model can fit its own pictures well. So the lens is calibrated "
-            "twice, from every other picture, and the two must agree:</p>",
+            "<p>A small error proves little: a wrong model can fit its own pictures well. The lens is therefore "
+            "calibrated twice, from every other picture, and the two must agree:</p>",
             _image(halves, "difference between the two halves"),
         ]
     parts += [
         "<h2>Where the camera sits: the crosses on the floor</h2>",
-        "<p>The crosses lie at positions measured with a tape. Found and expected position should coincide.</p>",
+        "<p>The crosses are at positions measured with a tape. Detected and expected positions should coincide.</p>",
         _image(drawing.fiducials(result), "fiducials"),
         "<h2>The laser planes</h2>",
-        "<p>A turning mirror throws the laser on to the floor as one line after the other. Scans of a flat plate at "
-        "known heights show where each laser plane lies in space.</p>",
+        "<p>A turning mirror projects the laser onto the floor as one line after another. Scans of a flat plate at "
+        "known heights determine each laser plane in space.</p>",
         _image(drawing.side_view(result), "laser planes from the side"),
         _image(drawing.stripes_over_plate(result), "stripes over plates"),
         "<h2>How well heights are measured</h2>",
-        "<p>Left: the plates measured again; anything near zero is good, a slope or a step is not. Right, the honest "
-        "test: each plate measured with laser planes found from the other plates only.</p>",
+        "<p>Left: height errors on the plates; values near zero are good, a slope or a step is not. Right, the "
+        "stricter test: each plate measured with laser planes fitted to the other plates only.</p>",
         _image(drawing.plate_errors(result), "height errors on the plates"),
-        "<p>What to expect of a scan (one standard deviation):</p>",
+        "<p>Expected height error of a scan (one standard deviation):</p>",
         _image(drawing.height_sigma(result), "predicted sigma of heights"),
         _paper(result),
         "<h2>The mirror</h2>",
-        "<p>A regular wave is the motor's own; a jump would be a missed step.</p>",
+        "<p>A regular wave is caused by the motor; a jump would be a missed step.</p>",
         _image(drawing.mirror_steps(result), "mirror steps"),
         "</html>",
     ]
