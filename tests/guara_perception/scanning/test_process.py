@@ -166,7 +166,7 @@ def test_another_robots_model_is_refused(paper_scan, calibration, robot):
 def test_another_robots_calibration_is_refused(paper_scan, calibration, robot):
     """A calibration of another robot is not used."""
     other = dataclasses.replace(calibration, robot="tapir")
-    with pytest.raises(gp.CalibrationMismatch, match="calibration belongs to robot 'tapir', the robot is 'guara'"):
+    with pytest.raises(gp.CalibrationMismatch, match="calibration belongs to robot 'tapir', not 'guara'"):
         gp.process_scan(paper_scan, other, robot)
 
 
