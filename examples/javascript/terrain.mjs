@@ -3,7 +3,7 @@ import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { parse } from "@foxglove/rosmsg";
-import { MessageReader } from "@foxglove/rosmsg2-serialization";
+import { MessageReader, MessageWriter } from "@foxglove/rosmsg2-serialization";
 import { decompress } from "fzstd";
 
 const DEFINITIONS = fileURLToPath(new URL("../../transport/msg", import.meta.url));
@@ -14,7 +14,7 @@ export const UNKNOWN = 0x00ff;
 const NEEDED = { elevation: 1, traversability: 1, hazard: 2 };
 
 // One type with all that it uses, as a parser of ROS 2 definitions wants it.
-function reader(name, home = DEFINITIONS) {
+function definition(name, home) {
   const others = [["guara_msgs", DEFINITIONS]];
   const standard = join(DEFINITIONS, "standard");
   for (const entry of readdirSync(standard, { withFileTypes: true })) {
@@ -26,8 +26,12 @@ function reader(name, home = DEFINITIONS) {
       text += `\n${"=".repeat(80)}\nMSG: ${place}/${file.slice(0, -4)}\n${readFileSync(join(folder, file), "utf8")}`;
     }
   }
-  return new MessageReader(parse(text, { ros2: true }));
+  return parse(text, { ros2: true });
 }
+
+const reader = (name, home = DEFINITIONS) => new MessageReader(definition(name, home));
+// Writes messages of one type as CDR.
+export const writer = (name, home = DEFINITIONS) => new MessageWriter(definition(name, home));
 
 const terrainReader = reader("Terrain");
 const summaryReader = reader("TerrainSummary");

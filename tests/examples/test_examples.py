@@ -20,7 +20,7 @@ from transport.recording import RecordingWriter
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 # Run by tests of their own.
-ELSEWHERE = {"foot_planner.py", "gait_side.py", "plain_zenoh.py"}
+ELSEWHERE = {"foot_planner.py", "gait_side.py", "plain_zenoh.py", "relay_gait.py"}
 pytestmark = pytest.mark.heavy
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ import guara_perception as gp
 from guara_perception.app.map_summary import message_to_summary, summary_payload
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.app.publisher import send_terrain
+from kinematics import RobotModel, Stance
 from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
@@ -209,6 +211,43 @@ def test_javascript_leaves_out_layers_of_later_types_and_refuses_known_ones_of_a
         assert (refused.returncode, refused.stdout, refused.stderr) == (1, "", expected_text + "\n")
 
 
+def check_gait(program: list[object], root: Path, robot: RobotModel) -> None:
+    """A simulated node scans and confirms the pause that a program in another language announces."""
+    endpoint = free_endpoint()
+    arguments = ["run", "--simulated", "--gait", "external", "--mode", "coarse", "--listen", endpoint]
+    node = subprocess.Popen(
+        [sys.executable, "-m", "guara_perception.app.main", *arguments], stdout=subprocess.PIPE, text=True
+    )
+    command = [sys.executable, root / "examples" / "relay_gait.py", endpoint, *map(str, program), "1", "60"]
+    try:
+        assert node.stdout is not None
+        assert any("waiting for your gait" in line for line in node.stdout)
+        with gp.TerrainClient(endpoint, timeout=180) as client:
+            relay = subprocess.Popen(command)
+            terrain = client.wait_for_step(0, timeout=180, confirmed_only=True)
+            relay.terminate()
+            relay.wait(60)
+        node.send_signal(signal.SIGINT)
+        node.communicate(timeout=180)
+    finally:
+        node.kill()
+    assert node.returncode == 0
+    assert not terrain.is_provisional and np.isfinite(terrain.elevation).mean() > 0.7
+    received = terrain.record.stance
+    assert received is not None and set(received.support_feet) == set(robot.legs)
+    assert received.joint_positions == pytest.approx(robot.posture(robot.config.scan_posture), abs=0.002)
+
+
+def test_a_gait_in_javascript_gets_its_scans_confirmed(root: Path, robot: RobotModel, tmp_path: Path) -> None:
+    """StancePause and the clock's answer come from JavaScript."""
+    folder = root / "examples" / "javascript"
+    if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
+        pytest.skip(f"node or libraries of the example are missing: {INSTALL}")
+    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
+    (tmp_path / "stance.json").write_text(json.dumps(stance.to_dict()))
+    check_gait(["node", folder / "gait.mjs", tmp_path / "stance.json"], root, robot)
+
+
 def test_javascript_refuses_what_is_no_grid(root: Path, tmp_path: Path) -> None:
     folder = root / "examples" / "javascript"
     if shutil.which("node") is None or not (folder / "node_modules" / "fzstd").is_dir():
@@ -278,3 +317,19 @@ def test_cpp_reads_and_judges_as_python_does(
     done = run(payloads["compact/terrain"], 0.7, 0.0)
     assert done.returncode == 1 and "no Terrain message" in done.stderr
     assert run().returncode == 2
+
+
+def test_a_gait_in_cpp_gets_its_scans_confirmed(
+    build: Callable[[str], Path], ros: Path, root: Path, robot: RobotModel, tmp_path: Path
+) -> None:
+    """StancePause and the clock's answer come from C++, written by the middleware's own serialiser."""
+    program = build("examples/cpp") / "gait"
+    joints = robot.posture(robot.config.scan_posture)
+    lines = [f"{name} {angle}" for name, angle in joints.items()] + [f"FOOT {leg}" for leg in robot.legs]
+    (tmp_path / "stance.txt").write_text("\n".join(lines))
+    # The relay is a program of this environment, the gait one of ROS 2's.
+    names = ("LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "RMW_IMPLEMENTATION")
+    variables = environment(ros)
+    wrapped = ["env", *(f"{name}={variables[name]}" for name in names), str(program), str(tmp_path / "stance.txt")]
+    check_gait(wrapped, root, robot)
+    assert subprocess.run(wrapped[:-1], capture_output=True, timeout=60, check=False).returncode == 2

@@ -1,0 +1,115 @@
+// A gait's side in C++ with guara_msgs: gait STANCE.txt PAUSES SECONDS, the file a line `JOINT ANGLE` for each joint and one `FOOT NAME`
+// for each foot that carries weight. It announces stance pauses and tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard
+// output are what is to be published there; to each line `clock` on standard input it answers with the time now. Here
+// examples/relay_gait.py carries them; a gait that has a Zenoh client puts and replies itself.
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iostream>
+#include <mutex>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <thread>
+
+#include <builtin_interfaces/msg/time.hpp>
+#include <guara_msgs/msg/stance_pause.hpp>
+#include <rmw/rmw.h>
+#include <rmw/serialized_message.h>
+#include <rosidl_typesupport_cpp/message_type_support.hpp>
+
+using builtin_interfaces::msg::Time;
+using guara_msgs::msg::StancePause;
+
+// Between two HOLDs, and an encoder's noise [rad].
+constexpr auto HOLD_PERIOD = std::chrono::milliseconds(50);
+constexpr double ENCODER_NOISE = 0.0002;
+std::mutex output;
+
+// The clock that stamps the joints.
+Time now()
+{
+  const auto since = std::chrono::system_clock::now().time_since_epoch();
+  const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(since);
+  Time time;
+  time.sec = static_cast<std::int32_t>(seconds.count());
+  time.nanosec = static_cast<std::uint32_t>(std::chrono::nanoseconds(since - seconds).count());
+  return time;
+}
+
+template<typename Message>
+void send(const char * key, const Message & message)
+{
+  rmw_serialized_message_t bytes = rmw_get_zero_initialized_serialized_message();
+  const auto allocator = rcutils_get_default_allocator();
+  if (rmw_serialized_message_init(&bytes, 0, &allocator) != RMW_RET_OK ||
+    rmw_serialize(&message, rosidl_typesupport_cpp::get_message_type_support_handle<Message>(), &bytes) != RMW_RET_OK)
+  {
+    throw std::runtime_error(std::string(key) + ": this message cannot be written");
+  }
+  const std::lock_guard<std::mutex> lock(output);
+  std::printf("%s ", key);
+  for (std::size_t i = 0; i < bytes.buffer_length; ++i) {
+    std::printf("%02x", bytes.buffer[i]);
+  }
+  std::printf("\n");
+  std::fflush(stdout);
+  if (rmw_serialized_message_fini(&bytes) != RMW_RET_OK) {
+    throw std::runtime_error("memory of a message cannot be given back");
+  }
+}
+
+int main(int count, char ** words)
+{
+  if (count != 4) {
+    std::fprintf(stderr, "gait STANCE.txt PAUSES SECONDS\n");
+    return 2;
+  }
+  StancePause pause;
+  std::ifstream file(words[1]);
+  for (std::string name, value; file >> name >> value; ) {
+    if (name == "FOOT") {
+      pause.stance.support_feet.push_back(value);
+    } else {
+      pause.stance.joint_names.push_back(name);
+      pause.stance.joint_positions.push_back(std::atof(value.c_str()));
+    }
+  }
+  const auto posture = pause.stance.joint_positions;
+  std::mt19937_64 random{std::random_device{}()};
+  std::normal_distribution<double> noise(0.0, ENCODER_NOISE);
+  pause.robot = "guara";
+  pause.header.frame_id = "base_footprint";
+  pause.epoch = std::to_string(random());
+  // Joints are read anew for every message; here the posture with an encoder's noise.
+  const auto say = [&](std::uint8_t phase, double time_available) {
+      pause.header.stamp = now();
+      pause.phase = phase;
+      pause.time_available = time_available;
+      for (std::size_t i = 0; i < posture.size(); ++i) {
+        pause.stance.joint_positions[i] = posture[i] + noise(random);
+      }
+      send("guara/gait/v1/stance", pause);
+    };
+  std::thread([] {
+      for (std::string line; std::getline(std::cin, line); ) {
+        if (line == "clock") {
+          send("guara/gait/v1/clock", now());
+        }
+      }
+    }).detach();
+  const double seconds = std::atof(words[3]);
+  for (pause.step = 0; pause.step < std::atoi(words[2]); ++pause.step) {
+    say(StancePause::BEGIN, seconds);
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    while (std::chrono::steady_clock::now() < end) {
+      std::this_thread::sleep_for(HOLD_PERIOD);
+      say(StancePause::HOLD, 0.0);
+    }
+    say(StancePause::END, 0.0);
+    std::this_thread::sleep_for(std::chrono::seconds(1));
+  }
+  std::fflush(stdout);
+  std::_Exit(0);
+}

@@ -1,0 +1,61 @@
+// A gait's side in JavaScript: node gait.mjs STANCE.json PAUSES SECONDS. It announces stance pauses as `guara_msgs/StancePause` and
+// tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard output are what is to be published there; to each
+// line `clock` on standard input it answers with the time now. Here examples/relay_gait.py carries them; a gait that has a Zenoh
+// client puts and replies itself.
+import { randomUUID } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { createInterface } from "node:readline";
+import { setTimeout as sleep } from "node:timers/promises";
+import { writer } from "./terrain.mjs";
+
+const BEGIN = 1, END = 2, HOLD = 3;
+// Seconds between two HOLDs, radians of an encoder's noise.
+const HOLD_PERIOD = 0.05, ENCODER_NOISE = 0.0002;
+const [file, pauses, seconds] = process.argv.slice(2);
+const { joint_positions: posture, support_feet: feet } = JSON.parse(readFileSync(file, "utf8"));
+const pauseWriter = writer("StancePause");
+const epoch = randomUUID();
+
+// The clock that stamps the joints; `builtin_interfaces/Time`.
+function now() {
+  const milliseconds = performance.timeOrigin + performance.now();
+  return { sec: Math.floor(milliseconds / 1000), nanosec: Math.floor((milliseconds % 1000) * 1e6) };
+}
+
+function send(key, payload) {
+  process.stdout.write(`${key} ${Buffer.from(payload).toString("hex")}\n`);
+}
+
+// Twelve bytes of CDR: the header, seconds, nanoseconds.
+function tellClock() {
+  const payload = Buffer.from([0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+  const { sec, nanosec } = now();
+  payload.writeInt32LE(sec, 4);
+  payload.writeUInt32LE(nanosec, 8);
+  send("guara/gait/v1/clock", payload);
+}
+
+// Joints are read anew for every message; here the posture with an encoder's noise.
+function say(step, phase, time_available = 0) {
+  const noise = () => ENCODER_NOISE * Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
+  const stamp = now();
+  const stance = {
+    joint_names: Object.keys(posture),
+    joint_positions: Object.values(posture).map((angle) => angle + noise()),
+    support_feet: feet,
+    gravity_known: false,
+    gravity_in_base: { x: 0, y: 0, z: 0 },
+  };
+  const header = { stamp, frame_id: "base_footprint" };
+  const message = { header, robot: "guara", step: BigInt(step), phase, stance, time_available, known_ground: [], epoch };
+  send("guara/gait/v1/stance", pauseWriter.writeMessage(message));
+}
+
+createInterface({ input: process.stdin }).on("line", (line) => line === "clock" && tellClock());
+for (let step = 0; step < Number(pauses); step++) {
+  say(step, BEGIN, Number(seconds));
+  for (const end = performance.now() + 1000 * Number(seconds); performance.now() < end; await sleep(1000 * HOLD_PERIOD)) say(step, HOLD);
+  say(step, END);
+  await sleep(1000);
+}
+process.exit(0);

@@ -1,0 +1,56 @@
+"""Zenoh for a gait of another language that has no client of it: carries its lines to the node, and the clock's answer.
+
+Start `guara run --simulated --gait external` in one terminal and this in another:
+
+    python examples/relay_gait.py tcp/127.0.0.1:7447 node examples/javascript/gait.mjs stance.json 3 6
+
+A line `KEY PAYLOAD` (hexadecimal) of the program is put on KEY; each query for the gait's clock is handed to it as a
+line `clock`, and the next payload of that key is the answer.
+"""
+
+import argparse
+import queue
+import subprocess
+import sys
+import threading
+
+import zenoh
+
+CLOCK = "guara/gait/v1/clock"
+
+
+def main() -> int:
+    """Relay until the program ends; its exit code."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("endpoint")
+    parser.add_argument("command", nargs=argparse.REMAINDER)
+    options = parser.parse_args()
+    configuration = zenoh.Config()
+    configuration.insert_json5("mode", '"client"')
+    configuration.insert_json5("connect/endpoints", f'["{options.endpoint}"]')
+    told: queue.Queue[bytes] = queue.Queue()
+    asking = threading.Lock()
+    gait = subprocess.Popen(options.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert gait.stdin is not None and gait.stdout is not None
+    lines = gait.stdin
+
+    def answer(query: zenoh.Query) -> None:
+        with asking:
+            lines.write("clock\n")
+            lines.flush()
+            query.reply(CLOCK, told.get(timeout=5.0))
+
+    with zenoh.open(configuration) as session:
+        queryable = session.declare_queryable(CLOCK, answer)
+        for line in gait.stdout:
+            key, payload = line.split()
+            if key == CLOCK:
+                told.put(bytes.fromhex(payload))
+            else:
+                session.put(key, bytes.fromhex(payload))
+        queryable.undeclare()
+    return gait.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
