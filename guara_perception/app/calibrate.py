@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from guara_perception.app.files.calibration_session import open_session
+from guara_perception.app.files.camera_info import read_camera_info
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
@@ -17,6 +18,8 @@ def calibrate(
     robot: RobotLike | None = None,
     *,
     distortion: str = "k1k2",
+    camera_info: str | Path | None = None,
+    square: float | None = None,
     not_mirrored: bool = False,
     force: bool = False,
 ) -> Calibration:
@@ -26,6 +29,9 @@ def calibrate(
         session_folder: a folder with `session.json` (docs/files.md).
         robot: its model, name or folder; None = the robot that the session names.
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
+        camera_info: file of a known lens (OpenCV, ROS or Kalibr): pictures of the board then only check it, and may
+            be left out.
+        square: edge of the board's squares [m]; None = as the session says.
         not_mirrored: assert that the images are not mirrored, whatever the colours of the board.
         force: return a calibration whose verdict is `refused` instead of raising.
 
@@ -35,12 +41,42 @@ def calibrate(
         MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
         kinematics.KinematicsError: no such robot, or the stance does not fit it.
     """
-    session = open_session(session_folder)
+    return calibrate_folder(
+        session_folder,
+        robot,
+        distortion=distortion,
+        camera_info=camera_info,
+        square=square,
+        not_mirrored=not_mirrored,
+        force=force,
+    ).calibration
+
+
+def calibrate_folder(
+    session_folder: str | Path,
+    robot: RobotLike | None = None,
+    *,
+    distortion: str = "k1k2",
+    camera_info: str | Path | None = None,
+    square: float | None = None,
+    not_mirrored: bool = False,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> CalibrationResult:
+    """Calibrate as `calibrate`; return all the evidence, for reports.
+
+    Raises:
+        See `calibrate`.
+    """
+    session = open_session(session_folder, square)
     model = robot_model(session.robot if robot is None else robot)
-    result = calibrate_session(session, model, distortion=distortion, not_mirrored=not_mirrored)
+    camera = None if camera_info is None else read_camera_info(camera_info)
+    result = calibrate_session(
+        session, model, distortion=distortion, camera=camera, not_mirrored=not_mirrored, progress=progress
+    )
     if not force:
         refuse(result)
-    return result.calibration
+    return result
 
 
 def refuse(result: CalibrationResult) -> None:

@@ -16,6 +16,8 @@ from kinematics.arrays import FrozenArrays
 
 # Scale of the robust loss, in standard deviations: a corner further off counts less and less.
 ROBUST_SIGMAS = 3.0
+# Standard deviation of a corner's coordinate is not believed below this.
+LEAST_SIGMA_PX = 0.01
 # Column of each lens parameter in the Jacobian of cv2.projectPoints; those of the pose come first.
 LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
 
@@ -60,10 +62,13 @@ class CameraFit(FrozenArrays):
         return _camera_of(self.camera.size, lens), _inverse_of(self.pose + change[n:])
 
 
-def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> CameraFit:
+def fit_camera(
+    intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
+) -> CameraFit:
     """Fit lens, board poses and mount to all still pictures jointly.
 
     The ground board lies in z = 0 and so ties lens and mount together; its position and heading on the floor are free.
+    A lens that was given stays as it is, and its assumed errors turn the mount.
 
     Args:
         intrinsics: first estimate, with the views.
@@ -74,13 +79,15 @@ def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: Flo
     """
     problem = _Problem(intrinsics, board, ground, floor, points)
     x = problem.start()
-    sigma = max(intrinsics.rms_px / np.sqrt(2), 0.01)
+    has_views = bool(intrinsics.views)
+    sigma = max(intrinsics.rms_px / np.sqrt(2), LEAST_SIGMA_PX) if has_views else LEAST_SIGMA_PX
     for _ in range(3):
         x = problem.solve(x, sigma)
-        corner_residuals = np.concatenate([r.ravel() for r in problem.view_residuals(x)])
-        sigma = max(1.4826 * float(np.median(np.abs(corner_residuals))), 0.01)
+        if has_views:
+            corner_residuals = np.concatenate([r.ravel() for r in problem.view_residuals(x)])
+            sigma = max(1.4826 * float(np.median(np.abs(corner_residuals))), LEAST_SIGMA_PX)
     jacobian = problem.jacobian(x) * problem.weights(x, sigma)[:, None]
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    covariance = _covariance(jacobian.T @ jacobian, intrinsics)
     kept = np.r_[0 : problem.n_lens, problem.pose_columns]
     lens = problem.lens(x)
     return CameraFit(
@@ -96,10 +103,25 @@ def fit_camera(intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: Flo
     )
 
 
+def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
+    """Covariance of all parameters from their normal matrix.
+
+    With a lens that was given, the other parameters x follow from the pictures, at x - G e with an error e of the lens.
+    """
+    if not intrinsics.is_given:
+        return np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    n = len(intrinsics.free)
+    lens, rest = np.diag(intrinsics.sigma**2), np.linalg.inv(normal[n:, n:])
+    gain = rest @ normal[n:, :n]
+    return np.block([[lens, -lens @ gain.T], [-gain @ lens, rest + gain @ lens @ gain.T]])
+
+
 class _Problem:
     """Parameters x: lens, camera pose (footprint to camera), ground board (x, y, heading), other boards (6 each)."""
 
-    def __init__(self, intrinsics: Intrinsics, board: BoardSpec, ground: str, floor: FloorPose, points: Float) -> None:
+    def __init__(
+        self, intrinsics: Intrinsics, board: BoardSpec, ground: str | None, floor: FloorPose, points: Float
+    ) -> None:
         self.intrinsics = intrinsics
         self.objects = [view.points(board) for view in intrinsics.views]
         self.floor = floor
@@ -114,6 +136,7 @@ class _Problem:
         self.ground_columns = slice(self.n_lens + 6, self.n_lens + 9)
         self.free_views = [i for i in range(len(names)) if i != self.ground]
         self.size = self.n_lens + 9 + 6 * len(self.free_views)
+        self.moved = slice(self.n_lens if intrinsics.is_given else 0, self.size)
 
     def start(self) -> Float:
         x = np.zeros(self.size)
@@ -192,7 +215,7 @@ class _Problem:
 
     def weights(self, x: Float, sigma: float) -> Float:
         """One over sigma, less for residuals beyond ROBUST_SIGMAS (square root of the soft-L1 weight)."""
-        corners = np.concatenate([r.ravel() for r in self.view_residuals(x)]) / sigma
+        corners = np.concatenate([np.empty(0), *(r.ravel() for r in self.view_residuals(x))]) / sigma
         marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
         loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
         return np.concatenate([loss[0] / sigma, loss[1] / np.repeat(self.mark_sigma, 2)])
@@ -204,11 +227,11 @@ class _Problem:
         """A few Gauss-Newton iterations; the start is within a fraction of a pixel, so they converge at once."""
         for _ in range(6):
             weight = self.weights(x, sigma)
-            rows = self.jacobian(x) * weight[:, None]
+            rows = self.jacobian(x)[:, self.moved] * weight[:, None]
             scale = np.linalg.norm(rows, axis=0)
             rows = rows / scale
             update = np.linalg.solve(rows.T @ rows, -rows.T @ (self.residual(x) * weight)) / scale
-            x = x + update
+            x[self.moved] += update
             if float(np.abs(update * scale).max()) < 1e-4:
                 break
         return x

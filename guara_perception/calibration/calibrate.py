@@ -12,7 +12,7 @@ import numpy as np
 
 from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView, to_grey
 from guara_perception.calibration.bundle import CameraFit, fit_camera
-from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.calibration.checkerboard import other_size
 from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks, mount_checks, stance_checks
 from guara_perception.calibration.faults import (
@@ -25,7 +25,13 @@ from guara_perception.calibration.faults import (
     suspect_plate,
 )
 from guara_perception.calibration.find_board import find_board
-from guara_perception.calibration.intrinsics import DISTORTIONS, MIN_VIEWS, Intrinsics, calibrate_intrinsics
+from guara_perception.calibration.intrinsics import (
+    DISTORTIONS,
+    MIN_VIEWS,
+    Intrinsics,
+    calibrate_intrinsics,
+    given_intrinsics,
+)
 from guara_perception.calibration.laser import fit_laser, height_sigmas
 from guara_perception.calibration.mirror_model import MirrorModel, nominal_mirror
 from guara_perception.calibration.mount import (
@@ -71,6 +77,7 @@ def calibrate_session(
     robot: RobotModel,
     *,
     distortion: str = "k1k2",
+    camera: CameraModel | None = None,
     not_mirrored: bool = False,
     progress: Progress | None = None,
 ) -> CalibrationResult:
@@ -82,6 +89,7 @@ def calibrate_session(
         session: pictures and what is known of them.
         robot: model of the robot, with nominal mounts and the stance.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
+        camera: known camera; pictures of the board, if there are any, then only check it. None = it is estimated.
         not_mirrored: the user vouches that the pictures are not mirrored, whatever the colours of the board.
         progress: called with (pictures done, pictures in all).
 
@@ -113,21 +121,30 @@ def calibrate_session(
     pose = robot.stance_pose(session.stance)
     to_footprint = np.asarray(pose.transform_base_to_footprint, dtype=np.float64)
 
-    views, size = find_boards(session, advance)
-    intrinsics = calibrate_boards(session, views, size, distortion)
+    floor_picture = session.read_picture(session.fiducials.image)
+    given, height, width = camera and camera.size, *floor_picture.shape[:2]
+    if given and given != (width, height):
+        raise CalibrationMismatch(
+            f"{session.source}: the lens given is of {given[0]}x{given[1]} px, {session.fiducials.image} is "
+            f"{width}x{height}: give the lens of this picture size"
+        )
+    views, size = find_boards(session, advance, camera)
+    intrinsics = calibrate_boards(session, views, size, distortion, camera)
     start = _lap(seconds, "boards", start)
 
-    floor_picture = session.read_picture(session.fiducials.image)
     check_size(floor_picture, size, session.fiducials.image, session.source)
     camera_nominal = to_footprint @ robot.transform_camera_to_base
     floor = locate_camera(to_grey(floor_picture), intrinsics.camera, session.fiducials, camera_nominal)
     advance()
-    ground = next(view for view in intrinsics.views if view.name == session.ground_board_image)
+    ground = next((view for view in intrinsics.views if view.name == session.ground_board_image), None)
     handedness = told_by(session, not_mirrored)
     if floor.mount == ROLLED and not handedness:
         raise CalibrationRefused(f"{ROLLED_CAMERA}; these targets cannot tell which: {TELL_HANDEDNESS}")
-    check_ground_board(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
-    square = measured_square(intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board)
+    square = None
+    if ground is not None:
+        by_crosses = intrinsics.camera, floor.transform_camera_to_footprint, ground, session.board
+        check_ground_board(*by_crosses)
+        square = measured_square(*by_crosses) / session.board.square
     points = session.fiducials.points_in_footprint
     fit = fit_camera(intrinsics, session.board, session.ground_board_image, floor, points)
     start = _lap(seconds, "mount", start)
@@ -141,14 +158,14 @@ def calibrate_session(
 
     cells = coverage(intrinsics.views, size)
     distance = float(fit.transform_camera_to_footprint[2, 3])
-    halves = cross_validation(intrinsics.views, session.board, size, distortion, distance)
+    halves = None
+    if not intrinsics.is_given:
+        halves = cross_validation(intrinsics.views, session.board, size, distortion, distance)
     floor_sigma = projection_uncertainty(fit)
     wanted = {stripe.index for plate in session.plates for stripe in plate.scan.stripes}
     missing = sorted(wanted - set(laser.stripes.indices))
     near, far = height_sigmas(fit, laser, lines, to_footprint, Settings.of(robot).footprint_x)
-    checks = camera_checks(
-        intrinsics, fit, floor, square / session.board.square, cells, halves[1] if halves else None, floor_sigma[1]
-    )
+    checks = camera_checks(intrinsics, fit, floor, square, cells, halves[1] if halves else None, floor_sigma[1])
     to_base = np.asarray(np.linalg.inv(to_footprint))
     camera_to_base = np.asarray(to_base @ fit.transform_camera_to_footprint)
     checks += mount_checks(camera_to_base, robot.transform_camera_to_base, floor.mount)
@@ -205,15 +222,23 @@ def _lap(seconds: dict[str, float], name: str, start: float) -> float:
     return now
 
 
-def find_boards(session: CalibrationSession, advance: Callable[[], None]) -> tuple[list[BoardView], tuple[int, int]]:
+def find_boards(
+    session: CalibrationSession, advance: Callable[[], None], camera: CameraModel | None = None
+) -> tuple[list[BoardView], tuple[int, int]]:
     """Find the board in every picture of it; return the views and the size of the pictures.
 
     Raises:
-        CalibrationMismatch: pictures of different sizes.
-        CalibrationRefused: no pictures at all.
+        CalibrationMismatch: pictures of different sizes, or of another size than that of the known camera.
+        CalibrationRefused: no pictures, or none of the board on the floor, and no known camera.
     """
     views: list[BoardView] = []
-    size: tuple[int, int] | None = None
+    size = None if camera is None else camera.size
+    if camera is None and not (session.board_images and session.ground_board_image):
+        lacking = "ground_board_image" if session.board_images else "board_images"
+        raise CalibrationRefused(
+            f"{session.source}: no {lacking}: {MIN_VIEWS} or more pictures of the board are needed, one of them on the "
+            "floor, or a known lens (--camera-info)"
+        )
     for name in session.board_images:
         picture = session.read_picture(name)
         if size is None:
@@ -221,15 +246,18 @@ def find_boards(session: CalibrationSession, advance: Callable[[], None]) -> tup
         check_size(picture, size, name, session.source)
         views.append(find_board(picture, session.board, name))
         advance()
-    if size is None:
-        raise CalibrationRefused(f"{session.source}: board_images is empty, {MIN_VIEWS} or more pictures are needed")
+    assert size is not None
     return views, size
 
 
 def calibrate_boards(
-    session: CalibrationSession, views: Sequence[BoardView], size: tuple[int, int], distortion: str
+    session: CalibrationSession,
+    views: Sequence[BoardView],
+    size: tuple[int, int],
+    distortion: str,
+    camera: CameraModel | None = None,
 ) -> Intrinsics:
-    """Lens from the usable views.
+    """Lens from the usable views, or the known one.
 
     Raises:
         CalibrationRefused: mirrored or too few usable views, all parallel, or the board on the floor cannot be used.
@@ -242,14 +270,17 @@ def calibrate_boards(
             "whose colours are exchanged against those of `guara targets`"
         )
     usable = [view for view in views if view.is_usable]
-    if len(usable) < MIN_VIEWS:
+    if camera is None and len(usable) < MIN_VIEWS:
         raise CalibrationRefused(
             f"{len(usable)} of {len(views)} board views are usable, {MIN_VIEWS} or more are needed"
             f"{_hint(session, views)}{_faults(views)}"
         )
-    ground = next(view for view in views if view.name == session.ground_board_image)
-    if not ground.is_usable:
+    ground = next((view for view in views if view.name == session.ground_board_image), None)
+    if ground is not None and not ground.is_usable:
         raise CalibrationRefused(f"the board on the floor cannot be used: {ground.name}: {ground.reason}")
+    if camera is not None or ground is None:
+        assert camera is not None
+        return given_intrinsics(camera, usable, session.board)
     return calibrate_intrinsics(usable, session.board, size, distortion, keep=(ground.name,))
 
 

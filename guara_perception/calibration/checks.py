@@ -97,11 +97,12 @@ def camera_checks(
     intrinsics: Intrinsics,
     fit: CameraFit,
     floor: FloorPose,
-    square_ratio: float,
+    square_ratio: float | None,
     corners_by_cell: Index,
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
+<<<<<<< HEAD
     """Checks of camera and mount.
 
     Args:
@@ -109,25 +110,40 @@ def camera_checks(
         fit: joint fit of camera and mount.
         floor: camera pose from the fiducials alone.
         square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size.
+=======
+    """Figures of camera and mount; a lens that was given has no figures of its own.
+
+    Args:
+        intrinsics: lens and views.
+        fit: joint fit.
+        floor: pose by the fiducials alone.
+        square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size; None
+            without such a board.
+>>>>>>> 1961f3fd (A known lens of OpenCV, ROS or Kalibr calibrates without pictures of a board; squares of another size than the session says)
         corners_by_cell: number of corners in each cell of the picture.
         halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
         floor_sigma: (n,) projection uncertainty on the floor [m].
     """
-    residual = np.concatenate([r.ravel() for r in fit.residuals_px])
+    residual = np.concatenate([np.empty(0), *(r.ravel() for r in fit.residuals_px)])
     marks = float(np.sqrt((fit.mark_residuals_px**2).sum(axis=1).mean()))
     focal = 100 * float(intrinsics.sigma[0] / intrinsics.camera.matrix[0, 0])
     halves = float(np.sqrt((halves_px**2).sum(axis=1).mean())) if halves_px is not None else np.nan
     given_by_hand = np.isnan(floor.marks[0].score)
-    return [
-        _check("board views used", len(intrinsics.views), "views", 8, 5, higher_is_better=True),
-        _check("board corner error", float(np.sqrt(2 * np.mean(residual**2))), "px", 0.3, 1.0),
-        _check("picture covered", 100 * float((corners_by_cell > 0).mean()), "%", 70, 40, higher_is_better=True),
-        _check("focal length sigma", focal, "%", 0.1, 0.5),
-        _check("halves disagree by", halves, "px", 0.5, 2.0),
-        _check("fiducial misfit", marks, "px", 2.0 if given_by_hand else 0.3, 3.0 if given_by_hand else 1.0),
-        _check("square size error", 100 * abs(square_ratio - 1), "%", 0.3, 1.0),
-        _check("floor point sigma", 1e3 * float(np.nanmax(floor_sigma)), "mm", 0.5, 2.0),
-    ]
+    checks = []
+    if intrinsics.views:
+        checks.append(_check("board corner error", float(np.sqrt(2 * np.mean(residual**2))), "px", 0.3, 1.0))
+    if not intrinsics.is_given:
+        checks.insert(0, _check("board views used", len(intrinsics.views), "views", 8, 5, higher_is_better=True))
+        covered = 100 * float((corners_by_cell > 0).mean())
+        checks += [
+            _check("picture covered", covered, "%", 70, 40, higher_is_better=True),
+            _check("focal length sigma", focal, "%", 0.1, 0.5),
+            _check("halves disagree by", halves, "px", 0.5, 2.0),
+        ]
+    checks.append(_check("fiducial misfit", marks, "px", 2.0 if given_by_hand else 0.3, 3.0 if given_by_hand else 1.0))
+    if square_ratio is not None:
+        checks.append(_check("square size error", 100 * abs(square_ratio - 1), "%", 0.3, 1.0))
+    return [*checks, _check("floor point sigma", 1e3 * float(np.nanmax(floor_sigma)), "mm", 0.5, 2.0)]
 
 
 def mount_checks(transform_camera_to_base: Float, nominal_camera_to_base: Float, mount: str) -> list[Check]:

@@ -21,6 +21,9 @@ MIN_TILT = float(np.deg2rad(12.0))
 OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
+# Standard deviations assumed of a lens that is given, since its file has none: those that fourteen pictures of a board
+# give (the recorded session). Focal lengths as a share of themselves, principal point as a share of the width, k1, k2.
+GIVEN_FOCAL, GIVEN_CENTRE, GIVEN_DISTORTION = 4e-4, 3e-4, (5e-4, 1.1e-3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,7 @@ class Intrinsics(FrozenArrays):
         poses: (n, 6) board to camera, rotation vector and translation, one row per used view.
         errors_px: rms corner error of each used view.
         outliers: names of the views that were left out, with the reason.
+        is_given: the model was given; the views only check it.
     """
 
     camera: CameraModel
@@ -44,6 +48,7 @@ class Intrinsics(FrozenArrays):
     poses: Float
     errors_px: Float
     outliers: tuple[tuple[str, str], ...]
+    is_given: bool = False
 
     @property
     def rms_px(self) -> float:
@@ -102,6 +107,29 @@ def calibrate_intrinsics(
             return result
         outliers.append((used[worst].name, f"corner error {errors[worst]:.2f} px, {limit:.2f} px allowed"))
         del used[worst]
+
+
+def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: BoardSpec) -> Intrinsics:
+    """A lens known from elsewhere, with the poses of the boards in the views that check it, which may be none."""
+    poses, errors = np.empty((len(views), 6)), np.empty(len(views))
+    for i, view in enumerate(views):
+        points = view.points(board)
+        _, turn, shift = cv2.solvePnP(points, view.corners_px, camera.matrix, camera.distortion)
+        seen, _ = cv2.projectPoints(points, turn, shift, camera.matrix, camera.distortion)
+        poses[i] = np.r_[turn.ravel(), shift.ravel()]
+        errors[i] = np.sqrt(((seen.reshape(-1, 2) - view.corners_px) ** 2).sum(axis=1).mean())
+    focal = camera.matrix[[0, 1], [0, 1]] * GIVEN_FOCAL
+    centre = [camera.size[0] * GIVEN_CENTRE] * 2
+    return Intrinsics(
+        camera=camera,
+        free=free_parameters(DISTORTIONS[0]),
+        sigma=np.r_[focal, centre, GIVEN_DISTORTION],
+        views=tuple(views),
+        poses=poses,
+        errors_px=errors,
+        outliers=(),
+        is_given=True,
+    )
 
 
 def largest_tilt(poses: Float) -> float:

@@ -160,7 +160,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
     """
     evidence = {
         "the user": not_mirrored,
-        "board": session.board.tells_mirrored,
+        "board": bool(session.board_images) and session.board.tells_mirrored,
         "points_px": session.fiducials.points_px is not None,
         "crosses": not looks_mirrored(session.fiducials.points_in_footprint),
     }

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from kinematics import Stance
 
 
+# [m] Edges of a board's squares.
+SQUARES = (0.001, 1.0)
 # A plate whose stance differs by more than this in any joint was scanned from elsewhere (docs/files.md).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
@@ -76,8 +78,8 @@ class CalibrationSession:
     Attributes:
         robot: name of the robot.
         board: the board.
-        board_images: names of its pictures.
-        ground_board_image: name of the picture in which it lies on the floor.
+        board_images: names of its pictures; none are needed where the lens is known.
+        ground_board_image: name of the picture in which it lies on the floor, or None.
         fiducials: crosses on the floor.
         plates: scans of a flat plate at known heights.
         stance: stance of all pictures.
@@ -88,7 +90,7 @@ class CalibrationSession:
     robot: str
     board: BoardSpec
     board_images: tuple[str, ...]
-    ground_board_image: str
+    ground_board_image: str | None
     fiducials: Fiducials
     plates: tuple[Plate, ...]
     stance: Stance
@@ -96,7 +98,7 @@ class CalibrationSession:
     read_picture: Callable[[str], Image]
 
     def __post_init__(self) -> None:
-        if min(self.board.columns, self.board.rows) < 3 or not 0.001 <= self.board.square <= 1.0:
+        if min(self.board.columns, self.board.rows) < 3 or not SQUARES[0] <= self.board.square <= SQUARES[1]:
             raise InvalidInput(
                 f"{self.source}: board has {self.board.columns}x{self.board.rows} inner corners of "
                 f"{self.board.square} m; 3 or more each way and squares of 0.001 ... 1 m are allowed"

@@ -59,12 +59,12 @@ def for_show(picture: Image) -> Image:
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
 
 
-def board_before_after(result: CalibrationResult) -> bytes:
-    """Draw the board on the floor as imaged and rectified to a view from above (the paper's Figs. 8 and 9)."""
-    picture = for_show(result.session.read_picture(result.session.ground_board_image))
+def board_before_after(result: CalibrationResult, name: str) -> bytes:
+    """Draw the board on the floor, image `name`, and rectified to a view from above (the paper's Figs. 8 and 9)."""
+    picture = for_show(result.session.read_picture(name))
     figure, (before, after) = new_figure(10.5, 4.4, columns=2)
     before.imshow(picture)
-    ground = next(view for view in result.intrinsics.views if view.name == result.session.ground_board_image)
+    ground = next(view for view in result.intrinsics.views if view.name == name)
     before.plot(*ground.corners_px.T, ".", color=RED, markersize=3)
     before.set(title="before: as the camera sees it (bent and in perspective)", **PICTURE_LABELS)
     floor = corrected_image(picture, result.fit.camera, result.fit.transform_camera_to_footprint, (AREA_X, AREA_Y))

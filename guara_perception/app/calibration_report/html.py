@@ -56,28 +56,7 @@ def report_page(result: CalibrationResult) -> str:
         "<h2>The numbers behind the verdict</h2>",
         _checks(result),
         _found(result),
-        "<h2>The board, before and after</h2>",
-        "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
-        "board has even squares when it is rectified to a view from straight above.</p>",
-        _image(drawing.board_before_after(result), "board before and after correction"),
-        "<h2>Does the lens model fit?</h2>",
-        "<p>Each arrow is the residual of one corner of the board, enlarged. Arrows in all directions are noise; "
-        "arrows like their neighbours (for instance all outward in one corner) mean a bent board or a wrong model. A "
-        "picture with a long bar is blurred, or the board moved.</p>",
-        _image(drawing.corner_residuals(result), "corner errors"),
-        "<h2>Was the whole picture used?</h2>",
-        "<p>The lens is only calibrated where the board was seen. On the right, the resulting position error of points "
-        "on the floor.</p>",
-        _image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
-    ]
-    halves = drawing.halves(result)
-    if halves is not None:
-        parts += [
-            "<p>A small error proves little: a wrong model can fit its own pictures well. The lens is therefore "
-            "calibrated twice, from every other picture, and the two must agree:</p>",
-            _image(halves, "difference between the two halves"),
-        ]
-    parts += [
+        *_lens(result),
         "<h2>Where the camera sits: the crosses on the floor</h2>",
         "<p>The crosses are at positions measured with a tape. Detected and expected positions should coincide.</p>",
         _image(drawing.fiducials(result), "fiducials"),
@@ -99,6 +78,40 @@ def report_page(result: CalibrationResult) -> str:
         "</html>",
     ]
     return "\n".join(parts)
+
+
+def _lens(result: CalibrationResult) -> list[str]:
+    """Figures of the lens: corners of the board and their errors."""
+    if not result.intrinsics.views:
+        return ["<p>The lens was given; no picture of a board checks it.</p>"]
+    parts = []
+    ground = result.session.ground_board_image
+    if ground is not None:
+        parts = [
+            "<h2>The board, before and after</h2>",
+            "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
+            "board has even squares when it is rectified to a view from straight above.</p>",
+            _image(drawing.board_before_after(result, ground), "board before and after correction"),
+        ]
+    parts += [
+        "<h2>Does the lens model fit?</h2>",
+        "<p>Each arrow is the residual of one corner of the board, enlarged. Arrows in all directions are noise; "
+        "arrows like their neighbours (for instance all outward in one corner) mean a bent board or a wrong model. A "
+        "picture with a long bar is blurred, or the board moved.</p>",
+        _image(drawing.corner_residuals(result), "corner errors"),
+        "<h2>Was the whole picture used?</h2>",
+        "<p>The lens is only calibrated where the board was seen. On the right, the resulting position error of points "
+        "on the floor.</p>",
+        _image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
+    ]
+    halves = drawing.halves(result)
+    if halves is not None:
+        parts += [
+            "<p>A small error proves little: a wrong model can fit its own pictures well. The lens is therefore "
+            "calibrated twice, from every other picture, and the two must agree:</p>",
+            _image(halves, "difference between the two halves"),
+        ]
+    return parts
 
 
 def _image(png: bytes, text: str) -> str:

@@ -8,6 +8,7 @@ import click
 
 from guara_perception.app.options import FILE, NOT_MIRRORED
 from guara_perception.app.progress import progress
+from guara_perception.exceptions import MissingFile
 
 
 @click.command(name="calibrate")
@@ -24,7 +25,9 @@ from guara_perception.app.progress import progress
     default="measured",
     help="stripes to write; those without pictures follow from the mirror model",
 )
-@click.option("--camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
+@click.option("--camera-info", type=FILE, help="known lens, a file of OpenCV, ROS or Kalibr; boards only check it")
+@click.option("--square", type=float, help="edge of the board's squares [m]; default: the session's")
+@click.option("--save-camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
 def command(
     session: Path,
     out: Path,
@@ -35,6 +38,8 @@ def command(
     distortion: str,
     pattern: str,
     camera_info: Path | None,
+    square: float | None,
+    save_camera_info: Path | None,
 ) -> None:
     """Calibrate camera, mount and laser from the pictures of one SESSION folder.
 
@@ -43,27 +48,34 @@ def command(
     \b
     Example:
       guara calibrate sessions/monday -o calibration.json --report calibration-report
+      guara calibrate sessions/monday -o calibration.json --camera-info lens.yaml
     """
-    from guara_perception.app.calibrate import refuse
+    from guara_perception.app.calibrate import calibrate_folder, refuse
     from guara_perception.app.calibration_report.html import summary, write_report
-    from guara_perception.app.files.calibration_session import open_session
     from guara_perception.app.files.camera_info import write_camera_info
-    from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
     from guara_perception.files import check_folder, check_target
-    from guara_perception.settings import Settings
-    from kinematics import load_robot
+    from guara_perception.settings import Settings, robot_model
 
     check_target(out, ".json")
-    if camera_info is not None:
-        check_target(camera_info, ".yaml", ".yml")
+    if camera_info is not None and not camera_info.is_file():
+        raise MissingFile(f"--camera-info is {camera_info}: no such file; to write the lens, --save-camera-info")
+    if save_camera_info is not None:
+        check_target(save_camera_info, ".yaml", ".yml")
     if report is not None:
         check_folder(report)
-    opened = open_session(session)
-    model = load_robot(robot if robot is not None else opened.robot)
     with progress("Calibrating") as show:
-        result = calibrate_session(opened, model, distortion=distortion, not_mirrored=not_mirrored, progress=show)
+        result = calibrate_folder(
+            session,
+            robot,
+            distortion=distortion,
+            camera_info=camera_info,
+            square=square,
+            not_mirrored=not_mirrored,
+            force=True,
+            progress=show,
+        )
     click.echo(summary(result))
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")
@@ -71,9 +83,10 @@ def command(
         refuse(result)
     calibration = result.calibration
     if pattern != "measured":
-        calibration = interpolate_pattern(calibration, Settings.of(model).pattern(pattern))
+        settings = Settings.of(robot_model(robot or calibration.robot))
+        calibration = interpolate_pattern(calibration, settings.pattern(pattern))
     written = save_calibration(calibration, out)
     click.echo(f"{out}: {len(written.stripes)} stripes, verdict {written.quality['verdict']}, hash {written.hash}")
-    if camera_info is not None:
-        write_camera_info(written.camera, camera_info)
-        click.echo(str(camera_info))
+    if save_camera_info is not None:
+        write_camera_info(written.camera, save_camera_info)
+        click.echo(str(save_camera_info))

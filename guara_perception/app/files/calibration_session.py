@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder, read_picture
 from guara_perception.calibration.board import CHECKERBOARD, COLOURS, PATTERNS, BoardSpec
-from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
+from guara_perception.calibration.session import SQUARES, CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
 from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
+# The board of a session without pictures of one: nothing asks for it.
+NO_BOARD = BoardSpec(3, 3, 0.03)
 # Plausible heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)
 
 
-def open_session(folder: str | Path) -> CalibrationSession:
+def open_session(folder: str | Path, square: float | None = None) -> CalibrationSession:
     """Read and check `session.json`; images are loaded on demand.
+
+    Args:
+        folder: the session's folder.
+        square: edge of the board's squares [m]; None = as the session says.
 
     Raises:
         MissingFile: the folder, its session.json, or an image or scan named there does not exist.
@@ -27,6 +34,8 @@ def open_session(folder: str | Path) -> CalibrationSession:
         InvalidInput: the plates were scanned by another robot or in another stance, or one scan is named twice.
     """
     folder = Path(folder)
+    if square is not None and not SQUARES[0] <= square <= SQUARES[1]:
+        raise InvalidInput(f"square is {square:g} m, allowed: {SQUARES[0]:g} ... {SQUARES[1]:g} m (28 mm are 0.028)")
     if not folder.is_dir():
         raise MissingFile(f"{folder}: no such folder; a calibration session is a folder with {SESSION_FILE}")
     if not (folder / SESSION_FILE).is_file():
@@ -39,14 +48,19 @@ def open_session(folder: str | Path) -> CalibrationSession:
     except KinematicsError as error:
         raise FileFormatError(f"{folder / SESSION_FILE}: {error}") from None
     images = tuple(
-        _picture_name(name, folder, fields.path_to("board_images")) for name in fields.sequence("board_images")
+        _picture_name(name, folder, fields.path_to("board_images"))
+        for name in (fields.sequence("board_images") if fields.has("board_images") else ())
     )
-    ground = _picture_name(fields.text("ground_board_image"), folder, fields.path_to("ground_board_image"))
+    ground = None
+    if fields.has("ground_board_image"):
+        ground = _picture_name(fields.text("ground_board_image"), folder, fields.path_to("ground_board_image"))
+        images = images if ground in images else (*images, ground)
+    board = _board(fields.sub("board")) if images or fields.has("board") else NO_BOARD
     plates = tuple(_plate(item, folder) for item in fields.items("plates"))
     return CalibrationSession(
         robot=fields.text("robot"),
-        board=_board(fields.sub("board")),
-        board_images=images if ground in images else (*images, ground),
+        board=board if square is None else replace(board, square=square),
+        board_images=images,
         ground_board_image=ground,
         fiducials=_fiducials(fields.sub("fiducials"), folder),
         plates=plates,

@@ -1,18 +1,29 @@
-"""Camera as ROS `camera_info` YAML."""
+"""Camera models in the files of ROS (`camera_info`), OpenCV and Kalibr: all are read, ROS's are written."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
+# Names of one field in files of OpenCV, old and new, without case and underscores.
+OPENCV_NAMES = {
+    "camera_matrix": ("cameramatrix", "k", "m"),
+    "distortion_coefficients": ("distortioncoefficients", "distcoeffs", "d"),
+    "image_width": ("imagewidth", "width"),
+    "image_height": ("imageheight", "height"),
+}
+# k1, k2, p1, p2, k3: OpenCV's longer models begin with these, shorter ones end before.
+COEFFICIENTS = 5
 
 
 def write_camera_info(camera: CameraModel, path: str | Path, name: str = "camera") -> Path:
@@ -43,34 +54,75 @@ def write_camera_info(camera: CameraModel, path: str | Path, name: str = "camera
 
 
 def read_camera_info(path: str | Path) -> CameraModel:
-    """Read a camera from ROS YAML.
+    """Read a camera from YAML of ROS, of OpenCV's FileStorage, or of Kalibr with one camera.
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: not YAML, a field is missing or impossible, or a lens model other than plumb_bob.
+        FileFormatError: not YAML, a field is missing or impossible, or another lens model than k1, k2, p1, p2, k3.
     """
+    path = existing_file(path)
+    content = _read_yaml(path)
+    cameras = [name for name, value in content.items() if isinstance(value, dict) and "intrinsics" in value]
+    try:
+        if cameras:
+            return _of_kalibr(content, cameras, str(path))
+        return _of_ros_or_opencv(Fields(_with_ros_names(content), str(path)))
+    except InvalidInput as error:
+        raise FileFormatError(f"{path}: {error}") from None
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    path = existing_file(path)
     try:
-        # camera_info of ROS has under 1 kB; YAML's aliases can make a large object of a small file.
-        content = YAML(typ="safe").load(read_bounded(path, 64 * 1024).decode())
+        # Such files have under 1 kB; YAML's aliases can make a large object of a small file.
+        text = read_bounded(path, 64 * 1024).decode()
+        # OpenCV writes a directive and tags that no other reader of YAML takes.
+        text = re.sub(r"\A%YAML:1\.0\s*\n", "", text).replace("!!opencv-matrix", "")
+        content = YAML(typ="safe").load(text)
     except (YAMLError, ValueError, RecursionError) as error:
         raise FileFormatError(f"{path}: not a YAML file ({' '.join(str(error).split())[:120]})") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{path}: the top level must be a mapping with image_width, camera_matrix and so on")
-    fields = Fields(content, str(path))
-    fields.text("distortion_model", (MODEL,))
+    return {str(name): value for name, value in content.items()}
+
+
+def _with_ros_names(content: dict[str, Any]) -> dict[str, Any]:
+    plain = {name.lower().replace("_", ""): value for name, value in content.items()}
+    named = {ours: plain[n] for ours, names in OPENCV_NAMES.items() for n in reversed(names) if n in plain}
+    return {**content, **named}
+
+
+def _of_ros_or_opencv(fields: Fields) -> CameraModel:
+    if fields.has("distortion_model"):
+        fields.text("distortion_model", (MODEL,))
+    if fields.data.get("fisheye_model"):
+        raise FileFormatError(f"{fields.path_to('fisheye_model')} is set, allowed: 0 (k1, k2, p1, p2, k3)")
     size = (fields.integer("image_width", 16), fields.integer("image_height", 16))
-    try:
-        return CameraModel(
-            size=size,
-            matrix=fields.sub("camera_matrix").array("data", (9,)).reshape(3, 3),
-            distortion=fields.sub("distortion_coefficients").array("data", (5,)),
+    matrix = fields.sub("camera_matrix").array("data", (9,)).reshape(3, 3)
+    return CameraModel(size, matrix, _coefficients(fields.sub("distortion_coefficients"), "data"))
+
+
+def _of_kalibr(content: dict[str, Any], cameras: list[str], source: str) -> CameraModel:
+    if len(cameras) > 1:
+        raise FileFormatError(f"{source}: holds {', '.join(cameras)}, allowed: one camera; leave this rangefinder's")
+    fields = Fields(content, source).sub(cameras[0])
+    fields.text("camera_model", ("pinhole",))
+    fields.text("distortion_model", ("radtan",))
+    width, height = fields.array("resolution", (2,))
+    fu, fv, pu, pv = fields.array("intrinsics", (4,))
+    matrix = np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1]])
+    return CameraModel((width, height), matrix, _coefficients(fields, "distortion_coeffs"))
+
+
+def _coefficients(fields: Fields, name: str) -> Float:
+    given = fields.array(name, (None,))
+    if len(given) < 4 or given[COEFFICIENTS:].any():
+        raise FileFormatError(
+            f"{fields.path_to(name)} has {len(given)} values, allowed: k1, k2, p1, p2 and k3; further ones must be 0"
         )
-    except InvalidInput as error:
-        raise FileFormatError(f"{path}: {error}") from None
+    return np.pad(given, (0, max(COEFFICIENTS - len(given), 0)))[:COEFFICIENTS]
 
 
 def _matrix(values: Any) -> dict[str, Any]:

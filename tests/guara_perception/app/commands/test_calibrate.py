@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app import calibrate
 from guara_perception.app.calibration_report import drawing
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.files.camera_info import read_camera_info, write_camera_info
 from guara_perception.app.main import run
-from guara_perception.calibration import calibrate
 from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
+from tests.calibrated_session import SESSION
 
 Edit = Callable[[dict[str, Any]], object]
 
@@ -45,7 +46,7 @@ def session_copy(data: Path, tmp_path: Path) -> Callable[..., Path]:
 def test_good_session(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One command writes calibration, report and camera_info, prints every check, and exits 0."""
     out, report, lens = tmp_path / "c.json", tmp_path / "report", tmp_path / "camera.yaml"
-    arguments = ["calibrate", data / "calibration", "-o", out, "--report", report, "--camera-info", lens]
+    arguments = ["calibrate", data / "calibration", "-o", out, "--report", report, "--save-camera-info", lens]
     assert run([*map(str, arguments), "--pattern", "standard"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("verdict: good\n")
@@ -168,7 +169,13 @@ def test_broken_session_file(
     [
         (["-o", "c.txt"], "c.txt: it must end in .json"),
         (["-o", "nowhere/c.json"], "the folder nowhere does not exist"),
-        (["-o", "c.json", "--camera-info", "lens.xml"], "lens.xml: it must end in .yaml, .yml"),
+        (["-o", "c.json", "--save-camera-info", "lens.xml"], "lens.xml: it must end in .yaml, .yml"),
+        (
+            ["-o", "c.json", "--camera-info", "lens.yaml"],
+            "--camera-info is lens.yaml: no such file; to write the lens, --save-camera-info",
+        ),
+        (["-o", "c.json", "--square", "28"], "square is 28 m, allowed: 0.001 ... 1 m (28 mm are 0.028)"),
+        (["-o", "c.json", "--square", "wide"], "'wide' is not a valid float"),
         (["-o", "c.json", "--distortion", "none"], "distortion is 'none', allowed: k1k2"),
     ],
 )
@@ -235,10 +242,139 @@ distortion_coefficients:
     np.testing.assert_array_equal(again.distortion, camera.distortion)
 
 
+# The lens of the recorded session, to four digits.
+OPENCV = """%YAML:1.0
+---
+calibration_time: "Mon Nov 23 10:00:00 2026"
+image_width: 640
+image_height: 512
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.8910000000000002e+02, 0., 3.2340000000000000e+02, 0.,
+       5.8770000000000005e+02, 2.5190000000000001e+02, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -2.4090000000000000e-01, 6.0000000000000000e-02, 0., 0., 0. ]
+"""
+KALIBR = """cam0:
+  cam_overlaps: []
+  camera_model: pinhole
+  distortion_coeffs: [-0.2409, 0.06, 0.0, 0.0]
+  distortion_model: radtan
+  intrinsics: [589.1, 587.7, 323.4, 251.9]
+  resolution: [640, 512]
+  rostopic: /camera/image_raw
+"""
+
+
+@pytest.mark.parametrize("text", [OPENCV, KALIBR, OPENCV.replace("camera_matrix", "cameraMatrix")])
+def test_camera_of_opencv_and_kalibr(tmp_path: Path, text: str) -> None:
+    """Files as OpenCV's FileStorage and Kalibr write them give the camera that they hold."""
+    (tmp_path / "lens.yaml").write_text(text)
+    camera = read_camera_info(tmp_path / "lens.yaml")
+    assert camera.size == (640, 512)
+    np.testing.assert_allclose(camera.matrix, [[589.1, 0, 323.4], [0, 587.7, 251.9], [0, 0, 1]])
+    np.testing.assert_allclose(camera.distortion, [-0.2409, 0.06, 0, 0, 0])
+
+
+def test_camera_as_opencv_itself_writes_it(tmp_path: Path) -> None:
+    """What cv2.FileStorage writes is read back."""
+    matrix, lens = np.array([[589.1, 0, 323.4], [0, 587.7, 251.9], [0, 0, 1]]), np.array([[-0.24, 0.06, 1e-4, 0, 0.01]])
+    storage = cv2.FileStorage(str(tmp_path / "lens.yml"), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_width", 640), ("image_height", 512), ("K", matrix), ("D", lens)):
+        storage.write(name, value)
+    storage.release()
+    camera = read_camera_info(tmp_path / "lens.yml")
+    np.testing.assert_array_equal(camera.matrix, matrix)
+    np.testing.assert_array_equal(camera.distortion, lens[0])
+
+
+def without_board(content: dict[str, Any]) -> None:
+    """A session of somebody who has no board."""
+    for name in ("board", "board_images", "ground_board_image"):
+        del content[name]
+
+
+def one_board(content: dict[str, Any]) -> None:
+    """A session with nothing of the board but the picture on the floor."""
+    content["board_images"] = []
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("edit", "refusal"),
+    [
+        (one_board, "1 of 1 board views are usable, 5 or more are needed"),
+        (without_board, "no board_images: 5 or more pictures of the board are needed, one of them on the floor, or a"),
+    ],
+)
+def test_known_lens(
+    session_copy: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    edit: Edit,
+    refusal: str,
+) -> None:
+    """With a lens from elsewhere a session needs no picture of a board: it keeps that lens and finds the mount."""
+    monkeypatch.setattr(drawing, "to_png", lambda figure: b"")
+    folder, lens, out, report = session_copy(edit), tmp_path / "lens.yaml", tmp_path / "c.json", tmp_path / "report"
+    lens.write_text(OPENCV)
+    arguments = ["calibrate", str(folder), "-o", str(out)]
+    assert run(arguments) == 1
+    assert refusal in capsys.readouterr().err
+    more = ["--camera-info", str(lens), "--not-mirrored", "--report", str(report)]
+    assert run([*arguments, *more]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("verdict: usable") and "focal length sigma" not in said
+    assert ("board corner error" in said) == (edit is one_board)
+    assert ("no picture of a board checks it" in (report / "report.html").read_text()) == (edit is without_board)
+    written = gp.load_calibration(out)
+    np.testing.assert_array_equal(written.camera.matrix, read_camera_info(lens).matrix)
+    truth = json.loads((SESSION / "truth.json").read_text())
+    assert np.linalg.norm(written.transform_camera_to_base[:3, 3] - np.array(truth["T_base_camera"])[:3, 3]) < 0.001
+
+
+@pytest.mark.slow
+def test_known_lens_of_other_pictures(session_copy: Callable[..., Path], tmp_path: Path) -> None:
+    """A lens of another picture size is refused with both sizes; without a floor board one is asked for."""
+    (tmp_path / "lens.yaml").write_text(KALIBR.replace("[640, 512]", "[1280, 1024]"))
+    folder = session_copy()
+    with pytest.raises(gp.CalibrationMismatch, match=r"the lens given is of 1280x1024 px, fiducials.jpg is 640x512"):
+        gp.calibrate(folder, camera_info=tmp_path / "lens.yaml")
+    content = json.loads((folder / "session.json").read_text())
+    del content["ground_board_image"]
+    (folder / "session.json").write_text(json.dumps(content))
+    with pytest.raises(gp.CalibrationRefused, match="no ground_board_image: 5 or more pictures of the board are"):
+        gp.calibrate(folder)
+
+
+@pytest.mark.slow
+def test_square_other_than_the_session_says(session_copy: Callable[..., Path], tmp_path: Path) -> None:
+    """`square` replaces the session's: the board was measured again, and pictures need not be."""
+    folder = session_copy(lambda content: content["board"].update(square=0.025))
+    assert run(["calibrate", str(folder), "-o", str(tmp_path / "c.json"), "--square", "0.03"]) == 0
+    assert gp.load_calibration(tmp_path / "c.json").quality["verdict"] != "refused"
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("{", "not a YAML file"),
+        (OPENCV + "fisheye_model: 1\n", "fisheye_model is set, allowed: 0 (k1, k2, p1, p2, k3)"),
+        (KALIBR.replace("radtan", "equidistant"), "cam0.distortion_model is 'equidistant', allowed: 'radtan'"),
+        (KALIBR.replace("pinhole", "omni"), "cam0.camera_model is 'omni', allowed: 'pinhole'"),
+        (KALIBR + KALIBR.replace("cam0", "cam1"), "holds cam0, cam1, allowed: one camera"),
+        (KALIBR.replace("[-0.2409, 0.06, 0.0, 0.0]", "[-0.24]"), "has 1 values, allowed: k1, k2, p1, p2 and k3"),
+        (KALIBR.replace("589.1", "-589.1"), "camera matrix must have positive focal lengths"),
+        (
+            OPENCV.replace("0., 0., 0. ]\n", "0., 0., 0., 0.5 ]\n"),
+            "distortion_coefficients.data has 6 values, allowed: k1, k2, p1, p2 and k3; further ones must be 0",
+        ),
         ("- 1", "the top level must be a mapping"),
         ("distortion_model: equidistant", "distortion_model is 'equidistant', allowed: 'plumb_bob'"),
         ("distortion_model: plumb_bob", "image_width is missing"),
