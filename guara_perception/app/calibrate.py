@@ -10,6 +10,7 @@ from guara_perception.calibration.calibrate import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused
+from guara_perception.progress import Progress
 from guara_perception.settings import RobotLike, robot_model
 
 

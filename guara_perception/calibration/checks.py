@@ -102,24 +102,14 @@ def camera_checks(
     halves_px: Float | None,
     floor_sigma: Float,
 ) -> list[Check]:
-<<<<<<< HEAD
-    """Checks of camera and mount.
+    """Checks of camera and mount; a lens that was given is not checked itself.
 
     Args:
         intrinsics: lens and views.
         fit: joint fit of camera and mount.
         floor: camera pose from the fiducials alone.
-        square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size.
-=======
-    """Figures of camera and mount; a lens that was given has no figures of its own.
-
-    Args:
-        intrinsics: lens and views.
-        fit: joint fit.
-        floor: pose by the fiducials alone.
         square_ratio: size of the ground board's squares as measured by the fiducials, divided by the given size; None
             without such a board.
->>>>>>> 1961f3fd (A known lens of OpenCV, ROS or Kalibr calibrates without pictures of a board; squares of another size than the session says)
         corners_by_cell: number of corners in each cell of the picture.
         halves_px: (n, 2) differences of the cross-validation, None where there are too few views.
         floor_sigma: (n,) projection uncertainty on the floor [m].

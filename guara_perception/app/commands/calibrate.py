@@ -53,6 +53,7 @@ def command(
     from guara_perception.app.calibrate import calibrate_folder, refuse
     from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.files.camera_info import write_camera_info
+    from guara_perception.app.record.way_on import way_on
     from guara_perception.calibration.file import save_calibration
     from guara_perception.calibration.pattern import interpolate_pattern
     from guara_perception.files import check_folder, check_target
@@ -65,7 +66,7 @@ def command(
         check_target(save_camera_info, ".yaml", ".yml")
     if report is not None:
         check_folder(report)
-    with progress("Calibrating") as show:
+    with way_on(session), progress("Calibrating") as show:
         result = calibrate_folder(
             session,
             robot,
@@ -80,7 +81,8 @@ def command(
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")
     if not force:
-        refuse(result)
+        with way_on(session):
+            refuse(result)
     calibration = result.calibration
     if pattern != "measured":
         settings = Settings.of(robot_model(robot or calibration.robot))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from guara_perception.app.options import FILE, NOT_MIRRORED, board_options, stance_of
 from guara_perception.app.progress import progress
@@ -14,6 +15,13 @@ from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` printed to scale [mm].
 RULER_MM = 150.0
+# Options that change a part of the plan; with --redo the others are those of the first time.
+OPTIONS_OF = {
+    "board": {"board", "pattern", "square", "printed_150"},
+    "crosses": {"crosses", "printed_150"},
+    "plates": {"plates"},
+    "stance": {"stance"},
+}
 
 
 @click.command(name="record")
@@ -28,8 +36,16 @@ RULER_MM = 150.0
 @click.option("--crosses", type=FILE, help="JSON with points_in_footprint: [x, y] of each cross, measured by hand [m]")
 @click.option("--printed-150", type=float, default=RULER_MM, help="reading of the ruler [mm]")
 @click.option("--stance", type=FILE, help="JSON with the stance; default: the scan posture")
+@click.option(
+    "--redo",
+    type=click.Choice(["plates", "board", "crosses"]),
+    multiple=True,
+    help="record this part of a session again and keep the others; may be repeated",
+)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, show_default="any free one", help="port of the page")
+@click.pass_context
 def command(
+    context: click.Context,
     session: Path,
     simulated: bool,
     devices: Path | None,
@@ -44,17 +60,20 @@ def command(
     crosses: Path | None,
     printed_150: float,
     stance: Path | None,
+    redo: tuple[str, ...],
     port: int,
 ) -> None:
     """Record a calibration SESSION: exposure, board, floor, crosses, plates, in this order; then calibrate it.
 
     A page in the browser shows what the camera sees and what to do. After an interruption, the same command goes on
-    where it stopped. SESSION/calibration.json and SESSION/devices.toml are what the other commands take.
+    where it stopped. With --redo, options that are not given are those of the first time. SESSION/calibration.json and
+    SESSION/devices.toml are what the other commands take.
 
     \b
     Example:
       guara record sessions/monday --camera 0
       guara record sessions/trial --simulated
+      guara record sessions/monday --redo plates
     """
     import numpy as np
 
@@ -65,9 +84,10 @@ def command(
     from guara_perception.app.node.devices import rangefinder_of
     from guara_perception.app.record.live_page import LivePage
     from guara_perception.app.record.operator import Operator, TextOperator
-    from guara_perception.app.record.record import record_session
-    from guara_perception.app.record.session_writer import SessionPlan, SessionWriter
+    from guara_perception.app.record.record import DEVICES_FILE, check_crosses, record_session
+    from guara_perception.app.record.session_writer import SessionPlan, SessionWriter, read_plan
     from guara_perception.app.record.simulated import SimulatedWorkshop
+    from guara_perception.app.record.way_on import way_on
     from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
@@ -81,24 +101,31 @@ def command(
     scale = printed_150 / RULER_MM
     spec = parse_board(board, square * scale, pattern)
     spec = replace(spec, first_square=None) if not_mirrored else spec
-    model = load_robot(robot)
+    given = {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    before = read_plan(session) if redo else None
+    model = load_robot(robot if before is None or "robot" in given else before.robot)
     standing = stance_of(stance, model)
     points = (
         cross_points(model) * scale if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     )
-    known = devices_of(devices, camera=camera, trigger=trigger)
+    check_crosses(points, "crosses" if crosses is None else str(crosses))
+    own = session / DEVICES_FILE
+    known = devices_of(own if redo and not given & {"devices", "camera"} else devices, camera=camera, trigger=trigger)
     plan = SessionPlan(model.name, spec, np.asarray(points), parse_heights(plates), standing)
+    if before is not None:
+        kept = {name: getattr(before, name) for name, options in OPTIONS_OF.items() if not given & options}
+        plan = replace(plan, **kept)
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(port))
         operator: Operator
         if simulated:
             workshop = SimulatedWorkshop(robot)
-            workshop.use_board(spec)
+            workshop.use_board(plan.board)
             rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop
         else:
             rangefinder = rangefinder_of(known, free=True)
             operator = TextOperator(page.tell)
-        writer = SessionWriter(session, plan)
+        writer = SessionWriter(session, plan, redo)
         click.echo(f"live page: {page.address}")
 
         def tell(text: str) -> None:
@@ -106,11 +133,14 @@ def command(
             click.echo(text)
 
         stack.enter_context(rangefinder)
+        if redo:
+            writer.clear()
         record_session(writer, model, rangefinder, known, operator, tell=tell, watch=page.watch)
-    with progress("Calibrating") as show:
-        result = calibrate_session(open_session(session), model, not_mirrored=not_mirrored, progress=show)
-    click.echo(summary(result))
-    click.echo(f"report: {write_report(result, session / 'report')}")
-    refuse(result)
+    with way_on(session):
+        with progress("Calibrating") as show:
+            result = calibrate_session(open_session(session), model, not_mirrored=not_mirrored, progress=show)
+        click.echo(summary(result))
+        click.echo(f"report: {write_report(result, session / 'report')}")
+        refuse(result)
     written = save_calibration(result.calibration, session / "calibration.json")
     click.echo(f"{session / 'calibration.json'}: {len(written.stripes)} stripes, verdict {result.verdict}")

@@ -55,7 +55,7 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
     if fields.has("ground_board_image"):
         ground = _picture_name(fields.text("ground_board_image"), folder, fields.path_to("ground_board_image"))
         images = images if ground in images else (*images, ground)
-    board = _board(fields.sub("board")) if images or fields.has("board") else NO_BOARD
+    board = read_board(fields.sub("board")) if images or fields.has("board") else NO_BOARD
     plates = tuple(_plate(item, folder) for item in fields.items("plates"))
     return CalibrationSession(
         robot=fields.text("robot"),
@@ -70,7 +70,8 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
     )
 
 
-def _board(fields: Fields) -> BoardSpec:
+def read_board(fields: Fields) -> BoardSpec:
+    """Board of the `board` object of `session.json`."""
     columns, rows = fields.array("inner_corners", (2,))
     if columns != int(columns) or rows != int(rows):
         raise FileFormatError(f"{fields.path_to('inner_corners')} is [{columns}, {rows}], it must be two whole numbers")

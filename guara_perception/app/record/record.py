@@ -19,9 +19,9 @@ from guara_perception.arrays import Image
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
-from guara_perception.calibration.mount import locate_camera
+from guara_perception.calibration.mount import check_extent, locate_camera
 from guara_perception.calibration.session import Fiducials
-from guara_perception.exceptions import CalibrationRefused, PerceptionError
+from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -34,6 +34,8 @@ MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
 # Called with a picture and the request for the next one.
 Watch = Callable[[Image, str], None]
+# A robot's camera sees no floor beyond.
+FARTHEST_CROSS_M: Final = 5.0
 
 
 class RecordingFailed(PerceptionError, RuntimeError):
@@ -91,6 +93,23 @@ def record_session(
             for problem in scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name):
                 tell(f"{name}: {problem}")
     return writer.finish()
+
+
+def check_crosses(points: Float, source: str) -> None:
+    """Refuse crosses that cannot be found, before anything is recorded.
+
+    Raises:
+        InvalidInput: fewer than four, on one line, or further away than a camera on a robot sees: in other units.
+    """
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_CROSS_M:
+        raise InvalidInput(
+            f"{source}: a cross lies {farthest:g} m away, allowed: {FARTHEST_CROSS_M:g} m; give metres, not millimetres"
+        )
+    try:
+        check_extent(Fiducials(CROSSES_PICTURE, points).points_in_footprint)
+    except (CalibrationRefused, InvalidInput) as error:
+        raise InvalidInput(f"{source}: {error}") from None
 
 
 def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:

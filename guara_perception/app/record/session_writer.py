@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE, board_to_dict
+from guara_perception.app.files.calibration_session import FORMAT, SESSION_FILE, board_to_dict, read_board
 from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import read_json
 from guara_perception.files import check_folder, whole_file
-
-if TYPE_CHECKING:
-    from kinematics import Stance
+from kinematics import KinematicsError, Stance
 
 PLAN_FILE = "recording.json"
 FLOOR_PICTURE, CROSSES_PICTURE = "board_floor.png", "crosses.png"
+# Parts that can be recorded again, and their pictures and folders.
+PARTS = {"plates": ("plate_*",), "board": ("board_[0-9][0-9].png", FLOOR_PICTURE), "crosses": (CROSSES_PICTURE,)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +46,7 @@ class SessionPlan:
     stance: Stance
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as the session's file holds them."""
+        """Plain values, as the recording's file holds them."""
         return {
             "robot": self.robot,
             "board": board_to_dict(self.board),
@@ -54,22 +56,49 @@ class SessionPlan:
         }
 
 
+def read_plan(folder: Path) -> SessionPlan:
+    """Plan with which the recording in a folder was begun.
+
+    Raises:
+        MissingFile: there is none.
+        FileFormatError: it cannot be read.
+    """
+    if not (folder / PLAN_FILE).is_file():
+        raise MissingFile(f"{folder}: no {PLAN_FILE} in it, so `guara record` did not make it: nothing to record again")
+    fields = read_json(folder / PLAN_FILE)
+    try:
+        stance = Stance.from_dict(fields.sub("stance").data)
+    except KinematicsError as error:
+        raise FileFormatError(f"{folder / PLAN_FILE}: {error}") from None
+    board, crosses = read_board(fields.sub("board")), fields.array("crosses", (None, 2))
+    return SessionPlan(fields.text("robot"), board, crosses, tuple(fields.array("plates", (None,)).tolist()), stance)
+
+
 class SessionWriter:
     """Writes a session folder picture by picture, each whole or not at all."""
 
-    def __init__(self, folder: str | Path, plan: SessionPlan) -> None:
+    def __init__(self, folder: str | Path, plan: SessionPlan, redo: Sequence[str] = ()) -> None:
         """Begin, or continue an earlier recording with the same plan.
+
+        Args:
+            folder: the session's folder.
+            plan: what to record.
+            redo: names in `PARTS` of what is recorded again, perhaps by another plan; `clear` removes it.
 
         Raises:
             InvalidInput: the folder holds something else, a finished session, or was begun with another plan.
         """
-        self.folder, self.plan = Path(folder), plan
+        self.folder, self.plan, self._redo = Path(folder), plan, tuple(redo)
         check_folder(self.folder)
-        if (self.folder / SESSION_FILE).exists():
-            raise InvalidInput(f"{self.folder} holds a finished session; give another name, or `guara calibrate` it")
+        if (self.folder / SESSION_FILE).exists() and not redo:
+            raise InvalidInput(
+                f"{self.folder} holds a finished session; give another name, `guara calibrate` it, or record a part of "
+                f"it again: --redo {', '.join(PARTS)}"
+            )
         present = self.folder / PLAN_FILE
         if present.exists():
-            differing = sorted(k for k, v in plan.to_dict().items() if read_json(present).data.get(k) != v)
+            old = read_json(present).data
+            differing = sorted(k for k, v in plan.to_dict().items() if old.get(k) != v and k not in redo)
             if differing:
                 raise InvalidInput(
                     f"{self.folder} was begun with other {', '.join(differing)}: give the same options or another name"
@@ -77,8 +106,8 @@ class SessionWriter:
         elif self.folder.exists() and any(self.folder.iterdir()):
             raise InvalidInput(f"{self.folder} exists and is no recording; give another name")
         self.folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(present) as temporary:
-            temporary.write_text(json.dumps(plan.to_dict(), indent=1) + "\n", encoding="utf-8")
+        if not redo:
+            self._write_plan()
 
     @property
     def boards(self) -> list[str]:
@@ -101,6 +130,17 @@ class SessionWriter:
         """
         with whole_file(self.folder / name) as temporary:
             write_picture(temporary, picture)
+
+    def clear(self) -> None:
+        """Remove what is to be recorded again, and the finished session; call it when the devices are open."""
+        for path in [path for part in self._redo for pattern in PARTS[part] for path in self.folder.glob(pattern)]:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        (self.folder / SESSION_FILE).unlink(missing_ok=True)
+        self._write_plan()
+
+    def _write_plan(self) -> None:
+        with whole_file(self.folder / PLAN_FILE) as temporary:
+            temporary.write_text(json.dumps(self.plan.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     def plate_name(self, height: float) -> str:
         """Folder of a plate's scan."""

@@ -11,6 +11,7 @@ from guara_perception.app.targets.sheet import Sheet
 from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.board import BLACK, CHARUCO, CHECKERBOARD, BoardSpec
 from guara_perception.calibration.crosses import ARM_M, BAR_M
+from guara_perception.calibration.faults import MIN_HEIGHT_DIFFERENCE_M
 from guara_perception.calibration.find_board import board_ink
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
@@ -236,12 +237,16 @@ def parse_heights(text: str) -> tuple[float, ...]:
     """Heights of plates [m] with commas between.
 
     Raises:
-        InvalidInput: no numbers, or not 1 to 20 different ones within 0.5 m of the floor.
+        InvalidInput: no numbers, or not 2 to 20 different ones within 0.5 m of the floor, or all nearly the same.
     """
     try:
         heights = tuple(float(height) for height in text.split(","))
     except ValueError:
         raise InvalidInput(f"--plates is {text!r}, it must be heights in metres with commas between") from None
-    if not 1 <= len(heights) <= 20 or len(set(heights)) < len(heights) or not all(-0.5 <= h <= 0.5 for h in heights):
-        raise InvalidInput(f"--plates is {text!r}, allowed: 1 ... 20 different heights of -0.5 ... 0.5 m")
+    are_apart = np.diff(sorted(heights)).max(initial=0.0) >= MIN_HEIGHT_DIFFERENCE_M
+    if not (are_apart and len(set(heights)) == len(heights) <= 20 and all(-0.5 <= h <= 0.5 for h in heights)):
+        raise InvalidInput(
+            f"--plates is {text!r}, allowed: 2 ... 20 different heights of -0.5 ... 0.5 m, "
+            f"{MIN_HEIGHT_DIFFERENCE_M:g} m or more apart; 0 is the bare floor"
+        )
     return heights

@@ -22,6 +22,7 @@ from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_orde
 from guara_perception.app.record.record import RecordingFailed, record_session
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
 from guara_perception.app.record.simulated import SimulatedWorkshop
+from guara_perception.app.record.way_on import way_on
 from guara_perception.app.targets.drawings import cross_points, parse_board
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.calibration.find_board import find_board
@@ -204,6 +205,52 @@ def test_a_session_that_goes_on_is_locked_as_it_was_begun(unfinished: Path):
     assert not (unfinished / "plate_40").exists()
 
 
+REFUSED = [
+    (
+        "plate plate_40: after stripe index 3 the mirror",
+        "{session} --redo plates`, or correct a height in {session}",
+    ),
+    ("plate heights look swapped: plate_0", "exchange the heights in {session}/session.json and `guara calibrate"),
+    ("fiducials: 3 of 5 crosses were found", "`guara record {session} --redo crosses`"),
+    ("2 of 14 board views are usable", "`guara record {session} --redo board`"),
+    (
+        "wrong square size: by the fiducials",
+        "`guara calibrate {session} -o {session}/calibration.json --square",
+    ),
+]
+
+
+@pytest.mark.parametrize(("refusal", "way"), REFUSED)
+def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
+    """Only for sessions that were recorded here."""
+    with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
+        raise gp.CalibrationRefused(refusal)
+    assert str(told.value) == refusal
+    (tmp_path / "recording.json").write_text("{}")
+    with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
+        raise gp.CalibrationRefused(refusal)
+    assert str(told.value).startswith(f"{refusal}; the way on, with everything else kept: ")
+    assert way.format(session=tmp_path) in str(told.value)
+
+
+@pytest.mark.heavy
+def test_a_part_is_recorded_again(recorded: Path, tmp_path: Path, guara):
+    """After a refusal `--redo` takes one part anew, with the options of the first time, and calibrates as good."""
+    folder = Path(shutil.copytree(recorded, tmp_path / "session"))
+    shutil.rmtree(folder / "plate_80")
+    shutil.copytree(folder / "plate_40", folder / "plate_80")
+    (folder / "calibration.json").unlink()
+    refused = guara("calibrate", folder, "-o", folder / "calibration.json")
+    assert refused.code == 1 and f"guara record {folder} --redo plates" in refused.err
+    before = {path: path.read_bytes() for path in folder.glob("*.png")}
+    assert guara("record", folder, "--simulated").code == 2
+    said = guara("record", folder, "--simulated", "--redo", "plates", "--plates", "0,0.04,0.07")
+    assert said.code == 0, said.err
+    assert gp.load_calibration(folder / "calibration.json").quality["verdict"] == "good"
+    assert sorted(path.name for path in folder.glob("plate_*")) == ["plate_0", "plate_40", "plate_70"]
+    assert {path: path.read_bytes() for path in folder.glob("*.png")} == before
+
+
 @pytest.mark.heavy
 def test_a_plate_in_light_that_clips_is_reported(tmp_path: Path):
     """The scan is whole; one of its problems is the clipped light."""
@@ -266,16 +313,31 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
     [
         (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
-        (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 1 ... 20 different heights"),
-        (["--simulated", "--plates", "40"], "heights of -0.5 ... 0.5 m"),
+        (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 2 ... 20 different heights"),
+        (["--simulated", "--plates", "0,40"], "heights of -0.5 ... 0.5 m"),
+        (["--simulated", "--plates", "0"], "--plates is '0', allowed: 2 ... 20 different heights"),
+        (["--simulated", "--plates", "0.04,0.045"], "0.01 m or more apart; 0 is the bare floor"),
+        (
+            ["--simulated", "--crosses", "mm.json"],
+            "mm.json: a cross lies 930 m away, allowed: 5 m; give metres, not",
+        ),
+        (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given, 4 or"),
+        (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),
+        (["--simulated", "--redo", "plates"], "no recording.json in it, so `guara record` did not make it: nothing to"),
+        (["--simulated", "--redo", "laser"], "'laser' is not one of 'plates', 'board', 'crosses'"),
         (["--simulated", "--pattern", "dots"], "'dots' is not one of 'checkerboard', 'charuco'"),
         (["--simulated", "--board", "9"], "--board is '9', it must be COLUMNSxROWS"),
         (["--devices", "none.toml"], "none.toml: no such file; `guara record` writes one"),
         (["--robot", "dog"], "dog"),
     ],
 )
-def test_wrong_options_are_refused(guara, tmp_path: Path, arguments, reported):
+def test_wrong_options_are_refused(guara, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments, reported):
     """Exit 2, one line, no folder."""
+    monkeypatch.chdir(tmp_path)
+    square = [[0.52, 0.25], [0.52, -0.25], [0.93, 0.25], [0.93, -0.25]]
+    files = {"mm": 1e3 * np.array(square), "three": np.array(square[:3]), "line": np.c_[np.arange(4.0), np.arange(4.0)]}
+    for name, points in files.items():
+        Path(f"{name}.json").write_text(json.dumps({"points_in_footprint": points.tolist()}))
     said = guara("record", tmp_path / "s", *arguments)
     assert said.code == 2 and reported in said.err and said.err.count("\n") == 1
     assert not (tmp_path / "s").exists()

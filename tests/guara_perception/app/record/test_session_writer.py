@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter
+from guara_perception.app.record.session_writer import CROSSES_PICTURE, SessionPlan, SessionWriter, read_plan
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
 
@@ -39,6 +40,26 @@ def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):
     other = dataclasses.replace(plan, plates=(0.0, 0.05), board=BoardSpec(8, 7, 0.03))
     with pytest.raises(gp.InvalidInput, match="was begun with other board, plates: give the same options or another"):
         SessionWriter(tmp_path / "s", other)
+
+
+def test_a_part_is_removed_when_it_is_recorded_again(plan: SessionPlan, tmp_path: Path):
+    """The plan may differ in that part alone, and comes back from the folder; nothing goes before `clear`."""
+    writer = SessionWriter(tmp_path / "s", plan)
+    for name in ("board_00.png", "board_floor.png", CROSSES_PICTURE):
+        writer.write(name, np.zeros((4, 5), np.uint8))
+    writer.finish()
+    assert read_plan(writer.folder).to_dict() == plan.to_dict()
+    other = dataclasses.replace(plan, board=BoardSpec(8, 7, 0.03))
+    with pytest.raises(gp.InvalidInput, match="was begun with other board"):
+        SessionWriter(writer.folder, other, ["crosses"])
+    again = SessionWriter(writer.folder, other, ["board"])
+    assert again.has("session.json") and read_plan(writer.folder).board == plan.board
+    again.clear()
+    assert sorted(path.name for path in writer.folder.iterdir()) == [CROSSES_PICTURE, "recording.json"]
+    assert read_plan(writer.folder).board == other.board
+    (writer.folder / "recording.json").write_text(json.dumps({**plan.to_dict(), "stance": {}}))
+    with pytest.raises(gp.FileFormatError, match="recording.json: "):
+        read_plan(writer.folder)
 
 
 def test_folders_with_other_things_are_refused(plan: SessionPlan, tmp_path: Path, data: Path):

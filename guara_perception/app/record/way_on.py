@@ -1,0 +1,45 @@
+"""What to do after a session was refused, without recording all of it again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from guara_perception.app.record.session_writer import PLAN_FILE
+from guara_perception.exceptions import CalibrationRefused
+
+# A refusal that has the word is about the part; the first that fits counts.
+WAYS = (
+    ("wrong square size", "`guara calibrate {session} -o {out} --square METRES` with the size measured again"),
+    (
+        "heights look swapped",
+        "exchange the heights in {session}/session.json and `guara calibrate {session} -o {out}`, or "
+        "`guara record {session} --redo plates`",
+    ),
+    (
+        "plate",
+        "`guara record {session} --redo plates`, or correct a height in {session}/session.json and "
+        "`guara calibrate {session} -o {out}`",
+    ),
+    ("fiducial", "`guara record {session} --redo crosses`"),
+    ("crosses", "`guara record {session} --redo crosses`"),
+    ("board", "`guara record {session} --redo board`"),
+)
+
+
+@contextmanager
+def way_on(session: Path) -> Iterator[None]:
+    """Add the way on to a refusal of a session that `guara record` made.
+
+    Raises:
+        CalibrationRefused: as the block raised it, with the way on.
+    """
+    try:
+        yield
+    except CalibrationRefused as error:
+        advice = next((advice for word, advice in WAYS if word in str(error)), "")
+        if not advice or not (session / PLAN_FILE).is_file():
+            raise
+        said = advice.format(session=session, out=session / "calibration.json")
+        raise CalibrationRefused(f"{error}; the way on, with everything else kept: {said}") from None
