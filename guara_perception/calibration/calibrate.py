@@ -16,11 +16,14 @@ from guara_perception.calibration.calibration import Calibration, CameraModel
 from guara_perception.calibration.checkerboard import other_size
 from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks, mount_checks, stance_checks
 from guara_perception.calibration.faults import (
+    check_covered,
     check_heights,
     check_lines,
     check_mirror,
     check_order,
     find_jumps,
+    is_bare_floor,
+    lines_at_borders,
     refuse_jumps,
     suspect_plate,
 )
@@ -43,7 +46,7 @@ from guara_perception.calibration.mount import (
     measured_square,
     told_by,
 )
-from guara_perception.calibration.plates import LostLine, PlateLine, plate_lines
+from guara_perception.calibration.plates import BESIDE, LostLine, PlateLine, plate_lines
 from guara_perception.calibration.quality import (
     GOOD,
     coverage,
@@ -293,16 +296,32 @@ def find_lines(
         CalibrationRefused: too few stripes on a plate, a missed step, swapped heights.
         CalibrationMismatch: frames of another size.
     """
+    camera, transform = fit.camera, fit.transform_camera_to_footprint
     lines: list[PlateLine] = []
     lost: list[LostLine] = []
-    for number, plate in enumerate(session.plates):
-        found, gone = plate_lines(plate, number, fit.camera, fit.transform_camera_to_footprint, mirror, advance)
-        check_lines(found, plate, number, [f"stripe index {one.index}: {one.reason}" for one in gone])
+    on_floor: dict[int, PlateLine] = {}
+    # The bare floor comes first: it shows where the stripes of the other scans miss their plate.
+    for number in sorted(range(len(session.plates)), key=lambda number: abs(session.plates[number].height)):
+        plate = session.plates[number]
+        found, gone = plate_lines(plate, number, camera, transform, mirror, on_floor, advance)
+        check_lines(plate, len(found), gone)
+        if is_bare_floor(plate) and not on_floor:
+            on_floor = {line.index: line for line in found}
         lines += found
         lost += gone
-    points = [line_points(fit.camera, fit.transform_camera_to_footprint, line) for line in lines]
+    lines.sort(key=lambda line: line.plate)
     check_order(lines, session.plates)
-    refuse_jumps(find_jumps(lines, points, mirror.point), session.plates)
+    has_floor = bool(on_floor)
+    while True:
+        points = [line_points(camera, transform, line) for line in lines]
+        jumps = find_jumps(lines, points, mirror.point)
+        at_borders = {(line.plate, line.index) for line in lines_at_borders(jumps, lines, lost)}
+        if not at_borders:
+            break
+        lines = [line for line in lines if (line.plate, line.index) not in at_borders]
+        lost += [LostLine(index, plate, BESIDE) for plate, index in at_borders]
+    refuse_jumps(jumps, session.plates, has_floor)
+    check_covered(lines, session.plates)
     return lines, lost
 
 

@@ -9,9 +9,10 @@ from itertools import combinations
 import numpy as np
 
 from guara_perception.arrays import Float
+from guara_perception.calibration.calibration import format_indices
 from guara_perception.calibration.laser import LeaveOneOut
 from guara_perception.calibration.mirror_model import PARAMETERS
-from guara_perception.calibration.plates import PlateLine
+from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.session import Plate
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
@@ -21,8 +22,13 @@ MIN_HEIGHT_DIFFERENCE_M = 0.010
 # A laser plane that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's
 # periodic error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
 MISSED_STEP = float(np.deg2rad(0.10))
-# Share of the stripes of a plate that must be found.
+# Share of the stripes of a plate that must be found on it or beside it, and of all stripes that must lie on plates of
+# two heights.
 MIN_LINES = 0.8
+# A plate nearer to the floor than this is the floor itself [m].
+BARE_FLOOR_M = 0.001
+# Stripes on the front of a plate that is higher than they are apart, beside those on the floor before it.
+BORDER_STRIPES = 6
 # Without the wrong plate the others agree this many times better than without the next one.
 CLEARLY = 2.0
 # How far the laser may sit from its nominal position, in standard deviations of PARAMETERS.
@@ -82,8 +88,52 @@ def find_jumps(lines: Sequence[PlateLine], points: Sequence[Float], axis: Float)
     return jumps
 
 
-def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate]) -> None:
-    """Refuse a session with a missed step.
+def is_bare_floor(plate: Plate) -> bool:
+    """True for a scan of the floor without a plate."""
+    return abs(plate.height) < BARE_FLOOR_M
+
+
+def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Sequence[LostLine]) -> list[PlateLine]:
+    """Lines between a jump and the floor beside the plate: stripes on the plate's front or across its edge.
+
+    A missed step turns all later stripes, up to the end of the scan; a stripe that falls off the plate has a few
+    neighbours at the most that are off too.
+
+    Args:
+        jumps: jumps found.
+        lines: lines of all plates.
+        lost: stripes without a line.
+    """
+    found = []
+    for jump in jumps:
+        beside = [one.index for one in lost if one.plate == jump.plate and one.is_beside]
+        before = [index for index in beside if 0 <= jump.after - index <= BORDER_STRIPES]
+        behind = [index for index in beside if 0 < index - jump.after <= BORDER_STRIPES + 1]
+        low, high = (max(before), jump.after) if before else (jump.after + 1, min(behind, default=jump.after))
+        found += [line for line in lines if line.plate == jump.plate and low <= line.index <= high]
+    return found
+
+
+def check_covered(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
+    """Refuse plates that are too small, or too few, for their stripes.
+
+    Raises:
+        CalibrationRefused: too few stripes lie on plates of two heights.
+    """
+    heights: dict[int, set[float]] = {stripe.index: set() for plate in plates for stripe in plate.scan.stripes}
+    for line in lines:
+        heights[line.index].add(line.height)
+    bare = [index for index, seen in sorted(heights.items()) if len(seen) < 2]
+    if len(bare) > (1 - MIN_LINES) * len(heights):
+        raise CalibrationRefused(
+            f"plates: {len(heights) - len(bare)} of {len(heights)} stripes lie on plates of two heights, "
+            f"{100 * MIN_LINES:.0f} % are needed; stripe index {format_indices(tuple(bare))} do not: scan a smaller "
+            "plate several times, each time elsewhere in the scanned area"
+        )
+
+
+def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate], has_floor: bool) -> None:
+    """Refuse a session with a missed step; without a scan of the bare floor, stripes may have fallen off a plate.
 
     Raises:
         CalibrationRefused: naming plate, stripe and size of each.
@@ -95,8 +145,9 @@ def refuse_jumps(jumps: Sequence[Jump], plates: Sequence[Plate]) -> None:
             for jump in jumps[:3]
         ]
         more = f" and {len(jumps) - 3} more" if len(jumps) > 3 else ""
+        fallen = "" if has_floor else ", or the stripe fell off the plate (scan the bare floor too, as a plate of 0 m)"
         raise CalibrationRefused(
-            f"the mirror missed a step, or frames are exchanged: {'; '.join(named)}{more}: scan the plate again"
+            f"the mirror missed a step, or frames are exchanged{fallen}: {'; '.join(named)}{more}: scan the plate again"
         )
 
 
@@ -125,19 +176,21 @@ def check_order(lines: Sequence[PlateLine], plates: Sequence[Plate]) -> None:
         )
 
 
-def check_lines(found: Sequence[PlateLine], plate: Plate, number: int, reasons: Sequence[str]) -> None:
-    """Refuse a plate on which too few stripes were found.
+def check_lines(plate: Plate, found: int, lost: Sequence[LostLine]) -> None:
+    """Refuse a plate on which too few stripes were found, those beside it not counted.
 
     Raises:
         CalibrationRefused: naming the plate and a reason.
     """
-    count = sum(line.plate == number for line in found)
-    wanted = len(plate.scan.stripes)
-    if count < MIN_LINES * wanted:
-        example = f"; for example {reasons[0]}" if reasons else ""
+    faults = [one for one in lost if not one.is_beside]
+    wanted = len(plate.scan.stripes) - (len(lost) - len(faults))
+    if not wanted:
+        raise CalibrationRefused(f"plate {plate.name}: all stripes fall beside it: lay it into the scanned area")
+    if found < MIN_LINES * wanted:
+        example = f"; for example stripe index {faults[0].index}: {faults[0].reason}" if faults else ""
         raise CalibrationRefused(
-            f"plate {plate.name}: {count} of {wanted} stripes were found, {100 * MIN_LINES:.0f} % are needed"
-            f"{example}: check laser, exposure and that the plate fills the view"
+            f"plate {plate.name}: {found} of {wanted} stripes were found, {100 * MIN_LINES:.0f} % are needed"
+            f"{example}: check laser, exposure and where the plate lies"
         )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.height_sigma import row_bands
@@ -24,8 +24,14 @@ BINS = 40
 # Points further from the straight line than this many standard deviations belong to dust, edge or another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
-# A line seen on less of its length than this does not fix a plane.
+# A line seen on less of its length on the plate than this does not fix a plane, nor one on so little of the view.
 MIN_SPAN = 0.6
+MIN_WIDTH = 0.25
+# A column whose stripe is this near to where it lies on the bare floor, as a share of the picture's height, shows the
+# floor beside the plate; a plate of 10 mm moves stripes by three times as much. Columns beside it may show both.
+BESIDE_SHARE = 0.002
+BORDER_COLUMNS = 3
+BESIDE = "it falls beside the plate"
 SIGMA_FLOOR_M = 2e-5
 
 
@@ -63,6 +69,11 @@ class LostLine:
     plate: int
     reason: str
 
+    @property
+    def is_beside(self) -> bool:
+        """True for a stripe on the floor beside the plate, which is no fault."""
+        return self.reason == BESIDE
+
 
 def plate_lines(
     plate: Plate,
@@ -70,9 +81,10 @@ def plate_lines(
     camera: CameraModel,
     transform_camera_to_footprint: Float,
     nominal: MirrorModel,
+    on_floor: Mapping[int, PlateLine],
     on_stripe: Callable[[], None] | None = None,
 ) -> tuple[list[PlateLine], list[LostLine]]:
-    """Find the line of every stripe of a plate scan.
+    """Find the line of every stripe of a plate scan, on the plate alone.
 
     Args:
         plate: the scan and its height.
@@ -80,6 +92,8 @@ def plate_lines(
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
         nominal: nominal mirror in base_footprint; it shows roughly where each stripe is.
+        on_floor: lines on the bare floor by stripe index: where a stripe has not moved against them, it lies beside
+            the plate. Empty for the bare floor itself, and where it was not scanned.
         on_stripe: called after each stripe, for a progress bar.
 
     Raises:
@@ -98,7 +112,8 @@ def plate_lines(
             profile = extract_stripe(on, off)
         reason = profile.reason
         if not reason:
-            line = _line(profile, camera, transform_camera_to_footprint, plate.height)
+            beside = _beside(profile, on_floor.get(stripe.index), int(np.ceil(BESIDE_SHARE * height)))
+            line = _line(profile, beside, camera, transform_camera_to_footprint, plate.height)
             if isinstance(line, str):
                 reason = line
             else:
@@ -120,11 +135,22 @@ def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool
     return (band[0] == 0 or median > band[0] + margin) and (band[1] == height or median < band[1] - margin)
 
 
+def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -> Mask:
+    """Columns in which a stripe lies where it lies on the bare floor."""
+    rows = profile.position_px
+    if floor is None:
+        return np.zeros(len(rows), dtype=bool)
+    return np.asarray(np.abs(rows - np.interp(np.arange(len(rows)), *floor.pixels.T)) <= tolerance)
+
+
 def _line(
-    profile: StripeProfile, camera: CameraModel, transform: Float, height: float
+    profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
 ) -> tuple[Float, Float, float, float, float] | str:
     """Binned points, weights, span, scatter and sigma of a straight line on a level plane, or the reason for none."""
-    columns = np.flatnonzero(np.isfinite(profile.position_px))
+    border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
+    columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
+    if columns.size < MIN_COLUMNS and beside.sum() > columns.size:
+        return BESIDE
     if columns.size < MIN_COLUMNS:
         return f"{columns.size} columns show it, {MIN_COLUMNS} or more are needed"
     pixels = np.column_stack((columns, profile.position_px[columns])).astype(np.float64)
@@ -138,7 +164,10 @@ def _line(
         if narrower.sum() < MIN_COLUMNS or (narrower == kept).all():
             break
         kept = narrower
-    span = kept.sum() / max(_visible_columns(camera, transform, height, coefficients), 1)
+    visible = _visible_columns(camera, transform, height, coefficients)
+    if beside.any() and kept.sum() < MIN_WIDTH * visible:
+        return BESIDE
+    span = kept.sum() / max(visible - int(beside.sum()), 1)
     if span < MIN_SPAN:
         return f"it is seen on {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
     metres_per_row = _metres_per_row(camera, transform, height, pixels[kept])

@@ -154,7 +154,8 @@ def warnings(
     """Faults that were corrected: views left out, lines not found, planes filled in."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
-    said += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in lost]
+    faults = [one for one in lost if not one.is_beside]
+    said += [f"stripe index {one.index} on plate {session.plates[one.plate].name}: {one.reason}" for one in faults]
     if missing:
         said.append(f"stripe index {format_indices(tuple(missing))}: filled in by the mirror model")
     return said
