@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import secrets
-import struct
 import tomllib
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -18,6 +17,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Image
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.picture_size import PICTURE_FORMATS, TIFF_BEGINNINGS, picture_size
 
 # [byte] The largest JSON file here, a calibration of 70 stripes with all covariances, has under 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
@@ -66,15 +66,17 @@ def decode_picture(content: bytes, source: str) -> Image:
     """A picture as it is: BGR or grey, 8 or 16 bit.
 
     Raises:
-        FileFormatError: neither PNG nor JPEG, too many pixels, or it cannot be decoded.
+        FileFormatError: none of the formats, too many pixels, no 8 or 16 bit, or it cannot be decoded.
     """
-    size = _picture_size(content)
+    size = picture_size(content)
     if size is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
         raise FileFormatError(f"{source}: a picture of {size[0]} x {size[1]} px, allowed: {MOST_PIXELS} px in all")
     picture = None if size is None else _decode(content, AS_STORED)
     if picture is None:
-        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be PNG or JPEG")
-    if b"Exif\0\0" in content or b"eXIf" in content:
+        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be {PICTURE_FORMATS}")
+    if picture.dtype not in (np.uint8, np.uint16):
+        raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit without sign")
+    if b"Exif\0\0" in content or b"eXIf" in content or content[:4] in TIFF_BEGINNINGS:
         shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
         if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
             raise FileFormatError(
@@ -90,31 +92,6 @@ def _decode(content: bytes, flags: int) -> Image | None:
     except cv2.error:
         return None
     return None if picture is None else np.asarray(picture)
-
-
-def _picture_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height [px] as the header of a PNG or JPEG file says; None when it is neither."""
-    if content[:8] == b"\x89PNG\r\n\x1a\n" and content[12:16] == b"IHDR" and len(content) >= 24:
-        width, height = struct.unpack(">II", content[16:24])
-        return width, height
-    if content[:2] != b"\xff\xd8":
-        return None
-    offset = 2
-    while offset + 9 <= len(content):
-        if content[offset] != 0xFF:
-            return None
-        marker = content[offset + 1]
-        if marker == 0xFF:
-            offset += 1
-        # JPEG's marker SOF, which the size follows: all of C0 to CF but the tables C4 and CC and the reserved C8.
-        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", content[offset + 5 : offset + 9])
-            return width, height
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD9:
-            offset += 2
-        else:
-            offset += 2 + int(struct.unpack(">H", content[offset + 2 : offset + 4])[0])
-    return None
 
 
 def read_arrays(

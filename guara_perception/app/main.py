@@ -35,6 +35,7 @@ GROUPS = {
         "view": "Show a walk in a browser, live or from a file",
     },
     "Files": {
+        "import": "Make a scan or session of pictures taken by another program",
         "process": "Compute the terrain of a recorded scan",
         "replay": "Replay recorded scans of a walk, with fusion over pauses",
         "convert": "Convert, export or repair a recording, scan or grid",
@@ -47,6 +48,8 @@ GROUPS = {
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+# Commands whose names are words of Python.
+MODULES = {"import": "import_"}
 # Earlier names of commands, still accepted, with the module of each.
 ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
@@ -84,7 +87,8 @@ class LazyGroup(click.Group):
             if cmd_name.startswith("-"):
                 return None
             raise click.UsageError(f"no command {cmd_name!r}; allowed: {', '.join(COMMANDS)}")
-        module = importlib.import_module(f"guara_perception.app.commands.{ALIASES.get(cmd_name, cmd_name)}")
+        named = {**ALIASES, **MODULES}
+        module = importlib.import_module(f"guara_perception.app.commands.{named.get(cmd_name, cmd_name)}")
         command: click.Command = getattr(module, cmd_name if cmd_name in ALIASES else "command")
         _accept_verbose(command)
         return command

@@ -96,7 +96,11 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="pattern of the board; a charuco board need not be wholly in the picture",
         ),
         click.option("--square", type=float, default=0.030, help="edge of the board's squares [m]"),
-        click.option("--plates", default="0,0.04,0.08", help="heights of the plates [m]"),
+        click.option(
+            "--plates",
+            default="0,0.04,0.08",
+            help="heights of the plates [m]; 0 is the bare floor; a height again for a small plate that is moved",
+        ),
     )
     return _with_options(command, options)
 

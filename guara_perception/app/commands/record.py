@@ -92,6 +92,7 @@ def command(
     from guara_perception.calibration.calibrate import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.fields import read_json
+    from guara_perception.settings import Settings
     from kinematics import load_robot
 
     if simulated and (devices is not None or camera is not None):
@@ -124,7 +125,7 @@ def command(
             rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop
         else:
             rangefinder = rangefinder_of(known, free=True)
-            operator = TextOperator(page.tell)
+            operator = TextOperator(page.tell, Settings.of(model))
         writer = SessionWriter(session, plan, redo)
         click.echo(f"live page: {page.address}")
 

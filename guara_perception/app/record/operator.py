@@ -8,6 +8,7 @@ from typing import Protocol
 import click
 
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.settings import Settings
 
 
 class Operator(Protocol):
@@ -23,7 +24,7 @@ class Operator(Protocol):
         """Request the crosses on the floor, `why_again` with the fault of the last try; returns when they are there."""
 
     def lay_plate(self, height: float) -> None:
-        """Request a flat plate that fills the view, its top `height` [m] above the floor; returns when it is there."""
+        """Request a flat plate, its top `height` [m] above the floor, or the bare floor; returns when it is there."""
 
     def clear(self) -> None:
         """Request a plain floor and nothing else in view; returns when it is clear."""
@@ -32,9 +33,9 @@ class Operator(Protocol):
 class TextOperator:
     """Operator asked on the terminal; the live page shows the same text."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        """Show every line with `tell` too."""
-        self._tell = tell
+    def __init__(self, tell: Callable[[str], None], settings: Settings) -> None:
+        """Show every line with `tell` too; the settings name the area for the plates."""
+        self._tell, self._settings = tell, settings
         self._printed = ""
 
     def show_board(self, advice: str) -> None:
@@ -53,8 +54,15 @@ class TextOperator:
 
     def lay_plate(self, height: float) -> None:
         """Ask for a plate."""
-        what = "Clear the floor before the robot" if height == 0 else f"Lay the plate of {1e3 * height:g} mm"
-        self._ask(f"{what}, so that it fills the scanned area")
+        (x0, x1), (y0, y1) = self._settings.footprint_x, self._settings.footprint_y
+        area = f"x {x0:.2f} ... {x1:.2f} m, y {y0:.2f} ... {y1:.2f} m"
+        if height == 0:
+            self._ask(f"Clear the floor before the robot: {area} and all that the camera sees")
+        else:
+            self._ask(
+                f"Lay the plate of {1e3 * height:g} mm, {x1 - x0:.2f} x {y1 - y0:.2f} m or larger, over {area}; a "
+                "smaller one, A3 or larger, where it did not lie before"
+            )
 
     def clear(self) -> None:
         """Ask for a plain floor."""

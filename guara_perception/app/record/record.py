@@ -15,7 +15,7 @@ from guara_perception.app.record.board_advice import BoardAdvice
 from guara_perception.app.record.operator import Operator
 from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
-from guara_perception.arrays import Image
+from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
@@ -85,8 +85,7 @@ def record_session(
     if not writer.has(CROSSES_PICTURE):
         tell("the crosses")
         _record_crosses(writer, robot, rangefinder, operator, watch)
-    for plate in plan.plates:
-        name = writer.plate_name(plate)
+    for name, plate in zip(writer.plate_names, plan.plates, strict=True):
         if not writer.has(name):
             operator.lay_plate(plate)
             tell(f"scanning the plate of {1e3 * plate:g} mm")

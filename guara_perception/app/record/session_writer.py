@@ -142,9 +142,13 @@ class SessionWriter:
         with whole_file(self.folder / PLAN_FILE) as temporary:
             temporary.write_text(json.dumps(self.plan.to_dict(), indent=1) + "\n", encoding="utf-8")
 
-    def plate_name(self, height: float) -> str:
-        """Folder of a plate's scan."""
-        return f"plate_{1e3 * height:g}".replace(".", "_")
+    @property
+    def plate_names(self) -> list[str]:
+        """Folders of the scans of the plates; further ones of a height are numbered."""
+        heights = self.plan.plates
+        names = [f"plate_{1e3 * height:g}".replace(".", "_") for height in heights]
+        again = [heights[:i].count(height) for i, height in enumerate(heights)]
+        return [f"{name}-{count + 1}" if count else name for name, count in zip(names, again, strict=True)]
 
     def finish(self) -> Path:
         """Write `session.json`; the session can then be calibrated."""
@@ -156,7 +160,9 @@ class SessionWriter:
             "board_images": [*self.boards, FLOOR_PICTURE],
             "ground_board_image": FLOOR_PICTURE,
             "fiducials": {"image": CROSSES_PICTURE, "points_in_footprint": plan.to_dict()["crosses"]},
-            "plates": [{"scan": self.plate_name(height), "height": height} for height in plan.plates],
+            "plates": [
+                {"scan": name, "height": height} for name, height in zip(self.plate_names, plan.plates, strict=True)
+            ],
             "stance": plan.to_dict()["stance"],
         }
         path = self.folder / SESSION_FILE

@@ -14,6 +14,8 @@ import guara_perception as gp
 from guara_perception.app.record.live_page import LivePage
 from guara_perception.app.record.operator import TextOperator
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.settings import Settings
+from kinematics import RobotModel
 from tests.guara_perception.view.chromium import Chromium, find_chromium
 
 
@@ -52,12 +54,14 @@ def test_a_taken_port_is_refused():
             LivePage(port)
 
 
-def test_person_is_asked_task_by_task(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_person_is_asked_task_by_task(
+    robot: RobotModel, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     """Each request waits for a key, except for the board that is held up, whose advice is given once."""
     waited: list[str] = []
     reported: list[str] = []
     monkeypatch.setattr("click.pause", lambda text: waited.append(text))
-    operator = TextOperator(reported.append)
+    operator = TextOperator(reported.append, Settings.of(robot))
     operator.clear()
     for _ in range(3):
         operator.show_board("tilt it")

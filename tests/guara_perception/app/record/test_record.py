@@ -313,10 +313,10 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
     [
         (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
-        (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 2 ... 20 different heights"),
+        (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 2 ... 20 heights"),
         (["--simulated", "--plates", "0,40"], "heights of -0.5 ... 0.5 m"),
-        (["--simulated", "--plates", "0"], "--plates is '0', allowed: 2 ... 20 different heights"),
-        (["--simulated", "--plates", "0.04,0.045"], "0.01 m or more apart; 0 is the bare floor"),
+        (["--simulated", "--plates", "0"], "--plates is '0', allowed: 2 ... 20 heights"),
+        (["--simulated", "--plates", "0.04,0.045"], "two of them 0.01 m or more apart; 0 is the bare floor"),
         (
             ["--simulated", "--crosses", "mm.json"],
             "mm.json: a cross lies 930 m away, allowed: 5 m; give metres, not",

@@ -31,7 +31,9 @@ def test_what_was_taken_is_there_when_it_goes_on(plan: SessionPlan, tmp_path: Pa
     again = SessionWriter(tmp_path / "s", plan)
     assert again.boards == ["board_00.png", "board_01.png"] and again.has(CROSSES_PICTURE)
     assert np.array_equal(again.read("board_01.png"), picture)
-    assert not again.has(again.plate_name(0.04)) and again.plate_name(0.0405) == "plate_40_5"
+    assert not again.has("plate_40")
+    moved = dataclasses.replace(plan, plates=(0.0, 0.0405, 0.08, 0.0405))
+    assert SessionWriter(tmp_path / "t", moved).plate_names == ["plate_0", "plate_40_5", "plate_80", "plate_40_5-2"]
 
 
 def test_another_plan_is_refused(plan: SessionPlan, tmp_path: Path):

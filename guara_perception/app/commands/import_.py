@@ -1,0 +1,194 @@
+"""`guara import`: make a scan folder or a calibration session of pictures taken by another program."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from guara_perception.app.options import FILE, stance_of
+from guara_perception.exceptions import InvalidInput
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel, Stance
+
+SCAN, SESSION = "scan", "session"
+
+
+@click.command(name="import")
+@click.argument("pictures", nargs=-1, required=True, type=FILE)
+@click.option("-o", "--out", required=True, type=FILE, help="folder to make")
+@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to make; default: by the options, else scan")
+@click.option("--robot", default="guara", help="name or folder of the robot")
+@click.option("--posture", help="posture of the robot's folder in which it stood; default: the scan posture")
+@click.option("--joints", type=FILE, help="CSV with `joint, angle [rad]`, in place of a posture")
+@click.option("--stance", type=FILE, help="JSON with the stance, with feet and gravity, in place of a posture")
+@click.option("--off", default="", metavar="PATTERN", help="names without the laser; default: with off, dark ...")
+@click.option("--number", type=int, help="number of the names that gives the order: 1 the first, -1 the last")
+@click.option("--mode", type=click.Choice(["standard", "coarse"]), help="pattern; default: by the number of pictures")
+@click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
+@click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: robot.toml's")
+@click.option("--board", default="9x7", help="session: inner corners of the board, COLUMNSxROWS")
+@click.option("--pattern", type=click.Choice(["checkerboard", "charuco"]), default="checkerboard", help="session")
+@click.option("--square", type=float, default=0.030, help="session: edge of the board's squares [m]")
+@click.option("--ground", help="session: name of the picture of the board on the floor")
+@click.option("--crosses-picture", help="session: name of the picture of the crosses")
+@click.option("--crosses", type=FILE, help="session: JSON with points_in_footprint [m]; default: those of the mat")
+@click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: scan folder of a plate, its height [m]")
+@click.option("--preview", is_flag=True, help="only show what belongs together")
+def command(
+    pictures: tuple[Path, ...],
+    out: Path,
+    kind: str | None,
+    robot: str,
+    posture: str | None,
+    joints: Path | None,
+    stance: Path | None,
+    off: str,
+    number: int | None,
+    mode: str | None,
+    indices: bool,
+    calibration: Path | None,
+    board: str,
+    pattern: str,
+    square: float,
+    ground: str | None,
+    crosses_picture: str | None,
+    crosses: Path | None,
+    plate: tuple[str, ...],
+    preview: bool,
+) -> None:
+    """Make a scan folder or a calibration session of PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
+
+    Pictures of a scan are put in order by a number in their names, and in pairs by it and by words such as on and off.
+    On a terminal what is not given is asked, and nothing is written before what belongs together was shown.
+
+    \b
+    Example:
+      guara import photos/*.bmp -o scans/monday --posture scan
+      guara import boards/*.tif -o session --ground b07.tif --crosses-picture mat.tif --plate 0=p0 --plate 0.04=p40
+    """
+    from guara_perception.app.files.pair_pictures import picture_files
+    from guara_perception.app.import_pictures import check_sizes
+    from kinematics import load_robot
+
+    if out.exists() or not out.parent.is_dir():
+        raise InvalidInput(f"{out}: {'exists' if out.exists() else 'its folder does not exist'}; give another name")
+    files = picture_files(pictures)
+    is_session = bool(ground or crosses_picture or plate or crosses)
+    if kind is None:
+        kind = SESSION if is_session else (_ask("a scan, or the pictures of a session", SCAN) or SCAN)
+    model = load_robot(robot)
+    standing = _standing(model, posture, joints, stance)
+    width, height = check_sizes(files)
+    if kind == SCAN:
+        if is_session:
+            raise InvalidInput("--ground, --crosses-picture, --crosses and --plate are for a session: leave --kind out")
+        write = _scan(files, out, model, standing, off, number, mode, indices, calibration)
+    elif kind == SESSION:
+        write = _session(files, out, model, standing, (board, pattern, square), ground, crosses_picture, crosses, plate)
+    else:
+        raise InvalidInput(f"kind is {kind!r}, allowed: {SCAN}, {SESSION}")
+    if preview:
+        return
+    if sys.stdin.isatty() and not click.confirm(f"write {out}", default=True, err=True):
+        raise click.Abort
+    write()
+    click.echo(f"{out}: {kind} of {model.name}, {len(files)} pictures of {width}x{height} px")
+
+
+def _ask(question: str, default: str) -> str | None:
+    """Answer of a person at a terminal; None where there is none."""
+    return str(click.prompt(question, default=default, err=True)) if sys.stdin.isatty() else None
+
+
+def _standing(robot: RobotModel, posture: str | None, joints: Path | None, stance: Path | None) -> Stance:
+    from guara_perception.app.import_pictures import read_joints
+    from kinematics import Stance
+
+    given = [name for name, value in (("--posture", posture), ("--joints", joints), ("--stance", stance)) if value]
+    if len(given) > 1:
+        raise InvalidInput(f"{' and '.join(given)} are given: give one of them")
+    if joints is not None:
+        return read_joints(joints, robot)
+    if stance is not None:
+        return stance_of(stance, robot)
+    name = posture or _ask("posture in which the robot stood", robot.config.scan_posture)
+    return Stance(robot.posture(name or robot.config.scan_posture), robot.legs, None)
+
+
+def _scan(
+    files: list[Path],
+    out: Path,
+    robot: RobotModel,
+    stance: Stance,
+    off: str,
+    number: int | None,
+    mode: str | None,
+    is_index: bool,
+    calibration: Path | None,
+) -> Callable[[], None]:
+    """Show which pictures belong to which stripe; return the function that writes the scan."""
+    from guara_perception.app.files.pair_pictures import pair_pictures
+    from guara_perception.app.import_pictures import mirror_angles, stripe_indices, write_scan
+    from guara_perception.calibration.file import load_calibration
+
+    known = None if calibration is None else load_calibration(calibration)
+    pairs = pair_pictures(files, off, number)
+    order = stripe_indices(pairs, robot, mode, is_index)
+    angles = mirror_angles(order, robot, known)
+    for index, pair in zip(order, pairs, strict=True):
+        degrees = np.rad2deg(angles[index])
+        dark = pair.off.name if pair.off else "none"
+        click.echo(f"stripe {index:3d} {degrees:+8.3f} degrees: {pair.on.name}, without the laser: {dark}")
+    return lambda: write_scan(out, dict(zip(order, pairs, strict=True)), angles, robot, stance)
+
+
+def _session(
+    files: list[Path],
+    out: Path,
+    robot: RobotModel,
+    stance: Stance,
+    board: tuple[str, str, float],
+    ground: str | None,
+    crosses_picture: str | None,
+    crosses: Path | None,
+    plates: tuple[str, ...],
+) -> Callable[[], None]:
+    """Show what each picture is of; return the function that writes the session."""
+    from guara_perception.app.import_pictures import write_session
+    from guara_perception.app.record.record import check_crosses
+    from guara_perception.app.record.session_writer import SessionPlan
+    from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
+    from guara_perception.fields import read_json
+
+    by_name = {path.name: path for path in files}
+    chosen = {
+        "--ground": ground or _ask("picture of the board on the floor", files[0].name),
+        "--crosses-picture": crosses_picture or _ask("picture of the crosses", files[-1].name),
+    }
+    for option, name in chosen.items():
+        if name not in by_name:
+            given = "is missing" if name is None else f"is {name!r}, which is none of the pictures"
+            raise InvalidInput(f"{option} {given}; allowed: the name of one of the {len(files)} pictures")
+    floor, mat = (by_name[str(name)] for name in chosen.values())
+    boards = [path for path in files if path not in (floor, mat)]
+    if floor == mat or not boards:
+        raise InvalidInput("a session needs pictures of the board, one of it on the floor and one of the crosses")
+    pieces = plates or tuple((_ask("plates, HEIGHT=FOLDER with spaces between", "") or "").split())
+    tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces))
+    scans = [Path(piece.partition("=")[2]) for piece in pieces]
+    points = cross_points(robot) if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
+    check_crosses(points, "crosses" if crosses is None else str(crosses))
+    corners, pattern, square = board
+    plan = SessionPlan(robot.name, parse_board(corners, square, pattern), np.asarray(points), tops, stance)
+    for path in boards:
+        click.echo(f"board: {path.name}")
+    click.echo(f"board on the floor: {floor.name}\ncrosses: {mat.name}")
+    for top, scan in zip(tops, scans, strict=True):
+        click.echo(f"plate of {1e3 * top:g} mm: {scan}")
+    return lambda: write_session(out, plan, boards, floor, mat, scans)

@@ -1,0 +1,181 @@
+"""Scan folders and calibration sessions made of pictures that somebody took with his own program."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from guara_perception.app.files.calibration_session import open_session
+from guara_perception.app.files.pair_pictures import PicturePair, names_of
+from guara_perception.app.files.scan_folder import ScanFolderWriter, read_picture
+from guara_perception.app.record.plate_scan import nominal_order
+from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionPlan, SessionWriter
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
+from guara_perception.settings import MODES, Settings
+from kinematics import KinematicsError, Stance
+
+if TYPE_CHECKING:
+    from kinematics import RobotModel
+
+# A revolute joint of a leg turns less than this [rad]: more are degrees.
+LARGEST_ANGLE = 2 * math.pi
+
+
+def check_sizes(pictures: Sequence[Path]) -> tuple[int, int]:
+    """Width and height of all pictures.
+
+    Raises:
+        InvalidInput: they differ; the message names those of the rarer size.
+        MissingFile, FileFormatError: one cannot be read.
+    """
+    sizes = {path: read_picture(path).shape[1::-1] for path in pictures}
+    (width, height), _ = Counter(sizes.values()).most_common(1)[0]
+    other = [path for path, size in sizes.items() if size != (width, height)]
+    if other:
+        w, h = sizes[other[0]]
+        raise InvalidInput(
+            f"pictures of two sizes: {names_of(other)} {w}x{h} px, the others {width}x{height}: a scan or session is "
+            "of one camera at one setting"
+        )
+    return width, height
+
+
+def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | None, is_index: bool) -> list[int]:
+    """Index of the stripe of each pair.
+
+    Args:
+        pairs: pictures in order.
+        robot: robot whose pattern was scanned.
+        mode: pattern; None = the one that has as many stripes.
+        is_index: the numbers in the names are the indices.
+
+    Raises:
+        InvalidInput: the pattern has another number of stripes, or no such index.
+    """
+    settings = Settings.of(robot)
+    if is_index:
+        indices = [pair.number for pair in pairs]
+        wrong = [pair.on for pair in pairs if pair.number not in settings.pattern(mode or "standard")]
+        if wrong:
+            raise InvalidInput(f"--indices: {names_of(wrong)}; allowed: 0 ... {settings.stripes - 1} of the pattern")
+        return indices
+    lengths = {name: len(settings.pattern(name)) for name in MODES if mode in (None, name)}
+    for name, length in lengths.items():
+        if length == len(pairs):
+            return list(settings.pattern(name))
+    numbers = [pair.number for pair in pairs]
+    gaps = sorted(set(range(min(numbers), max(numbers) + 1)) - set(numbers))
+    missing = f"; number {', '.join(map(str, gaps[:6]))} is missing" if 0 < len(gaps) <= len(numbers) else ""
+    allowed = " or ".join(f"{length} ({name})" for name, length in lengths.items())
+    raise InvalidInput(
+        f"{len(pairs)} pictures with the laser{missing}; allowed: {allowed} of robot {robot.name}, or fewer whose "
+        "numbers are the indices of their stripes (--indices)"
+    )
+
+
+def mode_of(indices: Sequence[int], robot: RobotModel) -> str:
+    """Mode of a scan: "coarse" where all stripes are of the coarse pattern."""
+    return "coarse" if set(indices) <= set(Settings.of(robot).pattern("coarse")) else "standard"
+
+
+def mirror_angles(indices: Sequence[int], robot: RobotModel, calibration: Calibration | None) -> dict[int, float]:
+    """Commanded mirror angle [rad] of each stripe, of a calibration or of robot.toml's pattern.
+
+    Raises:
+        CalibrationMismatch: a stripe was not calibrated.
+    """
+    if calibration is None:
+        return {index: angle for index, angle in nominal_order(robot) if index in set(indices)}
+    return {index: calibration.stripe(index).mirror_angle for index in indices}
+
+
+def read_joints(path: Path, robot: RobotModel) -> Stance:
+    """Stance on all feet, gravity unknown, from a CSV file with a line `joint, angle [rad]` for each joint.
+
+    Raises:
+        MissingFile: no such file.
+        FileFormatError: a line that is none, an angle in degrees, a joint that is missing or not of the robot.
+    """
+    if not path.is_file():
+        raise MissingFile(f"{path}: no such file")
+    joints: dict[str, float] = {}
+    try:
+        rows = [row for row in csv.reader(path.read_text(encoding="utf-8").splitlines()) if any(map(str.strip, row))]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: no CSV file ({error})") from None
+    for number, row in enumerate(rows):
+        try:
+            name, angle = row[0].strip(), float(row[1])
+        except (IndexError, ValueError):
+            if number == 0:
+                continue  # the heading
+            raise FileFormatError(f"{path}: line {number + 1} is {','.join(row)!r}, allowed: joint, angle") from None
+        if not abs(angle) <= LARGEST_ANGLE:
+            raise FileFormatError(f"{path}: {name} is {angle:g}, allowed: -6.28 ... 6.28 rad; give radians")
+        joints[name] = angle
+    try:
+        stance = Stance(joints, robot.legs, None)
+        robot.stance_pose(stance)
+    except KinematicsError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    return stance
+
+
+def write_scan(
+    folder: Path, pairs: Mapping[int, PicturePair], angles: Mapping[int, float], robot: RobotModel, stance: Stance
+) -> None:
+    """Write a scan folder of these pictures by stripe index, whole or not at all."""
+    with ScanFolderWriter(folder) as writer:
+        for index, pair in pairs.items():
+            off = None if pair.off is None else read_picture(pair.off)
+            writer.add(index, angles[index], read_picture(pair.on), off, off_key=pair.off)
+        mode = mode_of(list(pairs), robot)
+        writer.finish(robot=robot.name, mode=mode, stamp=time.time_ns(), step=0, stance=stance)
+
+
+def write_session(
+    folder: Path, plan: SessionPlan, boards: Sequence[Path], ground: Path, crosses: Path, plates: Sequence[Path]
+) -> None:
+    """Write a session folder of these pictures and scan folders, whole or not at all.
+
+    Args:
+        folder: folder to make.
+        plan: board, crosses, heights of the plates and stance.
+        boards: pictures of the board in many poses.
+        ground: picture of the board on the floor.
+        crosses: picture of the crosses.
+        plates: scan folders, in the order of `plan.plates`.
+
+    Raises:
+        InvalidInput: the parts do not belong together.
+        MissingFile, FileFormatError: a scan of a plate cannot be read.
+    """
+    staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        writer = SessionWriter(staging, plan)
+        for number, path in enumerate(boards):
+            writer.write(f"board_{number:02d}.png", read_picture(path))
+        writer.write(FLOOR_PICTURE, read_picture(ground))
+        writer.write(CROSSES_PICTURE, read_picture(crosses))
+        for name, plate in zip(writer.plate_names, plates, strict=True):
+            if not plate.is_dir():
+                raise MissingFile(f"--plate: {plate}: no such folder; `guara import` makes one of the plate's pictures")
+            shutil.copytree(plate, staging / name)
+        writer.finish()
+        open_session(staging)
+        staging.chmod(0o755)
+        staging.rename(folder)
+    except PerceptionError as error:
+        # The user does not know the temporary folder.
+        error.args = tuple(str(text).replace(str(staging), str(folder)) for text in error.args)
+        raise
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
