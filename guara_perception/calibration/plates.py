@@ -29,7 +29,7 @@ MIN_SPAN = 0.6
 MIN_WIDTH = 0.25
 # A column whose stripe is this near to where it lies on the bare floor, as a share of the picture's height, shows the
 # floor beside the plate; a plate of 10 mm moves stripes by three times as much. Columns beside it may show both.
-BESIDE_SHARE = 0.002
+BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
 BESIDE = "it falls beside the plate"
 SIGMA_FLOOR_M = 2e-5
@@ -112,7 +112,7 @@ def plate_lines(
             profile = extract_stripe(on, off)
         reason = profile.reason
         if not reason:
-            beside = _beside(profile, on_floor.get(stripe.index), int(np.ceil(BESIDE_SHARE * height)))
+            beside = _beside(profile, on_floor.get(stripe.index), BESIDE_SHARE * height)
             line = _line(profile, beside, camera, transform_camera_to_footprint, plate.height)
             if isinstance(line, str):
                 reason = line
