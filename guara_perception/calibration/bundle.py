@@ -129,7 +129,7 @@ class _Problem:
         self.pixels = np.array([mark.centre_px for mark in floor.marks])
         self.mark_sigma = np.array([mark.sigma_px for mark in floor.marks])
         names = [view.name for view in intrinsics.views]
-        self.ground = names.index(ground)
+        self.ground = names.index(ground) if ground is not None and ground in names else None
         self.n_lens = len(intrinsics.free)
         self.lens_columns = np.array([LENS_COLUMNS[name] for name in intrinsics.free])
         self.pose_columns = slice(self.n_lens, self.n_lens + 6)
