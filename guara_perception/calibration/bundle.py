@@ -73,7 +73,7 @@ def fit_camera(
     Args:
         intrinsics: first estimate, with the views.
         board: the board.
-        ground: name of the view that shows the board on the floor.
+        ground: name of the view that shows the board on the floor; may be missing among the views.
         floor: first estimate of the mount and the marks.
         points: (m, 2) floor points of the marks.
     """
@@ -129,7 +129,7 @@ class _Problem:
         self.pixels = np.array([mark.centre_px for mark in floor.marks])
         self.mark_sigma = np.array([mark.sigma_px for mark in floor.marks])
         names = [view.name for view in intrinsics.views]
-        self.ground = names.index(ground) if ground is not None and ground in names else None
+        self.ground = names.index(ground) if ground in names else None
         self.n_lens = len(intrinsics.free)
         self.lens_columns = np.array([LENS_COLUMNS[name] for name in intrinsics.free])
         self.pose_columns = slice(self.n_lens, self.n_lens + 6)
@@ -143,11 +143,12 @@ class _Problem:
         x[: self.n_lens] = _lens_of(self.intrinsics.camera)[self.lens_columns - 6]
         to_camera = np.linalg.inv(self.floor.transform_camera_to_footprint)
         x[self.pose_columns] = np.r_[np.ravel(cv2.Rodrigues(to_camera[:3, :3])[0]), to_camera[:3, 3]]
-        pose = self.intrinsics.poses[self.ground]
-        rotation = to_camera[:3, :3].T @ cv2.Rodrigues(pose[:3])[0]
-        position = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
-        x[self.ground_columns] = np.r_[position[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
-        self.flip = np.sign(rotation[2, 2])
+        if self.ground is not None:
+            pose = self.intrinsics.poses[self.ground]
+            rotation = to_camera[:3, :3].T @ cv2.Rodrigues(pose[:3])[0]
+            position = to_camera[:3, :3].T @ (pose[3:] - to_camera[:3, 3])
+            x[self.ground_columns] = np.r_[position[:2], np.arctan2(rotation[1, 0], rotation[0, 0])]
+            self.flip = np.sign(rotation[2, 2])
         for k, i in enumerate(self.free_views):
             x[self.view_columns(k)] = self.intrinsics.poses[i]
         return x
@@ -163,6 +164,7 @@ class _Problem:
 
     def ground_points(self, x: Float) -> tuple[Float, Float]:
         """The seen corners of the ground board, in the footprint, and their derivatives with respect to its heading."""
+        assert self.ground is not None
         on_board = self.objects[self.ground]
         px, py, heading = x[self.ground_columns]
         c, s = np.cos(heading), np.sin(heading)
@@ -211,17 +213,25 @@ class _Problem:
         return self.blocks(x)[-1][0]
 
     def jacobian(self, x: Float) -> Float:
-        return np.vstack([jacobian for _, jacobian in self.blocks(x)])
+        rows = np.vstack([jacobian for _, jacobian in self.blocks(x)])
+        if self.ground is None:
+            # Without observations of the ground board its three columns are pinned.
+            pins = np.zeros((3, self.size))
+            pins[:, self.ground_columns] = np.eye(3)
+            rows = np.vstack((rows, pins))
+        return rows
 
     def weights(self, x: Float, sigma: float) -> Float:
         """One over sigma, less for residuals beyond ROBUST_SIGMAS (square root of the soft-L1 weight)."""
         corners = np.concatenate([np.empty(0), *(r.ravel() for r in self.view_residuals(x))]) / sigma
         marks = self.mark_residuals(x).ravel() / np.repeat(self.mark_sigma, 2)
         loss = [(1 + (r / ROBUST_SIGMAS) ** 2) ** -0.25 for r in (corners, marks)]
-        return np.concatenate([loss[0] / sigma, loss[1] / np.repeat(self.mark_sigma, 2)])
+        pins = [] if self.ground is not None else [np.ones(3)]
+        return np.concatenate([loss[0] / sigma, loss[1] / np.repeat(self.mark_sigma, 2), *pins])
 
     def residual(self, x: Float) -> Float:
-        return np.concatenate([r.ravel() for r, _ in self.blocks(x)])
+        pins = [] if self.ground is not None else [x[self.ground_columns]]
+        return np.concatenate([r.ravel() for r, _ in self.blocks(x)] + pins)
 
     def solve(self, x: Float, sigma: float) -> Float:
         """A few Gauss-Newton iterations; the start is within a fraction of a pixel, so they converge at once."""
@@ -240,12 +250,13 @@ class _Problem:
         poses = np.zeros((len(self.intrinsics.views), 6))
         for k, i in enumerate(self.free_views):
             poses[i] = x[self.view_columns(k)]
-        to_camera = np.linalg.inv(_inverse_of(x[self.pose_columns]))
-        px, py, heading = x[self.ground_columns]
-        c, s = np.cos(heading), np.sin(heading)
-        turn = np.array([[c, -s * self.flip, 0], [s, c * self.flip, 0], [0, 0, self.flip]])
-        poses[self.ground, :3] = np.ravel(cv2.Rodrigues(to_camera[:3, :3] @ turn)[0])
-        poses[self.ground, 3:] = to_camera[:3, :3] @ np.array([px, py, 0.0]) + to_camera[:3, 3]
+        if self.ground is not None:
+            to_camera = np.linalg.inv(_inverse_of(x[self.pose_columns]))
+            px, py, heading = x[self.ground_columns]
+            c, s = np.cos(heading), np.sin(heading)
+            turn = np.array([[c, -s * self.flip, 0], [s, c * self.flip, 0], [0, 0, self.flip]])
+            poses[self.ground, :3] = np.ravel(cv2.Rodrigues(to_camera[:3, :3] @ turn)[0])
+            poses[self.ground, 3:] = to_camera[:3, :3] @ np.array([px, py, 0.0]) + to_camera[:3, 3]
         return poses
 
 
