@@ -89,8 +89,8 @@ def _lens(result: CalibrationResult) -> list[str]:
     if ground is not None:
         parts = [
             "<h2>The board, before and after</h2>",
-            "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, the "
-            "board has even squares when it is rectified to a view from straight above.</p>",
+            "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, "
+            "the board has even squares when it is rectified to a view from straight above.</p>",
             _image(drawing.board_before_after(result, ground), "board before and after correction"),
         ]
     parts += [
