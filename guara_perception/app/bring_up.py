@@ -128,6 +128,8 @@ class BringUp:
                 board.laser_off()
             except (LaserStuckOn, LaserRefused):
                 pass
+            # The board judges the photodiode for some milliseconds, before and after it has opened the supply.
+            timing.sleep(LATE)
             status = board.status()
             if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:
                 raise PointFailed("a light that is stuck on was not noticed: is Q4 bridged, does D3 see it? Open SW1")
