@@ -184,7 +184,7 @@ class ScanProcessor:
         """
         self._proof.expect(dark_after)
 
-    def add_dark(self, index: int, dark: Image, off: Image | None = None) -> None:
+    def add_dark(self, index: int, dark: Image, *, off: Image | None = None) -> None:
         """Take the picture of the dark flash that came after a stripe whose own pictures cannot be used."""
         self._proof.add_dark(index, dark, off)
 

@@ -119,7 +119,7 @@ def _take(
         if capture.on is None or not capture.verdict.in_step:
             processor.mark_bad(capture.index, f"frame {capture.verdict.value}")
             if capture.dark is not None:
-                processor.add_dark(capture.index, capture.dark, capture.off)
+                processor.add_dark(capture.index, capture.dark, off=capture.off)
         else:
             pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark))
     if pairs:
