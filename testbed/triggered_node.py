@@ -64,7 +64,7 @@ class TriggeredScan:
     Attributes:
         stripes: number of stripes asked for.
         proved: number of stripes whose frame was proved to be theirs.
-        repeated: number of triggers beyond one for each stripe and one for the off frame.
+        repeated: number of triggers beyond one for each stripe and dark flash and one for the off frame.
         sweep: time from the first trigger to the last frame's arrival, in the chip's time [s].
         work: processor time of the work on the frames until the grid is encoded [s].
         seconds: time from the first trigger to the encoded grid [s]: frames arrive in the chip's time, and each group
@@ -158,7 +158,7 @@ class TriggeredRig:
         return TriggeredScan(
             stripes=len(captures),
             proved=sum(capture.on is not None and capture.verdict.in_step for capture in captures),
-            repeated=len(triggers) - len(captures) - 1,
+            repeated=len(triggers) - len(captures) - sum(capture.is_dark_due for capture in captures) - 1,
             sweep=last - float(triggers[0]),
             work=work,
             seconds=end - float(triggers[0]),

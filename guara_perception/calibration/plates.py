@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +33,7 @@ MIN_WIDTH = 0.25
 BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
 BESIDE = "it falls beside the plate"
+IN_PART = "it is seen on"
 SIGMA_FLOOR_M = 2e-5
 
 
@@ -122,7 +124,19 @@ def plate_lines(
             lost.append(LostLine(stripe.index, number, reason))
         if on_stripe is not None:
             on_stripe()
-    return lines, lost
+    return lines, _with_borders(lost, [stripe.index for stripe in plate.scan.stripes])
+
+
+def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
+    """The lost lines; one seen in part, next to a stripe that falls beside the plate, lies on the plate's border."""
+    beside = {line.index for line in lost if line.is_beside}
+    at_border = {neighbour for pair in pairwise(order) for neighbour in pair if beside & {*pair}}
+    return [
+        LostLine(line.index, line.plate, BESIDE)
+        if line.reason.startswith(IN_PART) and line.index in at_border
+        else line
+        for line in lost
+    ]
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
@@ -169,7 +183,7 @@ def _line(
         return BESIDE
     span = kept.sum() / max(visible - int(beside.sum()), 1)
     if span < MIN_SPAN:
-        return f"it is seen on {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
+        return f"{IN_PART} {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
     metres_per_row = _metres_per_row(camera, transform, height, pixels[kept])
     rms_px = float(np.sqrt(np.mean((residual[kept] / metres_per_row) ** 2)))
     group = np.minimum(columns[kept] * BINS // camera.size[0], BINS - 1)

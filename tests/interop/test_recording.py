@@ -12,7 +12,7 @@ import pytest
 from transport.messages.typestore import message_files, type_hash
 
 pytestmark = pytest.mark.interop
-TOPICS = 23
+TOPICS = 24
 
 
 def test_rclpy_decodes_every_message(read_by_ros: dict[str, Any], counts: dict[str, int]) -> None:

@@ -89,7 +89,7 @@ BAD_CALIBRATIONS: dict[str, tuple[Callable[[dict], object], str]] = {
         "format is 'guara-scan/1', allowed: 'guara-calibration/1'",
     ),
     "NaN in a plane": (lambda c: c["stripes"][5]["plane"].__setitem__(0, float("nan")), "stripes[5].plane[0] is nan"),
-    "another robot": (lambda c: c.update(robot="tapir"), "belongs to robot 'tapir', the robot is 'guara'"),
+    "another robot": (lambda c: c.update(robot="tapir"), "belongs to robot 'tapir', not 'guara'"),
     "another camera": (lambda c: c["camera"].update(size=[1280, 1024]), "the calibrated camera gives 1280x1024"),
 }
 

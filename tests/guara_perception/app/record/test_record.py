@@ -348,4 +348,4 @@ def test_scan_refuses_two_targets(guara, tmp_path: Path):
     said = guara("scan", tmp_path / "a", "-o", tmp_path / "b", "--simulated")
     assert said.code == 2 and "give one of them" in said.err
     said = guara("scan", tmp_path / "a", "--no-calibration", "-c", "c.json")
-    assert said.code == 2 and "contradict one another" in said.err
+    assert said.code == 2 and "contradict each other" in said.err

@@ -40,7 +40,11 @@ def walk(
         recording = recorder.begin(0, "coarse", paper_scan.stance)
         stripe = paper_scan.stripes[0]
         frame = np.asarray(paper_scan.read_frame(stripe.on))
-        recording.add(SimpleNamespace(index=stripe.index, mirror_angle=stripe.mirror_angle, on=frame, off=frame))
+        recording.add(
+            SimpleNamespace(
+                index=stripe.index, mirror_angle=stripe.mirror_angle, on=frame, off=frame, dark=None, is_dark_due=False
+            )
+        )
         recorder.add_points(run_scan(paper_scan, calibration, robot).points, paper_terrain.stamp)
         messages = tuple(terrain_to_message(terrain, robot="guara", sequence=1) for terrain in (paper_terrain, fused))
         recording.finish(messages, None)
