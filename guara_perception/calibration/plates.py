@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -131,12 +131,8 @@ def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
     """The lost lines; one seen in part, next to a stripe that falls beside the plate, lies on the plate's border."""
     beside = {line.index for line in lost if line.is_beside}
     at_border = {neighbour for pair in pairwise(order) for neighbour in pair if beside & {*pair}}
-    return [
-        LostLine(line.index, line.plate, BESIDE)
-        if line.reason.startswith(IN_PART) and line.index in at_border
-        else line
-        for line in lost
-    ]
+    is_border = [line.reason.startswith(IN_PART) and line.index in at_border for line in lost]
+    return [replace(line, reason=BESIDE) if border else line for line, border in zip(lost, is_border, strict=True)]
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:

@@ -66,7 +66,7 @@ def end_of(process: subprocess.Popen[str]) -> tuple[str, str]:
 def test_a_whole_scan_is_triggered_proved_and_published(
     wired: bool, tmp_path: Path, free_endpoint: str, robot: RobotModel, new_chip: Callable[[], Chip]
 ) -> None:
-    """70 of 70 stripes of one channel; by the chip's time and the processor's work the grid is out within 0.74 s, four dark frames in it.
+    """70 of 70 stripes of one channel; by chip time and processor work the grid is out within 0.74 s.
 
     The grid is that of the ground: heights agree with the world's. Without EXPOSURE_ACTIVE frames are proved by
     their times alone.
