@@ -280,8 +280,7 @@ class ScanProcessor:
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
             self._proof.add(pair.index, profiles[pair.index])
-            # Without a laser-off picture a bright edge of the scene looks like a line.
-            if pair.index in good and pair.off is not None and has_second_line(pair, good[pair.index]):
+            if pair.index in good and has_second_line(pair, good[pair.index]):
                 self._proof.add_second_line(pair.index)
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)

@@ -32,12 +32,14 @@ REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
     """Test that most of a stripe has a line of comparable brightness beside it, by the asymmetry of its cross-section.
 
+    Without a laser-off picture a bright edge of the scene looks like a line, and the answer is False.
+
     Args:
         pair: the pictures.
         profile: the stripe that was found in them.
     """
     columns = np.flatnonzero(np.isfinite(profile.position_px))
-    if columns.size < LEAST_COLUMNS:
+    if pair.off is None or columns.size < LEAST_COLUMNS:
         return False
     columns = columns[:: max(columns.size // COLUMNS, 1)]
     reach = max(round(REACH_OF_HEIGHT * pair.on.shape[0]), 4)
@@ -46,8 +48,7 @@ def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
     tops, columns = tops[inside], columns[inside]
     if columns.size < LEAST_COLUMNS:
         return False
-    light = _around(pair.on, tops, columns, reach)
-    light -= np.median(light, axis=0) if pair.off is None else _around(pair.off, tops, columns, reach)
+    light = _around(pair.on, tops, columns, reach) - _around(pair.off, tops, columns, reach)
     scale = 255.0 / float(np.iinfo(pair.on.dtype).max)
     # The highest pixel, which rounding may have put beside the row found; the sides are compared about it.
     level = light[reach - 1 : reach + 2].max(axis=0)
