@@ -220,7 +220,7 @@ class StripeStream:
             taken = dataclasses.replace(taken, on=None, on_stamp=math.nan)
         elif taken.on is not None:
             self._on_before = taken.on
-        is_dark_due = taken.index in self.dark_after
+        is_dark_due = taken.index in self.dark_after or taken.dark is not None
         return dataclasses.replace(taken, verdict=verdict, evidence=evidence, is_dark_due=is_dark_due)
 
     def _verdict(self, taken: StripeCapture) -> tuple[StripeVerdict, StripeEvidence | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 from collections.abc import Callable
 
@@ -12,7 +13,7 @@ from drivers.sweep.capture import StripeCapture
 from drivers.sweep.firing_order import PlannedStripe
 from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import OffFrames
-from drivers.sweep.stripe_worker import ScanTask, StripeWorker
+from drivers.sweep.stripe_worker import ScanStopped, ScanTask, StripeWorker
 
 # Interval between checks of a stop request while the caller is slow [s].
 QUEUE_SLICE = 0.05
@@ -37,10 +38,24 @@ class ScanWorker(StripeWorker):
         self.grabber.restart()
         # All at once, not one between frames: after a sleep each call costs many times as much.
         self._steps = [self._board.step_at(stripe.mirror_angle) for stripe in self._firing_order]
-        if self._options.off is OffFrames.PER_STRIPE:
-            self._take_pairs()
-        else:
-            self._take_sweep()
+        try:
+            if self._options.off is OffFrames.PER_STRIPE:
+                self._take_pairs()
+            else:
+                self._take_sweep()
+        except ScanStopped:
+            self._take_last_dark()
+            raise
+
+    def _take_last_dark(self) -> None:
+        """Take a dark flash after the last stripe of a scan that was stopped early, which proves the last stripes."""
+        if not (self.stopped_early and self._options.dark_after and self._group) or self._group[-1].dark is not None:
+            return
+        self._should_stop = None
+        self.switch.off()
+        dark = self.grabber.after(timing.monotonic())
+        if dark is not None:
+            self._group[-1] = dataclasses.replace(self._group[-1], dark=dark.image, dark_stamp=dark.stamp)
 
     def _end(self) -> None:
         if self._group:
@@ -118,16 +133,20 @@ class ScanWorker(StripeWorker):
         return frame
 
     def _collect(self, number: int, stripe: StripeCapture) -> None:
-        """Hand over a group when it is full, earlier near the end of the scan, where groups get smaller."""
+        """Hand over a group when it is full, earlier near the end of the scan, where groups get smaller.
+
+        The newest stripe of a scan with dark flashes waits for the next one: a scan that is stopped early ends dark.
+        """
         self._group.append(stripe)
         left = len(self._firing_order) - 1 - number
-        if len(self._group) < min(self._options.together, 2 * left - 2):
+        ready = len(self._group) - bool(self._options.dark_after and left)
+        if ready < max(min(self._options.together, 2 * left - 2), 1):
             return
         must_wait = self.items.full()
         if must_wait:
             self.switch.off()
-        if self._put(tuple(self._group)):
-            self._group.clear()
+        if self._put(tuple(self._group[:ready])):
+            del self._group[:ready]
             if must_wait:
                 self.grabber.restart()
 

@@ -43,6 +43,37 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
         assert len(list(again)) == 3
 
 
+@pytest.mark.parametrize("together", [1, 5])
+@pytest.mark.parametrize("off", ALL_MODES)
+def test_a_stopped_scan_ends_with_a_dark_flash(
+    board: LaserBoard,
+    camera: EmulatedCamera,
+    emulated: EmulatedBoard,
+    firing_order: list,
+    off: OffFrames,
+    together: int,
+) -> None:
+    """It proves the stripes since the flash before; the stripe that carries it says so."""
+    streams: list[StripeStream] = []
+    choices = options(off, queue_size=80, together=together, dark_after=frozenset({2, 69}))
+    scan = acquire(
+        board,
+        camera,
+        firing_order,
+        choices,
+        should_stop=lambda: bool(streams) and len(streams[0]._worker.fired) > 10,
+    )
+    streams.append(scan)
+    with scan as stream:
+        taken = list(stream)
+    assert [stripe.index for stripe in taken] == list(range(10)) and stream.report.failure is None
+    assert [stripe.index for stripe in taken if stripe.dark is not None] == [2, 9]
+    assert [stripe.index for stripe in taken if stripe.is_dark_due] == [2, 9]
+    lit, dark = taken[-1].on, taken[-1].dark
+    assert lit is not None and dark is not None and int(lit.max()) - int(dark.max()) > 50
+    assert not emulated.view().laser_on
+
+
 def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
     """In a pause that is over already no stripe is fired."""
     with acquire(board, camera, firing_order, should_stop=lambda: True) as stripes:
