@@ -1,9 +1,9 @@
-"""Carries the direction of gravity from pause to pause where no IMU gives it.
+"""Propagation of the gravity direction from pause to pause without an IMU.
 
-The soles that stayed show how the body turned since the pause before (three or more: a full rotation), so the
-vertical of that pause can be carried over. Its error grows from pause to pause, and the support plane limits it: on
-ground that looks flat (the plane's normal agrees with the carried vertical within noise) the plane is taken as
-level; elsewhere its weight is low, since the terrain itself may slope.
+Three or more soles that stayed in place give the rotation of the body since the last pause, which carries the vertical
+of that pause over to this one. Its error grows from pause to pause and is bounded by the support plane: where the
+plane's normal agrees with the carried vertical within noise, the plane is taken as level; elsewhere it has a low
+weight, since the terrain itself may slope.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from kinematics.footprint import fit_support_plane
 from kinematics.stance_pose import GravityEstimate, StanceNoise
 from kinematics.transforms import unit_vector
 
-# A support plane within this many sigmas of the carried vertical is taken as level: 96 % of flat ground in two axes.
+# A support plane within this many sigmas of the carried vertical is taken as level; 96 % of flat planes are (two axes).
 FLAT_SIGMAS = 2.5
 
-# A vertical less sure than this share of the terrain's slope does not distinguish flat ground from a slope.
+# The carried vertical tells flat ground from a slope only if its sigma is below this fraction of the terrain's sigma.
 SURE_SHARE = 0.5
 
 
@@ -51,7 +51,7 @@ def carry_gravity(
     if agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2:
         plane_variance = tilt_variance
     else:
-        # A foot stays for about as many pauses as there are feet, and all of these see nearly the same plane.
+        # A foot stays for about as many pauses as there are feet, so that many successive planes are nearly the same.
         plane_variance = (noise.terrain_slope_sigma**2 + tilt_variance) * len(support_now)
     gain = variance / (variance + plane_variance)
     up = up + gain * missed
@@ -65,7 +65,7 @@ def plane_tilt_variance(gain: Float, covariances: Float) -> float:
 
 
 def turn_between(points_now: Float, points_before: Float) -> Float:
-    """Rotation (3, 3) that takes directions of now to before: least squares over point sets (n, 3), n >= 3 (Kabsch)."""
+    """Rotation (3, 3) from the frame of now to that of before: least squares over points (n, 3), n >= 3 (Kabsch)."""
     covariance = (points_now - points_now.mean(axis=0)).T @ (points_before - points_before.mean(axis=0))
     left, _, right = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(right.T @ left.T))
@@ -73,7 +73,7 @@ def turn_between(points_now: Float, points_before: Float) -> Float:
 
 
 def first_gravity(up_in_base: Float, covariance: Float, noise: StanceNoise) -> GravityEstimate:
-    """Gravity at a first pause without IMU: against the support plane's normal; sigma allows for sloping terrain."""
+    """Gravity at the first pause without an IMU: opposite the support plane's normal, sigma including terrain slope."""
     tilt_variance = float(np.mean(np.diag(covariance)[3:5]))
     return GravityEstimate(
         (-up_in_base[0], -up_in_base[1], -up_in_base[2]), float(np.sqrt(tilt_variance + noise.terrain_slope_sigma**2))

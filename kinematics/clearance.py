@@ -29,7 +29,7 @@ class FootholdClearance:
     """Clearances at one foothold [m]: negative where ground is penetrated, NaN where the ground below is unknown.
 
     Attributes:
-        leg: smallest height of the leg above the ground, without its part within a sole's length of the sole's centre.
+        leg: smallest height of the leg above the ground, except within one sole length of the sole's centre.
         sole: smallest height of the sole above the ground; negative where a bump would press into it.
         sole_gap: largest height of the sole above the ground.
         joint_positions: (n,) positions of the leg's joints that place the sole there [rad].
@@ -110,7 +110,7 @@ def _above_ground(points: Float, height_at: HeightFunction) -> Float:
 
 
 def _shape_points(shape: Shape) -> Float:
-    """Points (n, 3) on the surface of a shape in its link's frame, without the inside of a cylinder's end faces."""
+    """Points (n, 3) on the surface of a shape in its link's frame; the end faces of a cylinder only at their rims."""
     if shape.kind == "box":
         points = _box_points(np.asarray(shape.size) / 2.0)
     elif shape.kind == "cylinder":

@@ -1,4 +1,4 @@
-"""Errors and warnings of this package: one root, each also the builtin that fits."""
+"""Errors and warnings of this package; every error derives from `KinematicsError` and from a built-in exception."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ class KinematicsError(Exception):
     """Root of every error that `kinematics` raises."""
 
     def __str__(self) -> str:
-        """The message as written: `KeyError` would quote it."""
+        """Return the message without the quotes that `KeyError` would add."""
         return str(self.args[0]) if len(self.args) == 1 else super().__str__()
 
 
@@ -21,13 +21,13 @@ class RobotFileError(KinematicsError, ValueError):
     """A file of a robot folder is broken or contradicts another; the message names the file and the line or entry.
 
     Attributes:
-        findings: each thing that is wrong, one or more.
+        findings: one text for each error found, one or more.
     """
 
     findings: tuple[str, ...]
 
     def __init__(self, *findings: str) -> None:
-        """One message of all findings."""
+        """Join all findings into one message."""
         super().__init__(
             findings[0]
             if len(findings) == 1
@@ -41,15 +41,15 @@ class UnknownName(KinematicsError, KeyError):
 
 
 class JointPositionError(KinematicsError, ValueError):
-    """Joint positions that cannot be used: missing, not finite, not in radians, of wrong length."""
+    """Joint positions that are missing, not finite, not in radians, or of the wrong length."""
 
 
 class StanceError(KinematicsError, ValueError):
-    """A stance that is malformed or does not hold the body: the message names the field."""
+    """A stance that is malformed or cannot support the body; the message names the field."""
 
 
 class ArgumentError(KinematicsError, ValueError):
-    """An argument of wrong shape or value; the message says what was given and what is allowed."""
+    """An argument of wrong shape or value; the message gives it and what is allowed."""
 
 
 class CameraMoved(KinematicsError, RuntimeError):
@@ -57,17 +57,17 @@ class CameraMoved(KinematicsError, RuntimeError):
 
 
 class OdometryLost(KinematicsError, RuntimeError):
-    """Too few feet stayed between two pauses to know how the body moved."""
+    """Too few feet stayed in place between two pauses to compute the body's motion."""
 
 
 class JointLimitWarning(UserWarning):
-    """Joints stand beyond their limits; one message says which and by how much."""
+    """Joints beyond their limits; one message lists them and by how much."""
 
 
 class RobotFileWarning(UserWarning):
-    """Something in a robot folder is not used (one warning names all of it), or is accepted and should be corrected."""
+    """Contents of a robot folder that are ignored, or accepted although they should be corrected."""
 
 
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:
-    """An `UnknownName` whose message says what was given and lists what there is."""
+    """`UnknownName` with a message that quotes the given name and lists the valid ones."""
     return UnknownName(f"unknown {kind} {given!r}; this robot has: {', '.join(valid)}")

@@ -25,7 +25,7 @@ class Findings:
 
         Args:
             text: what is wrong.
-            line: line of the file, from 1; 0 when it belongs to no line.
+            line: line of the file, from 1; 0 = no particular line.
         """
         self._wrong.append((line, text))
 
@@ -35,12 +35,12 @@ class Findings:
 
     @property
     def is_wrong(self) -> bool:
-        """True if there is an error so far."""
+        """True if there are errors."""
         return bool(self._wrong)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on what is not used, equal texts once."""
+        """Notes on entries that are not used, equal texts merged."""
         return tuple(f"{text} ({count} times)" if count > 1 else text for text, count in self._unused.items())
 
     @property
@@ -52,7 +52,7 @@ class Findings:
         )
 
     def refuse(self) -> None:
-        """Raise if there is an error; notes on unused entries are no reason to.
+        """Raise if there are errors; notes on unused entries alone do not raise.
 
         Raises:
             RobotFileError: there are errors; its `findings` are `texts`.

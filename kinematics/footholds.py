@@ -1,9 +1,9 @@
-"""The positions of the standing feet in `odom`, and the footprint that fits them best at every pause.
+"""Kalman filter of the footholds in `odom`, and the footprint fitted to them at each pause.
 
 A foothold is four numbers: x, y, z of the sole's centre and the sole's pitch, which does not change while the foot
 stands. Each foot stands for several pauses, so its foothold is known better than from one reading. At a pause the
-footprint (heading a, position t) is the one that lays the readings p_i onto the footholds x_i of the feet that stayed.
-With R the turn by a:
+footprint (heading a, position t) is fitted so that the readings p_i fall on the footholds x_i of the feet that stayed.
+With R the rotation by a:
 
     e_i = x_i - (R p_i + t),   V = P_ss + R C R'          P: covariance of the footholds, C: of the readings
     S = (H' V^-1 H)^-1                                    covariance of the footprint; H: d(R p + t) / d(t, a)
@@ -11,8 +11,8 @@ With R the turn by a:
     x' = x - P_:s W e,   P' = P - P_:s W P_s:             the footholds, corrected by the residuals of the fit
     cov(footprint, x') = S H' V^-1 P_s:
 
-A foot set down again gets its position from the footprint, with the covariance that this brings. So noise is neither
-counted twice nor summed as if pauses were independent, which would double the sigma of the result.
+A foot that was set down anew gets its position from the footprint, including the cross-covariance. Noise is therefore
+neither counted twice nor summed as if pauses were independent, which would double the sigma of the result.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ import numpy as np
 
 from kinematics.arrays import Float, read_only
 
-# Huber's limit: residuals beyond this many sigmas no longer pull harder; costs 5 % of precision where nothing slips.
+# Huber's limit [sigmas]: larger residuals get no more influence; costs 5 % of precision where nothing slips.
 HUBER_LIMIT = 1.5
 
-# Chi-square per degree of freedom above 1 + this / sqrt(freedom) happens by chance once in 100.
+# Chi-square per degree of freedom exceeds 1 + this / sqrt(freedom) by chance at most once in 100.
 MISFIT_LIMIT = 4.6
 
 # A sole whose pitch changed by more than this many standard deviations has rocked.
 ROCKED_SIGMAS = 3.0
 
-# The start is the closed-form solution, so that three iterations converge to 1e-12 m.
+# From the closed-form start, three iterations converge to 1e-12 m.
 ITERATIONS = 5
 
 
@@ -44,7 +44,7 @@ class Fit:
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
         covariance: (4, 4) covariance of its x, y, z [m] and heading [rad].
         residual: rms horizontal distance of the soles from their footholds [m].
-        misfit: chi-square per degree of freedom where that is more than noise explains, else 1.
+        misfit: chi-square per degree of freedom if noise does not explain it, else 1.
         last_covariance: (4, 4) covariance of the last footprint's x, y, z and heading.
         with_last: (4, 4) cross-covariance of the last footprint's x, y, z and heading with those of this one.
     """
@@ -78,11 +78,11 @@ class Footholds:
     def after_pause(
         self, stayed: tuple[str, ...], legs: tuple[str, ...], readings: Float, covariances: Float
     ) -> tuple[Fit, Footholds]:
-        """Fit the footprint of a new pause; returns it with the footholds updated by the pause's readings.
+        """Fit the footprint of a new pause; return it with the footholds updated by the pause's readings.
 
         Args:
-            stayed: two or more feet that stayed where they were.
-            legs: all feet that carry the body now; those that stayed are among them.
+            stayed: two or more feet that stayed in place.
+            legs: all feet that carry the body now, including those that stayed.
             readings: (n, 4) sole centres and pitches of all these feet in the new footprint [m, rad].
             covariances: (n, 4, 4) covariance of each reading.
         """
@@ -113,7 +113,7 @@ class Footholds:
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
             last_covariance=self.of_footprint,
-            # The new footprint follows the old footholds by d(pose) / d(footholds) = S H' V^-1.
+            # d(new footprint) / d(old footholds) = S H' V^-1.
             with_last=read_only(self.with_footprint[:, kept] @ (pose_covariance @ by_pose.T @ inverse).T),
         )
         cross_covariance = self.covariance[:, kept]
@@ -136,13 +136,12 @@ class Footholds:
         readings: Float,
         covariances: Float,
     ) -> Footholds:
-        """The footholds of `legs`: those that stayed as they are, the others set down from the fitted footprint."""
+        """Footholds of `legs`: unchanged for feet that stayed, computed from the fitted footprint for the others."""
         rotation = np.eye(4)
         rotation[:3, :3] = fit.transform_footprint_to_odom[:3, :3]
         shift = np.append(fit.transform_footprint_to_odom[:3, 3], 0.0)
         count, size = len(legs), len(self.positions)
-        # Matrix that maps (footprint, old footholds) to the new footholds, and the noise of the readings of feet set
-        # down.
+        # Matrix that maps (footprint, old footholds) to the new footholds, and reading noise of feet set down anew.
         source, fresh = np.zeros((4 * count, 4 + 4 * size)), np.zeros((count, 4, 4))
         positions = np.zeros((count, 4))
         for row, leg in enumerate(legs):
@@ -168,9 +167,9 @@ class Footholds:
 
     @property
     def own_of_footprint(self) -> Float:
-        """(4, 4) covariance of that part of the last footprint's error which is independent of the footholds.
+        """(4, 4) covariance of the part of the last footprint's error that is independent of the footholds.
 
-        It says nothing about where the feet are, so later pauses do not inherit it.
+        Later pauses do not inherit it.
         """
         shared = np.linalg.lstsq(self.covariance, self.with_footprint.T, rcond=1e-9)[0]
         own, directions = np.linalg.eigh(self.of_footprint - self.with_footprint @ shared)
@@ -178,7 +177,7 @@ class Footholds:
 
 
 def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) -> Footholds:
-    """The footholds of a first pause, whose footprint is `odom`, from readings (n, 4) and covariances (n, 4, 4)."""
+    """Footholds of the first pause, whose footprint is `odom`, from readings (n, 4) and covariances (n, 4, 4)."""
     exact = read_only(np.zeros((4, 4)))
     return Footholds(
         legs, read_only(readings), read_only(_blocks(covariances)), read_only(np.zeros((4, readings.size))), exact
@@ -186,7 +185,7 @@ def first_footholds(legs: tuple[str, ...], readings: Float, covariances: Float) 
 
 
 def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: Float) -> Float:
-    """Covariances (n, 4, 4) that ignore the pitch of each sole that rocked, as on an edge or a pebble."""
+    """Covariances (n, 4, 4) with the pitch of each sole that rocked, as on an edge or a pebble, made uninformative."""
     result = covariances.copy()
     for row, angle, variance in zip(rows, rotated, prior, strict=True):
         if angle**2 > ROCKED_SIGMAS**2 * (variance + covariances[row, 3, 3]):
@@ -196,7 +195,7 @@ def _without_rocked(covariances: Float, rows: list[int], rotated: Float, prior: 
 
 
 def _turn(angle: float) -> Float:
-    """Rotation (4, 4) of (x, y, z, pitch) about z; pitch stays: its axis turns too little to matter."""
+    """Rotation (4, 4) of (x, y, z, pitch) about z; the pitch is unchanged: its axis turns too little to matter."""
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.eye(4)
     turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
@@ -218,7 +217,7 @@ def _blocks(covariances: Float) -> Float:
 
 
 def _pull(errors: Float, covariance: Float) -> Float:
-    """Huber's weight (n,) of every foot, from its error and the covariance of that error."""
+    """Huber weight (n,) of each foot, from its error and the covariance of that error."""
     own, foot = errors.reshape(-1, 4), np.arange(errors.size // 4)
     its_covariance = covariance.reshape(foot.size, 4, foot.size, 4)[foot, :, foot]
     distances = np.sqrt(np.vecdot(own, np.linalg.solve(its_covariance, own[..., None])[..., 0]))
@@ -226,14 +225,14 @@ def _pull(errors: Float, covariance: Float) -> Float:
 
 
 def _misfit(errors: Float, covariance: Float) -> float:
-    """Chi-square per degree of freedom of the residuals, or 1 where noise explains them."""
+    """Chi-square per degree of freedom of the residuals, or 1 if noise explains them."""
     freedom = len(errors) - 4
     misfit = float(errors @ np.linalg.solve(covariance, errors)) / freedom
     return misfit if misfit > 1.0 + MISFIT_LIMIT / np.sqrt(freedom) else 1.0
 
 
 def _closed_form(soles: Float, positions: Float) -> tuple[float, Float]:
-    """Unweighted least squares: heading between the two sets about their means, then translation between the means."""
+    """Unweighted least squares: heading between the centred point sets, then translation between their means."""
     p, q = soles - soles.mean(axis=0), positions - positions.mean(axis=0)
     angle = float(np.arctan2(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]), np.sum(p[:, :2] * q[:, :2])))
     shift = positions.mean(axis=0) - _turn(angle)[:3, :3] @ soles.mean(axis=0)

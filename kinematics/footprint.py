@@ -1,17 +1,17 @@
-"""The mathematics of `base_footprint`: support plane, transform from soles and vertical, propagation of noise.
+"""Geometry of `base_footprint`: support plane, transform from soles and vertical, propagation of noise.
 
 With u the unit vertical in `base_link` and p_i the supporting soles, the rows of the rotation from base to
 footprint are
 
-    x = (e_x - u_x u) / s,   s = sqrt(1 - u_x^2)      the body's x axis laid on the horizontal
+    x = (e_x - u_x u) / s,   s = sqrt(1 - u_x^2)      the body's x axis projected onto the horizontal
     y = u x x
     z = u
 
-and its translation is (0, 0, h) with h = -u . mean(p_i): the footprint lies straight below the body's origin,
-with z = 0 at the mean of the soles.
+and its translation is (0, 0, h) with h = -u . mean(p_i): the footprint is vertically below the body's origin, with
+z = 0 at the mean of the soles.
 
-A small change du of the vertical turns the footprint about its own fixed axes by B du, B = (y, -x, (u_x / s)
-y) as rows; the last row is there because the heading is kept on the body's x axis while the body tips.
+A small change du of the vertical rotates the footprint about its own fixed axes by B du, where B has the rows y, -x and
+(u_x / s) y; the last row keeps the heading on the body's x axis while the body tilts.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ import numpy as np
 from kinematics.arrays import Float, read_only
 from kinematics.exceptions import StanceError
 
-# Frames that are the same for every robot; axes follow REP-103 (x forward, y left, z up), but for the optical frame,
-# OpenCV's. This one is straight below the body's origin, z = 0 at the mean of the supporting soles; not in the URDF.
+# Frames of every robot; axes follow REP-103 (x forward, y left, z up), except for the optical frame, which is OpenCV's.
+# Vertically below the body's origin, z = 0 at the mean of the supporting soles; not in the URDF.
 BASE_FOOTPRINT = "base_footprint"
-# Continuous from pause to pause; equal to `base_footprint` of the first pause; computed by leg odometry.
+# Equal to `base_footprint` of the first pause; tracked by leg odometry.
 ODOM = "odom"
-# Soles that scatter less than this across their line [m, rms] span no plane: 1 mm would tilt it 6 degrees.
+# Soles closer than this to a line [m, rms] span no plane: an error of 1 mm would tilt it by 6 degrees.
 LEAST_WIDTH = 0.010
 
 
 def transform_base_to_footprint(soles_in_base: Float, up: Float) -> Float:
-    """The transform (4, 4) for supporting soles (n, 3) [m] and the unit vertical (3,) in `base_link`."""
+    """Transform (4, 4) from supporting soles (n, 3) [m] and the unit vertical (3,), both in `base_link`."""
     x = np.array([1.0, 0.0, 0.0]) - up[0] * up
     x /= np.linalg.norm(x)
     transform = np.eye(4)
@@ -54,10 +54,10 @@ def footprint_jacobians(soles_in_base: Float, transform: Float, up_by_soles: Flo
     Args:
         soles_in_base: (n, 3) supporting soles [m].
         transform: (4, 4) base to footprint.
-        up_by_soles: (3, 3 n) d(vertical) / d(soles); zero where the vertical does not come from the soles.
+        up_by_soles: (3, 3 n) d(vertical) / d(soles); zero if the vertical does not depend on the soles.
 
     Returns:
-        by_soles (6, 3 n) and by_vertical (6, 3); by_soles includes what the soles do through the vertical.
+        by_soles (6, 3 n) and by_vertical (6, 3); by_soles includes the effect of the soles on the vertical.
     """
     count = len(soles_in_base)
     up = transform[2, :3]
@@ -97,13 +97,13 @@ def compose_covariance(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupportPlane:
-    """The least-squares plane z = a x + b y + c through n soles.
+    """Least-squares plane z = a x + b y + c through n soles.
 
     Attributes:
         coefficients: (3,) a, b [-] and c [m].
         normal: (3,) unit normal, pointing up, in `base_link`.
         residual: rms distance of the soles from the plane [m]; zero for three soles.
-        gain: (3, n) d(a, b, c) / d(height of each sole over the plane, measured along z).
+        gain: (3, n) d(a, b, c) / d(z of each sole).
     """
 
     coefficients: Float

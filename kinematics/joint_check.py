@@ -1,20 +1,19 @@
-"""Joints that cannot be: standing legs close chains, and a joint that reads wrong opens them.
+"""Joint consistency check: standing legs form closed kinematic chains, which a wrong joint reading opens.
 
-With T_k = (R_k, t_k) the pose of the body at pause k, c_i(q) the sole of leg i in `base_link` and p the foothold on
-which it stands, every reading of a standing leg says
+With T_k = (R_k, t_k) the pose of the body at pause k, c_i(q) the sole of leg i in `base_link`, p its foothold and b the
+errors of the joints, every reading of a standing leg satisfies
 
     R_k c_i(q_k - b) + t_k - p = e,
 
-for one foothold over all pauses in which the foot stays, b the error of the joints. A flat sole lies on its foothold
-(the z of its x axis is that of the ground's slope), and an IMU says where R_k has down. Poses, footholds and slopes are
-unknown: they are eliminated by least squares, and what is left of the readings is compared with what an error of each
-joint would leave. With A the derivatives by the unknowns, B by a joint, r the residual, all whitened, and P the
-projection off the columns of A,
+where p is the same in all pauses in which the foot stays. A flat sole also has the slope of its foothold (the z
+component of its x axis), and an IMU gives the vertical of R_k. Poses, footholds and slopes are unknown and eliminated
+by least squares; the residual is compared with the one that an error of each joint would cause. With A the Jacobian by
+the unknowns, B that by one joint, r the residual, all whitened, and P the projection onto the complement of A's range,
 
     b = -(P B) . r / |P B|^2,   sigma_b = 1 / |P B|.
 
-A joint that jumped has such an error from the newest pause on, a joint with a wrong zero in all of them. The latter
-shows as far as the legs move between the pauses and the soles are flat: `JointCheck.sigmas` says of each joint how far.
+A joint that jumped has such an error in the newest pause only, a joint with a wrong zero in all pauses. A wrong zero is
+observable only as far as the legs move between pauses and the soles are flat: see `JointCheck.sigmas`.
 """
 
 from __future__ import annotations
@@ -35,34 +34,34 @@ from kinematics.stance import Stance
 from kinematics.state import RobotState
 from kinematics.transforms import unit_vector
 
-# Pauses over which a wrong zero is looked for, two cycles of four legs, and the fewest: one cycle.
+# Longest and shortest window of pauses in which wrong zeros are sought: two cycles of four legs, and one.
 LONGEST, SHORTEST = 9, 5
-# Standing feet creep by this much between two pauses, per horizontal axis [m]: 4 % of the way of a cycle of 140 mm.
+# Creep of a standing foot between two pauses, per horizontal axis [m]: 4 % of the body's 35 mm (cycle of 140 mm).
 SLIP_SIGMA = 0.0015
-# And sink by this much [m].
+# Sinkage of a standing foot between two pauses [m].
 SINK_SIGMA = 0.0005
-# An error is told from here on [rad], and from so many of its own standard deviations.
+# Errors below either limit are not reported: [rad], and in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# Largest jump that is looked for [rad]: a foot that swings along its leg's arc looks like a larger one.
+# Largest jump that is sought [rad]: a foot swung along its leg's arc looks like a larger one.
 LARGEST_JUMP = 0.35
-# A foot that moved by more swings of `swing_least` was lifted, where the other feet agree without it.
+# A foot that moved by more than this many `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
-# Joints that explain the readings worse by more than this chi^2 than the best are not named.
+# Joints whose chi^2 exceeds that of the best explanation by more than this are not named.
 AS_LIKELY = 9.0
-# The noise of a walk is learned over so many pauses: its variance is at least this share of what robot.toml states, and
-# all of it where too few pauses tell.
+# The noise variance of a walk, as a fraction of the one robot.toml states, is learned over LEARNED pauses and is at
+# least LEAST_SCALE.
 LEAST_SCALE, LEARNED = 0.2, 36
-# A zero is told where its standard deviation is at most this [rad].
+# A wrong zero is reported only if its standard deviation is below this [rad].
 LARGEST_SIGMA = 0.03
-# Joints beyond their limits by more are told [rad]: less is an encoder's offset, or a nominal limit.
+# Joints beyond their limits by more than this are reported [rad]; less is an encoder offset or a nominal limit.
 BEYOND_LIMIT = 0.1
-# A position and a heading in `odom` that are as good as unknown [m, rad].
+# Sigma of an unknown position and heading in `odom` [m, rad].
 UNKNOWN = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class JointFault:
-    """An error of one joint, or of one of several.
+    """Error of one joint, or of one of several that explain the readings about equally well.
 
     Attributes:
         joints: names of the joints that explain the readings, the likeliest first.
@@ -77,7 +76,7 @@ class JointFault:
     kind: str
 
     def __str__(self) -> str:
-        """A sentence for the status."""
+        """Describe the fault in one line."""
         names = " or ".join(self.joints)
         if self.kind == "limit":
             return f"joint {names} reads {self.error:+.2f} rad beyond its limits: check its encoder"
@@ -92,9 +91,9 @@ class JointReport:
     """Verdict on the joints at one pause.
 
     Attributes:
-        residual: rms of the closed chains between this pause and the last, in standard deviations; NaN where fewer than
-            three feet stayed.
-        faults: what cannot be; empty when all is well.
+        residual: rms residual of the closed chains between this pause and the last, in standard deviations; NaN if
+            fewer than three feet stayed.
+        faults: faults found; empty if all joints are consistent.
     """
 
     residual: float
@@ -102,13 +101,13 @@ class JointReport:
 
 
 class _Reading:
-    """Legs of one pause: soles, their derivatives and covariances, x axes of flat soles, and gravity."""
+    """Standing legs of one pause: soles, Jacobians, covariances, x axes of flat soles, and the direction of gravity."""
 
     def __init__(self, robot: RobotModel, stance: Stance, state: RobotState) -> None:
         tree, self.legs = state.tree, stance.support_feet
         self.soles = state.soles_in_base(self.legs)
         self.jacobians = [state.jacobian(tree.leg(leg).sole) for leg in self.legs]
-        # A foot that stays keeps its contact: of its error only the joints' part changes.
+        # A foot that stays keeps its contact point, so only the joints' part of its error varies.
         self.covariances = [robot.noise.encoder_sigma**2 * j[:3] @ j[:3].T for j in self.jacobians]
         self.axes = [
             state.transform_to_base(tree.leg(leg).sole)[:3, 0] if len(tree.leg(leg).joints) > 3 else None
@@ -122,7 +121,7 @@ class _Reading:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A reading, about where its body was, and the number of the foothold of each of its legs that counts."""
+    """Reading with an approximate pose of its body and the foothold number of each leg in use."""
 
     reading: _Reading
     rotation: Float
@@ -130,7 +129,7 @@ class _Placed:
     footholds: Mapping[str, int]
 
     def then(self, reading: _Reading, stayed: Sequence[str], footholds: Mapping[str, int]) -> _Placed:
-        """The reading of the next pause, by the feet that stayed, three or more."""
+        """Place the reading of the next pause by three or more feet that stayed."""
         now, before = reading.soles_of(stayed), self.reading.soles_of(stayed)
         turn = turn_between(now, before)
         shift = before.mean(axis=0) - turn @ now.mean(axis=0)
@@ -138,11 +137,11 @@ class _Placed:
 
 
 class _Chains:
-    """Whitened least squares over some pauses, free of poses, footholds and slopes.
+    """Whitened least squares over some pauses, with poses, footholds and slopes eliminated.
 
     Attributes:
-        chi2: of what is left of the readings.
-        degrees: its degrees of freedom.
+        chi2: chi^2 of the residuals.
+        degrees: their degrees of freedom.
     """
 
     def __init__(self, robot: RobotModel, pauses: Sequence[_Placed]) -> None:
@@ -184,13 +183,13 @@ class _Chains:
                 design[:, 6 * k + 3 : 6 * k + 6] = -skew(down)[:2]
                 blocks.append((design / noise.imu_sigma, np.zeros((2, joints)), down[:2] / noise.imu_sigma))
             last += [k == len(pauses) - 1] * sum(len(values) for *_, values in blocks[before:])
-        # Where the walk begins is free, but for its tilt; slopes are those of the terrain.
+        # The first pose is free but for its tilt; slopes have the terrain's prior.
         priors = np.zeros(width)
         priors[:6] = 1 / UNKNOWN
         priors[3:5] = priors[6 * len(pauses) + 3 :: 4] = 1 / noise.terrain_slope_sigma
         prior = np.diag(priors)[priors > 0]
         basis, _ = np.linalg.qr(np.vstack([*(design for design, _, _ in blocks), prior]))
-        # The rows of the readings; those of the priors hold no value and no joint.
+        # Rows of the readings only: the priors contribute neither residuals nor joint derivatives.
         self._basis = basis[: len(last)]
         self._by_joints = np.vstack([by_joint for _, by_joint, _ in blocks])
         self._is_last = np.array(last)[:, None]
@@ -202,15 +201,15 @@ class _Chains:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether noise explains what is left."""
+        """True if noise explains the residuals."""
         return self.chi2 < _most(self.degrees)
 
     def errors(self, *, since_last: bool) -> tuple[Float, Float]:
-        """Error of each joint, taken by itself, and its standard deviation (infinite where nothing tells) [rad]."""
+        """Error of each joint, each taken alone, and its standard deviation (infinite if unobservable) [rad]."""
         design = self._by_joints * self._is_last if since_last else self._by_joints
         along = self._basis.T @ design
         information = np.sum(design**2, axis=0) - np.sum(along**2, axis=0)
-        # Rounding of what the projection leaves is no information.
+        # What rounding leaves after the projection is no information.
         told = information > 1e-9 * np.sum(self._by_joints**2, axis=0) + 1e-9
         information = np.where(told, information, 1.0)
         error = -(self._values @ design - (self._basis.T @ self._values) @ along) / information
@@ -218,10 +217,10 @@ class _Chains:
 
 
 class JointCheck:
-    """Test of the joints of a walk, from pause to pause.
+    """Consistency check of the joints during a walk, updated at every pause.
 
     Args:
-        robot: the model; its table [stance] says how noisy the joints are.
+        robot: the model; its table [stance] gives the noise of the joints.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -232,22 +231,22 @@ class JointCheck:
         self._jump: tuple[int, JointFault] | None = None
 
     def reset(self) -> None:
-        """Forget the walk."""
+        """Start over, as before the first pause."""
         self._pauses, self._noise, self._jump = (), (), None
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Standard deviation with which the pauses so far tell a wrong zero, by joint [rad]; inf where they do not."""
+        """Standard deviation of the zero error of each joint after the pauses so far [rad]; inf if unobservable."""
         if not self._pauses:
             return dict.fromkeys(self._robot.joint_names, math.inf)
         _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
         return dict(zip(self._robot.joint_names, sigma.tolist(), strict=True))
 
     def update(self, stance: Stance) -> JointReport:
-        """Test the joints at a new pause.
+        """Check the joints at a new pause.
 
         Raises:
-            UnknownName, JointPositionError: the stance is not one of this robot.
+            UnknownName, JointPositionError: the stance does not fit this robot.
         """
         state = self._robot.state(stance.joint_positions)
         reading = _Reading(self._robot, stance, state)
@@ -277,7 +276,7 @@ class JointCheck:
         return JointReport(residual, tuple(faults))
 
     def _begin(self, reading: _Reading) -> tuple[_Placed, ...]:
-        """A first pause; none where its feet are too few, or on a line, to compare the next one with."""
+        """Start with a first pause; empty if its feet are too few or on a line."""
         try:
             plane = fit_support_plane(reading.soles)
         except StanceError:
@@ -287,7 +286,7 @@ class JointCheck:
         return (_Placed(reading, transform[:3, :3], transform[:3, 3], dict.fromkeys(reading.legs, self._count)),)
 
     def _offsets(self, chains: _Chains) -> list[JointFault]:
-        """A joint with a wrong zero; the noise is that of the readings themselves, once that error is gone."""
+        """Find a joint with a wrong zero; its sigma is scaled by the residuals that remain without that error."""
         found = {}
         errors, sigmas = chains.errors(since_last=False)
         for name, error, sigma in zip(self._robot.joint_names, errors.tolist(), sigmas.tolist(), strict=True):
@@ -299,7 +298,7 @@ class JointCheck:
         return [] if fault is None else [fault]
 
     def _since_last(self, reading: _Reading) -> tuple[tuple[str, ...], float, JointFault | None]:
-        """Feet that stayed since the last pause, residual of their chains, and a joint that jumped."""
+        """Feet that stayed since the last pause, residual of their chains, and the fault of a joint that jumped."""
         last = self._pauses[-1]
         common = [leg for leg in last.reading.legs if leg in reading.legs]
         tried: list[tuple[tuple[str, ...], _Chains]] = []
@@ -323,12 +322,12 @@ class JointCheck:
         return (), math.nan, self._jumped(tried)
 
     def _scale(self) -> float:
-        """Share of the variance of robot.toml that the walk so far has at most, with a certainty of two sigmas."""
+        """Upper bound (two sigmas) of this walk's noise variance, as a fraction of the one of robot.toml."""
         chi2, degrees = (sum(of) for of in zip(*self._noise, strict=True)) if self._noise else (0.0, 0)
         return min(max(chi2 / degrees * (1.0 + 2.0 * math.sqrt(2.0 / degrees)), LEAST_SCALE), 1.0) if degrees else 1.0
 
     def _jumped(self, tried: Sequence[tuple[tuple[str, ...], _Chains]]) -> JointFault | None:
-        """A joint whose jump explains why feet did not stay; `tried` are the sets of feet that may have stayed."""
+        """Find a joint whose jump explains why feet did not stay; `tried` are sets of feet that may have stayed."""
         tree, scale = self._robot.tree, self._scale()
         found: dict[str, tuple[float, float, float]] = {}
         for legs, chains in tried:
@@ -342,7 +341,7 @@ class JointCheck:
         return _likeliest(found, "jump")
 
     def _may_have_stayed(self, now: _Placed, legs: Sequence[str]) -> bool:
-        """Whether feet that did not stay moved by so little that nobody lifted them."""
+        """Test that all the feet moved too little to have been lifted."""
         last = self._pauses[-1]
         here = now.reading.soles_of(legs) @ now.rotation.T + now.origin
         before = last.reading.soles_of(legs) @ last.rotation.T + last.origin
@@ -355,7 +354,7 @@ def _is_error(error: float, sigma: float) -> bool:
 
 
 def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> JointFault | None:
-    """The fault of the joints that leave the least chi^2, of (chi^2, error, sigma) by joint."""
+    """Fault of the joints with the least chi^2, from (chi^2, error, sigma) by joint."""
     if not found:
         return None
     names = sorted(found, key=lambda name: found[name])
@@ -364,5 +363,5 @@ def _likeliest(found: Mapping[str, tuple[float, float, float]], kind: str) -> Jo
 
 
 def _most(degrees: int) -> float:
-    """Largest chi^2 that passes for noise."""
+    """Largest chi^2 attributed to noise."""
     return degrees + 3.0 * math.sqrt(2.0 * degrees) + 6.0

@@ -1,21 +1,21 @@
 """Kinematics of one leg: closed-form for four joints (hip roll, three pitch joints in one plane), else numeric.
 
 The leg is recognised by its geometry, not by its names: the first axis along x, the others along y, all joints and
-the sole in one plane through the first axis, hip roll and hip pitch meeting in one point. Thigh, shank and foot are
-vectors in that plane and may point anywhere. With r the sole relative to the hip and phi the sole's pitch in the
+the sole in one plane through the first axis, hip roll and hip pitch axes intersecting. Thigh, shank and foot are
+vectors in that plane and may have any direction. With r the sole relative to the hip and phi the sole's pitch in the
 leg's plane:
 
     hip roll     q1 = atan2(r_y, -r_z);   in the plane the sole is at (r_x, -sqrt(r_y^2 + r_z^2))
     ankle        a = sole - Ry(phi) foot
-    knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with the sign of the posture in which the robot stands
+    knee bend    cos b = (|a|^2 - l1^2 - l2^2) / (2 l1 l2), b with its sign in the standing posture
     thigh        at the angle psi(a) - atan2(l2 sin b, l1 + l2 cos b) from straight down
     ankle pitch  q4 = phi - q2 - q3
 
 psi(v) is the angle about y that turns "straight down" onto v. Everything is vectorised over soles.
 
-Where the closed form does not fit, `NumericLeg` runs a damped Gauss-Newton on Pinocchio's model of that leg alone. The
-sole centre is always sought; its pitch only by legs of four joints or more, since three joints can just place it. One
-sole at a time, started from the one before: a grid takes seconds, not milliseconds.
+Where the closed form does not fit, `NumericLeg` runs damped Gauss-Newton on a Pinocchio model of that leg alone. Three
+joints can only place the sole centre; legs of four joints or more also solve for the sole's pitch. It solves one sole
+at a time, starting from the solution before: a grid takes seconds, not milliseconds.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from kinematics.arrays import Float, read_only
 from kinematics.tree import KinematicTree, build_model
 
 ITERATIONS = 40
-# Damping of the normal equations [m^2 / rad^2]: keeps the step finite where the leg is stretched.
+# Damping of the normal equations [m^2 / rad^2]: keeps the step finite when the leg is stretched.
 DAMPING = 1e-6
-# A radian of pitch weighs as much as this many metres: half a foot's height.
+# Weight of pitch against position [m / rad]: half a foot's height.
 LENGTH = 0.1
-# Weighted error [m] below which a solution is found.
+# Weighted error [m] below which the iteration has converged.
 TOLERANCE = 1e-9
-# [rad] Keeps a first step from jumping to the other bend of the knee.
+# Step limit [rad]: keeps the first step from flipping the knee.
 LARGEST_STEP = 0.3
-# Tolerance of lengths [m] and axes [-] when a leg is recognised: the closed form must agree with the URDF to rounding.
+# Tolerance of lengths [m] and axes [-] for recognising a leg: the closed form must match the URDF up to rounding.
 GEOMETRY_TOLERANCE = 1e-9
-# The cosine of a straight knee may exceed 1 by this much.
+# Rounding may take the cosine of a straight knee this far beyond 1.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegGeometry:
-    """Lengths and senses of a four-joint leg.
+    """Lengths and axis directions of a four-joint leg.
 
     Attributes:
-        hip: (3,) meeting point of the first two axes in `base_link` [m].
+        hip: (3,) intersection of the first two axes in `base_link` [m].
         senses: (4,) +1 where an axis points along x, y, y, y of `base_link`, -1 where it is opposite.
         thigh, shank, foot: (2,) vectors (x, z) in the leg's plane at zero angles [m].
-        knee_sign: sign of the knee bend b in the posture in which the robot stands.
+        knee_sign: sign of the knee bend b in the standing posture.
         lower, upper: (4,) joint limits [rad].
     """
 
@@ -84,7 +84,7 @@ class LegGeometry:
             sole_pitch: (n,) pitch of the sole in the leg's plane [rad].
 
         Returns:
-            (n, 4) joint positions [rad] regardless of limits; NaN where the leg is too short or cannot fold that far.
+            (n, 4) joint positions [rad], not checked against limits; NaN where the sole is too far or too near.
         """
         reach = soles_in_base - self.hip
         roll = np.arctan2(reach[:, 1], -reach[:, 2])
@@ -105,18 +105,18 @@ class LegGeometry:
 
 
 def _turned(vector: Float, angle: Float) -> Float:
-    """Vectors (..., 2): the vector (x, z) rotated about y by each of the angles (...)."""
+    """Rotate the vector (x, z) about y by each of the angles (...); (..., 2)."""
     sine, cosine = np.sin(angle), np.cos(angle)
     return np.stack([vector[0] * cosine + vector[1] * sine, vector[1] * cosine - vector[0] * sine], axis=-1)
 
 
 def _angle(vectors: Float) -> Float:
-    """Angle about y [rad] that turns straight down (0, -1) onto vectors (..., 2)."""
+    """Angle about y [rad] from straight down (0, -1) to vectors (..., 2)."""
     return np.asarray(np.arctan2(-vectors[..., 0], -vectors[..., 1]))
 
 
 def find_leg_geometry(tree: KinematicTree, leg: str) -> LegGeometry | None:
-    """The geometry of a leg that the closed form fits, or None.
+    """Geometry of a leg for the closed form; None if the form does not fit.
 
     Raises:
         UnknownName: no such leg.
@@ -163,12 +163,12 @@ def _close(a: npt.ArrayLike, b: npt.ArrayLike) -> bool:
 
 
 class NumericLeg:
-    """One leg of any build; `solve` answers as `LegGeometry.solve` does.
+    """Numeric inverse kinematics of a leg of any structure; interchangeable with `LegGeometry`.
 
     Args:
         tree: the robot's kinematic tree.
         leg: name of the leg.
-        start: (joints,) positions to start from [rad], on the side to which the knee should bend.
+        start: (joints,) initial positions [rad], with the knee bent to the desired side.
     """
 
     def __init__(self, tree: KinematicTree, leg: str, start: Float) -> None:
@@ -198,9 +198,9 @@ class NumericLeg:
     def solve(self, soles_in_base: Float, sole_pitch: Float) -> Float:
         """Joint positions (n, joints) [rad] within limits for sole centres (n, 3) [m] and pitches (n,) [rad].
 
-        NaN where none was found. The pitch is ignored by legs of three joints or fewer.
+        NaN where none was found. Legs of three joints or fewer ignore the pitch.
         """
-        # Pinocchio's work space, one for each call: solvers are shared between threads.
+        # Pinocchio's workspace, one for each call: solvers are shared between threads.
         data = self._model.createData()
         solutions = np.full((len(soles_in_base), len(self._order)), np.nan)
         last: Float | None = None
@@ -226,7 +226,7 @@ class NumericLeg:
         return None
 
     def _error(self, data: Any, positions: Float, sole: Float, pitch: float) -> tuple[Float, Float]:
-        """Weighted error (3 or 4,) [m] and its Jacobian by the joints, with columns in the leg's order."""
+        """Weighted error (3 or 4,) [m] and Jacobian of the pose by the joints, columns in the leg's order."""
         import pinocchio
 
         configuration = self._configuration(positions)
@@ -237,7 +237,7 @@ class NumericLeg:
         error, jacobian = sole - placement.translation, full[:3]
         if not self.seeks_pitch:
             return error, jacobian
-        # The pitch is read in the plane through the x axis, the hip and the wanted sole, as the closed form does.
+        # Pitch is measured in the plane through the x axis, the hip and the target, as in the closed form.
         reach = (sole - self._hip) * (0.0, 1.0, 1.0)
         up = -reach / max(float(np.linalg.norm(reach)), 1e-12)
         along = placement.rotation[:, 0]

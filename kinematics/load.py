@@ -1,8 +1,8 @@
-"""Loads a robot from its folder or from one line of text, and reports at once all that is wrong with it.
+"""Loading of a robot from its folder or from a one-line description, with all errors reported at once.
 
-A grid carries that line, so that whoever receives it can ask about the robot's legs. It holds robot.toml, SRDF and what
-is used of the URDF, compressed. It may come from anywhere: its size is limited, its files are read by the same checks
-as a folder's, and no other file of this machine is opened for it.
+The description travels with every grid, so that receivers can compute the reach of the robot's legs. It is the
+compressed text of robot.toml, the SRDF and the parts of the URDF that are used. It may come from anywhere: its size is
+limited, its files pass the same checks as those of a folder, and no other file is opened for it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from kinematics.tree import KinematicTree
 from kinematics.urdf import Joint, Link, Shape, Urdf
 from kinematics.urdf_checks import check_urdf
 
-# Where robots are looked up by name: beside this package, in a checkout and in an installed wheel alike.
+# Stock robots, found by name: beside this package, both in a checkout and in an installed wheel.
 ROBOTS_FOLDER = Path(__file__).resolve().parent.parent / "robots"
 # [byte] The description of a stock robot has some 5 kB, and 100 kB unpacked.
 LARGEST_TEXT = 1_000_000
@@ -47,18 +47,18 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
         name_or_path: name of a robot that comes with the package, or path of a robot folder.
 
     Raises:
-        RobotNotFound: neither; the message lists the names there are.
-        RobotFileError: a file is missing, broken or contradicts another; `findings` lists all that is wrong with the
-            three files, each with file, line and remedy.
+        RobotNotFound: neither a known name nor a robot folder; the message lists the names.
+        RobotFileError: a file is missing, broken or contradicts another; `findings` lists every error of the three
+            files, each with file, line and remedy.
 
     Warns:
-        RobotFileWarning: one warning that names what in the files is not used; one for each of `RobotModel.doubts`.
+        RobotFileWarning: one warning on all unused content of the files, and one for each of `RobotModel.doubts`.
     """
     return _load(_find(name_or_path), {})
 
 
 def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
-    """Load a robot from its folder, or from the texts of its files ("toml", "urdf", "srdf") where they are given."""
+    """Load a robot from its folder, or from the texts of its files ("toml", "urdf", "srdf") if given."""
     root = open_robot_toml(folder / "robot.toml", texts.get("toml"))
     toml = Findings(root.path)
     config = read_robot_toml(root, toml)
@@ -92,7 +92,7 @@ def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
 
 
 def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | None, tuple[str, ...]]:
-    """A URDF and what is wrong with it."""
+    """Checked URDF, or None and its errors."""
     try:
         urdf = read_urdf(path, text)
         if config.name and urdf.name != config.name:
@@ -106,7 +106,7 @@ def _read_urdf(path: Path, config: RobotToml, text: str | None) -> tuple[Urdf | 
 def _check_tree(
     urdf: Urdf, config: RobotToml, postures: Mapping[str, Posture] | None, findings: Findings
 ) -> KinematicTree | None:
-    """The tree of links and joints, checked; what is wrong becomes findings."""
+    """Tree of links and joints; its errors become findings."""
     scan = None if postures is None else postures.get(config.scan_posture)
     try:
         tree = KinematicTree(urdf, config, None if scan is None else scan.joint_positions)
@@ -136,16 +136,16 @@ def _find(name_or_path: str | Path) -> Path:
 
 @lru_cache(maxsize=8)
 def describe_robot(robot: RobotModel) -> str:
-    """The description of a robot; `robot_from_description` makes the same robot of it."""
+    """Description of a robot, the inverse of `robot_from_description`."""
     files = {"name": robot.name, "toml": robot.toml_text, "urdf": plain_urdf(robot.tree.urdf), "srdf": robot.srdf_text}
     return base64.b64encode(zlib.compress(json.dumps(files).encode("utf-8"), 9)).decode("ascii")
 
 
 def robot_from_description(text: str) -> RobotModel:
-    """The robot of a description.
+    """Load the robot of a description.
 
     Raises:
-        RobotFileError: the text is damaged or too long, or the robot in it is not sound.
+        RobotFileError: the text is damaged or too long, or a file in it has errors.
     """
     if len(text) > LARGEST_TEXT:
         raise RobotFileError(f"{SOURCE}: {len(text)} characters; at most {LARGEST_TEXT} are read")
@@ -162,7 +162,7 @@ def robot_from_description(text: str) -> RobotModel:
 
 
 def plain_urdf(urdf: Urdf) -> str:
-    """Text of a URDF with all that was read of another one, in the same order."""
+    """URDF text with everything that was read from a file, in the same order."""
     root = Element("robot", name=urdf.name)
     for link in urdf.links:
         _add_link(root, link)
@@ -202,7 +202,7 @@ def _add_joint(root: Element, joint: Joint) -> None:
     SubElement(element, "child", link=joint.child)
     if joint.kind != "fixed":
         SubElement(element, "axis", xyz=_numbers(joint.axis))
-        # Readers of URDF demand effort and velocity of a <limit>; nobody uses them here.
+        # URDF readers require effort and velocity in a <limit>; they are not used here.
         SubElement(element, "limit", lower=repr(joint.lower), upper=repr(joint.upper), effort="0", velocity="0")
 
 

@@ -1,7 +1,8 @@
-"""Collision meshes: where their files lie, and the smallest simple shape that contains a mesh.
+"""Collision meshes: location of their files, and bounding shapes.
 
-A mesh is taken as the smallest of an upright box, cylinder or sphere that contains its convex hull: never smaller than
-the mesh, so what lies on the robot is never taken for terrain. It is read by coal (Assimp), which comes with Pinocchio.
+A mesh is replaced by the smallest box, cylinder or sphere found that contains its convex hull. The shape is never
+smaller than the mesh, so points on the robot are never taken for terrain. Files are read by coal (Assimp), which comes
+with Pinocchio.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ import numpy as np
 from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 
-# [byte] A mesh file above this is not opened.
+# [byte] Larger mesh files are not opened.
 LARGEST_MESH = 256 * 1024 * 1024
 
-# This many of the hull's largest faces are tried as the bottom of the box.
+# Number of the hull's largest faces that are tried as a side of the box.
 DIRECTIONS = 80
 
 
 def find_mesh(filename: str, urdf: Path) -> Path:
-    """The file that a `<mesh filename>` names.
+    """Path of the file that a `<mesh filename>` names.
 
-    `package://NAME/rest` is looked for in every folder NAME that the URDF lies in or beside, and in the folders of
-    ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; a relative name from the URDF's own folder.
+    `package://NAME/rest` is searched in every folder NAME that contains the URDF or is beside a folder that does, then
+    in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH; other names are relative to the URDF's folder.
 
     Raises:
-        RobotFileError: no such file; the message says where it was looked for.
+        RobotFileError: no such file; the message lists the paths searched.
     """
     paths = list(_paths(filename, urdf.resolve()))
     for path in paths:
@@ -57,15 +58,14 @@ def _paths(filename: str, urdf: Path) -> Iterator[Path]:
             if entry:
                 yield Path(entry) / "share" / package / rest
         return
-    plain = filename.removeprefix("file://")
-    yield urdf.parent / plain
+    yield urdf.parent / filename.removeprefix("file://")
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
     """Vertices (n, 3) of a mesh file (STL, OBJ, Collada or another format that Assimp reads), scaled [m].
 
     Raises:
-        RobotFileError: the file cannot be read, or holds fewer than four points or no volume.
+        RobotFileError: the file is too large or cannot be read, or holds fewer than four points.
     """
     import coal
 
@@ -84,12 +84,12 @@ def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:
 
 @lru_cache(maxsize=256)
 def mesh_shape(path: Path, scale: tuple[float, ...], stamp: int) -> tuple[str, tuple[float, ...], Float]:
-    """`bounding_shape` of a mesh file, kept while its time of change, `stamp` [ns], is the same: legs share meshes."""
+    """`bounding_shape` of a mesh file, cached by modification time `stamp` [ns]: legs share meshes."""
     return bounding_shape(read_mesh(path, scale))
 
 
 def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
-    """The smallest box, cylinder or sphere, of those tried, that contains points (n, 3).
+    """Smallest box, cylinder or sphere, of those tried, that contains points (n, 3).
 
     Returns:
         kind ("box", "cylinder" or "sphere"), its size as in `Shape`, and transform_shape_to_points (4, 4).
@@ -131,7 +131,7 @@ def bounding_shape(vertices: Float) -> tuple[str, tuple[float, ...], Float]:
 
 
 def _rotations(points: Float, hull: Any) -> Iterator[Float]:
-    """Frames (3, 3) in which to try a box: the file's own, the principal axes, one on each of the largest faces."""
+    """Candidate frames (3, 3) of the box: the file's own, the principal axes, one for each of the largest faces."""
     yield np.eye(3)
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2].T
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])

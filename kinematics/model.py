@@ -1,4 +1,4 @@
-"""`RobotModel`: a robot folder, loaded and checked, and the states and poses of the robot."""
+"""`RobotModel`: the loaded and checked content of a robot folder."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from kinematics.tree import KinematicTree
 
 
 class RobotModel:
-    """A robot folder, loaded and checked; made by `load_robot`. Immutable.
+    """Loaded and checked robot folder; made by `load_robot`. Immutable.
 
     Attributes:
-        folder: where it was read from.
-        toml_text, srdf_text: content of robot.toml and of the SRDF, for a description that is sent to others.
+        folder: the folder it was read from.
+        toml_text, srdf_text: texts of robot.toml and of the SRDF, for `describe_robot`.
         name: the robot's name.
         tree: its kinematic tree (names, limits, Pinocchio's model).
         legs: names of the legs, in robot.toml's order.
         joint_names: names of all joints: leg by leg from hip to sole, then any others.
         sole: length (x) and width (y) of the sole [m].
-        noise: how well a stance is known (table [stance]).
-        odometry_limits: what counts as a foot that stayed (table [odometry]).
-        pause_limits: what counts as a pause (table [pause]).
-        self_filter_settings: how large the robot's own shapes are taken to be (table [self_filter]).
-        notes: what in the files is not used or could not be checked.
-        doubts: what is accepted and should be corrected, such as a scan pattern that misses a piece of the area.
+        noise: standard deviations of a stance (table [stance]).
+        odometry_limits: limits for feet that stayed (table [odometry]).
+        pause_limits: limits of a stance pause (table [pause]).
+        self_filter_settings: margin around the robot's own shapes (table [self_filter]).
+        notes: content of the files that is not used or could not be checked.
+        doubts: content that is accepted but should be corrected, such as a scan pattern that misses part of the area.
         transform_camera_to_base: (4, 4), nominal, from the URDF.
         transform_laser_to_base: (4, 4), nominal; its origin lies on the mirror axis, which is parallel to y.
     """
@@ -50,7 +50,7 @@ class RobotModel:
         texts: tuple[str, str],
         notes: tuple[str, ...] = (),
     ) -> None:
-        """Put together what `load_robot` read and checked; `texts` are those of robot.toml and the SRDF."""
+        """Assemble what `load_robot` read and checked; `texts` are those of robot.toml and the SRDF."""
         self.notes = notes
         self.folder = folder
         self.toml_text, self.srdf_text = texts
@@ -73,7 +73,7 @@ class RobotModel:
         self.doubts = () if missed is None else (f"[scan]: {missed}",)
 
     def __repr__(self) -> str:
-        """Name, legs, number of joints, and where it was read from."""
+        """Name, legs, number of joints, and folder."""
         return f"RobotModel({self.name!r}, legs {' '.join(self.legs)}, {len(self.joint_names)} joints, {self.folder})"
 
     @property
@@ -83,16 +83,16 @@ class RobotModel:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Every frame of the URDF."""
+        """Names of all frames of the URDF."""
         return tuple(self.tree.links)
 
     @property
     def posture_names(self) -> tuple[str, ...]:
-        """Every named posture."""
+        """Names of all postures."""
         return tuple(self._postures)
 
     def section(self, name: str) -> Mapping[str, object]:
-        """One table of robot.toml, read-only all the way down, for readers above this package.
+        """One table of robot.toml, recursively read-only, for packages that use this one.
 
         Raises:
             RobotFileError: the table is missing; the message names it and the file.
@@ -110,9 +110,9 @@ class RobotModel:
         return dict(self._postures[name].joint_positions)
 
     def state(self, joint_positions: Mapping[str, float] | npt.ArrayLike) -> RobotState:
-        """The robot's state for joint positions, by name or (n,) in the order of `joint_names` [rad].
+        """State of the robot at joint positions, given by name or as (n,) in the order of `joint_names` [rad].
 
-        Joints beyond their limits are kept, with one `JointLimitWarning`.
+        Positions beyond the joint limits are accepted, with one `JointLimitWarning`.
 
         Raises:
             UnknownName: a joint that the robot does not have.
@@ -147,9 +147,9 @@ class RobotModel:
         )
 
     def reach(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Reach:
-        """Joint positions that set a leg's sole on points (..., 3) in `base_link`; see `kinematics.reach_in_base`."""
+        """Joint positions that place a leg's sole at points (..., 3) in `base_link`; see `kinematics.reach_in_base`."""
         return reach_in_base(self.tree, leg, soles_in_base, sole_pitch)
 
     def reachable(self, leg: str, soles_in_base: npt.ArrayLike, sole_pitch: npt.ArrayLike = 0.0) -> Mask:
-        """Mask (...) of the points (..., 3) in `base_link` [m] that a leg's sole reaches within its joint limits."""
+        """Mask (...) of the points (..., 3) in `base_link` [m] that a leg's sole reaches within the joint limits."""
         return self.reach(leg, soles_in_base, sole_pitch).is_reachable

@@ -1,4 +1,4 @@
-"""Checks that need the whole robot folder: chains, soles, hips in pairs, and the heights of postures."""
+"""Checks across the files of a robot folder: names, leg chains, soles, left-right pairs, heights of postures."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from kinematics.state import RobotState
 from kinematics.tree import KinematicTree
 from kinematics.urdf import Joint, Shape, Urdf
 
-# Heights in robot.toml are written to the millimetre.
+# Heights in robot.toml are given to the millimetre [m].
 HEIGHT_TOLERANCE = 0.0005
 
-# Left and right of one robot are built alike to half a millimetre; a larger difference is a mistake in the file.
+# Left and right legs match to half a millimetre [m]; a larger difference is a mistake in the file.
 PAIR_TOLERANCE = 0.0005
 
-# [m] A sole frame further than this from the lowest point of its foot puts every foothold too high or too low. The
-# frame of a round foot of 20 mm that lies along a tilted shank is 4 mm off.
+# Largest height of a sole frame off the lowest point of its foot [m]; it shifts every foothold by as much. The frame of
+# a round foot of 20 mm that is aligned with a tilted shank is 4 mm off.
 SOLE_TOLERANCE = 0.005
 
 
 def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
-    """Check that the URDF has every link and joint that robot.toml names; "" stands for one that could not be read."""
+    """Check that the URDF has every link and joint named in robot.toml; "" (a name that was not read) is skipped."""
     links = [link.name for link in urdf.links]
     moving = [joint.name for joint in urdf.joints if joint.kind != "fixed"]
     frames = {
@@ -55,7 +55,7 @@ def check_names(config: RobotToml, urdf: Urdf, findings: Findings) -> None:
 
 
 def check_legs(tree: KinematicTree, findings: Findings) -> None:
-    """Check chains, soles and hips in pairs; what could not be checked is noted too."""
+    """Check chains, soles and left-right pairs; what could not be checked becomes a note."""
     before = len(findings.texts)
     for leg in tree.legs.values():
         _check_chain(tree, leg, findings)
@@ -96,7 +96,10 @@ def _check_chain(tree: KinematicTree, leg: LegConfig, findings: Findings) -> Non
 
 
 def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> Iterator[tuple[str, Float]]:
-    """A link and all links fixed below it, each with its transform (4, 4) to the link, or where `transform` leads."""
+    """Iterate over a link and all links fixed below it, each with its transform (4, 4) to the link.
+
+    If the link's own `transform` to another frame is given, the transforms lead to that frame.
+    """
     open_links = [(link, np.eye(4) if transform is None else transform)]
     while open_links:
         name, to_link = open_links.pop()
@@ -106,8 +109,8 @@ def frames_fixed_to(urdf: Urdf, link: str, transform: Float | None = None) -> It
 
 
 def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]]:
-    """The collision shapes that move rigidly with a sole, each with transform_shape_to_sole (4, 4)."""
-    # Up to the link that the last moving joint carries, then down to everything fixed to it.
+    """Collision shapes rigidly connected to a sole, each with transform_shape_to_sole (4, 4)."""
+    # Up to the link carried by the last moving joint, then down to everything fixed to it.
     to_sole, link = np.eye(4), leg.sole
     for joint in reversed(tree.urdf.path_to(leg.sole)):
         if joint.kind != "fixed":
@@ -121,7 +124,7 @@ def foot_shapes(tree: KinematicTree, leg: LegConfig) -> list[tuple[Shape, Float]
 
 
 def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:
-    """Reach of a shape, turned by `rotation` (3, 3), from its centre along a unit vector (3,) [m]."""
+    """Extent of a shape, rotated by `rotation` (3, 3), from its centre along a unit vector (3,) [m]."""
     along = np.abs(rotation.T @ direction)
     if shape.kind == "box":
         return float(along @ np.asarray(shape.size) / 2.0)
@@ -131,7 +134,7 @@ def extent_along(shape: Shape, rotation: Float, direction: Float) -> float:
 
 
 def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) -> None:
-    """The sole of robot.toml may not be larger than the foot of the URDF."""
+    """Check that the sole of robot.toml is not larger than the foot of the URDF."""
     shapes = foot_shapes(tree, leg)
     if not shapes:
         findings.unused(f"[legs.{leg.name}]: the foot of {leg.sole!r} has no <collision> shape to check")
@@ -149,9 +152,9 @@ def _check_sole_size(tree: KinematicTree, leg: LegConfig, findings: Findings) ->
 
 
 def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
-    """Every leg has one on the other side: hips at mirror images, and from joint to joint the same lengths.
+    """Check that every leg has a mirror image: hips mirrored, and equal lengths from joint to joint.
 
-    Names, axes and limits may differ from side to side, and so may masses: none of it says where a foot stands.
+    Names, axes and masses may differ between the sides.
     """
     hips = {name: tree.urdf.transform_at_zero(leg.hip)[:3, 3] for name, leg in tree.legs.items()}
     for name, leg in tree.legs.items():
@@ -178,11 +181,11 @@ def _check_pairs(tree: KinematicTree, findings: Findings) -> None:
 
 
 def _check_limits(tree: KinematicTree, leg: LegConfig, twin: LegConfig, findings: Findings) -> None:
-    """Limits of joints whose axes are mirror images, at zero, are mirror images too."""
+    """Check that joints whose axes are mirror images at zero positions have mirrored limits."""
     joints = {joint.name: joint for joint in tree.urdf.joints}
     for joint, twin_joint in zip(leg.joints, twin.joints, strict=True):
         a, b = joints[joint], joints[twin_joint]
-        # A mirror keeps the sense of turns about an axis across it and reverses others; a sliding axis is mirrored.
+        # Mirroring keeps rotations about the mirror's normal and reverses the others; a sliding axis is mirrored.
         image = _axis(tree, a) * ((1.0, -1.0, 1.0) if a.kind == "prismatic" else (-1.0, 1.0, -1.0))
         sense = float(image @ _axis(tree, b))
         limits = (a.lower, a.upper) if sense > 0.0 else (-a.upper, -a.lower)
@@ -245,7 +248,7 @@ def _check_posture(tree: KinematicTree, config: PostureConfig, posture: Posture,
 
 
 def sole_above_foot(tree: KinematicTree, leg: LegConfig, state: RobotState) -> float | None:
-    """Height of a sole frame over the lowest point of its foot's shapes, along base z [m]; None without shapes."""
+    """Height of a sole frame above the lowest point of its foot's shapes, along base z [m]; None without shapes."""
     sole = state.transform_to_base(leg.sole)
     down = np.array([0.0, 0.0, -1.0])
     depths = [

@@ -1,4 +1,4 @@
-"""Leg odometry: where the body's footprint is in `odom`, from pause to pause, by the feet that stayed."""
+"""Leg odometry: pose of the footprint in `odom` at each pause, from the feet that stayed in place."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ PLANAR = [0, 1, 2, 5]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseInOdom:
-    """The footprint of one pause in `odom`, from whatever odometry there is; `LegOdometry` gives an `OdometryPose`.
+    """Pose of the footprint of one pause in `odom`, from any odometry; `LegOdometry` gives an `OdometryPose`.
 
     Attributes:
         transform_footprint_to_odom: (4, 4) for the base_footprint of the pause's scan.
-        covariance: (6, 6) its covariance, REP-103 order, relative to the start; must not shrink as the walk goes on.
-        covariance_since_last: (6, 6) covariance of the motion since the last pause; None where it is not known.
-        own_covariance: (6, 6) covariance of the error of this pause alone, which is not carried on to the next; None =
+        covariance: (6, 6) covariance relative to the start, REP-103 order; must not shrink during a walk.
+        covariance_since_last: (6, 6) covariance of the motion since the last pause; None if unknown.
+        own_covariance: (6, 6) covariance of the error of this pause alone, which later pauses do not inherit; None =
             no such error.
     """
 
@@ -43,25 +43,25 @@ class PoseInOdom:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OdometryPose(PoseInOdom):
-    """The footprint of one pause in `odom` by leg odometry; arrays are read-only.
+    """Pose of the footprint of one pause in `odom` by leg odometry; arrays are read-only.
 
     Attributes:
         step: number of the pause since the start, from 0.
-        pose: the stance pose that it is built on (attitude source `odometry` where no IMU gives gravity).
+        pose: the stance pose of the pause (attitude source `odometry` where no IMU gives gravity).
         transform_footprint_to_odom: (4, 4), a rotation about z and a translation.
-        covariance: (6, 6) its covariance, REP-103 order, relative to the first pause; roll and pitch are exact by
-            definition (both frames are gravity-aligned; how well is in `pose.covariance`).
-        covariance_since_last: (6, 6) covariance of the motion since the last pause, that is of this footprint in the
-            last one's frame, REP-103 order; zeros at the first pause. Pauses share feet, so this is far less than the
-            difference of their covariances suggests, and cannot be computed from them.
-        own_covariance: (6, 6) covariance of the error that this footprint alone has, along the axes of `odom`, REP-103
-            order: noise of this pause's readings and of its vertical that no other pause shares; zeros at the first
-            pause. The rest of its error is drift, which the pauses that follow carry on.
+        covariance: (6, 6) covariance relative to the first pause, REP-103 order; roll and pitch are exact by definition
+            (both frames are gravity-aligned; the error of that alignment is in `pose.covariance`).
+        covariance_since_last: (6, 6) covariance of the motion since the last pause, expressed in the last footprint,
+            REP-103 order; zeros at the first pause. Pauses share feet, so it is far less than the difference of their
+            covariances suggests and cannot be computed from them.
+        own_covariance: (6, 6) covariance of the error of this footprint alone, along the axes of `odom`, REP-103 order:
+            the noise of readings and vertical that no other pause shares; zeros at the first pause. The rest of the
+            error is drift, which later pauses inherit.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        gravity: gravity as carried to the next pause.
+        gravity: gravity estimate that is propagated to the next pause.
     """
 
     step: int
@@ -76,16 +76,16 @@ class OdometryPose(PoseInOdom):
 
     @property
     def transform_base_to_odom(self) -> Float:
-        """The body's pose in `odom`, (4, 4)."""
+        """Pose of the body in `odom`, (4, 4)."""
         return read_only(self.transform_footprint_to_odom @ self.pose.transform_base_to_footprint)
 
 
 class LegOdometry:
-    """Follows a walk from pause to pause; `odom` is the footprint of the first pause.
+    """Leg odometry of a walk, updated at every pause; `odom` is the footprint of the first pause.
 
     Args:
         robot: the model.
-        transform_camera_to_base: (4, 4) calibrated camera placement, handed on to the stance poses.
+        transform_camera_to_base: (4, 4) calibrated camera placement for the stance poses; default the URDF's.
         camera_covariance: (6, 6) covariance of that placement.
     """
 
@@ -106,18 +106,19 @@ class LegOdometry:
 
     @property
     def last(self) -> OdometryPose | None:
-        """The newest pose; None before the first pause."""
+        """Latest pose; None before the first pause."""
         return self._last
 
     def reset(self) -> None:
-        """Forget the walk: the next pause is a first one, and `odom` starts again there."""
+        """Start over: the next pause is the first one and defines `odom` anew."""
         self._last, self._footholds = None, None
 
     def update(self, stance: Stance) -> OdometryPose:
-        """The footprint of a new pause.
+        """Compute the footprint of a new pause.
 
         Raises:
-            OdometryLost: fewer than two feet stayed since the last pause; nothing has changed, `reset` starts again.
+            OdometryLost: fewer than two feet stayed since the last pause; the odometry is unchanged, `reset` restarts
+                it.
             KinematicsError: as `RobotModel.stance_pose`.
         """
         last = self._last
@@ -160,7 +161,7 @@ class LegOdometry:
 
     def _next(self, stance: Stance, last: OdometryPose, footholds: Footholds) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        # A foot that seemed to hang counts too: it may stand on a block, and if it hangs its distances will not hold.
+        # A foot that seemed unloaded counts too: it may stand on a block, and if not, its distances change.
         common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
         stayed = self._stayed(state, last.pose.state, common)
         gravity = None
@@ -183,7 +184,7 @@ class LegOdometry:
             tuple(stayed), _named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise)
         )
         transform = fit.transform_footprint_to_odom
-        # The tilt of a pause shifts its own footprint only, so it is reported with the pause and not carried on.
+        # The tilt error of a pause shifts its own footprint only, so it is reported there and not propagated.
         rotation = transform[:3, :3]
         covariance = self._first_tilt.copy()
         covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
@@ -205,14 +206,14 @@ class LegOdometry:
         return new, footholds
 
     def _gravity_of(self, pose: StancePose) -> GravityEstimate:
-        """Gravity to carry on from a pose that did not get it from odometry."""
+        """Gravity estimate of a pose whose attitude is not from odometry."""
         if pose.attitude_source == "imu":
             down = -pose.up_in_base
             return GravityEstimate((down[0], down[1], down[2]), self._robot.noise.imu_sigma)
         return first_gravity(pose.up_in_base, pose.covariance, self._robot.noise)
 
     def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:
-        # In base_link: distances do not depend on which way is up.
+        # In base_link: distances do not depend on the vertical.
         rows = find_stayed_feet(
             now.soles_in_base(common),
             sole_covariances(now, common, self._robot.noise),
@@ -232,15 +233,15 @@ class LegOdometry:
 
 
 def _named_feet(pose: StancePose) -> tuple[str, ...]:
-    """The feet that the stance named as supporting, those found hanging included."""
+    """Feet that the stance named as supporting, including those found unloaded."""
     return pose.support_feet_used + pose.unloaded_feet
 
 
 def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     """Covariance (6, 6) of the motion from the last footprint to the new one, in the last one's frame.
 
-    With headings a, positions t and R the rotation of the last footprint, the motion is R' (t_new - t_last), a_new -
-    a_last; its errors follow from those of both footprints by the chain rule, where errors that they share cancel.
+    With headings a, positions t and R the rotation of the last footprint, the motion is (R' (t_new - t_last), a_new -
+    a_last). Its errors follow from those of both footprints by the chain rule; errors that they share cancel.
     """
     before, after = last.transform_footprint_to_odom, fit.transform_footprint_to_odom
     rotation = before[:3, :3]
@@ -253,13 +254,13 @@ def _since_last(last: OdometryPose, pose: StancePose, fit: Fit) -> Float:
     result = np.zeros((6, 6))
     result[np.ix_(PLANAR, PLANAR)] = (planar + planar.T) / 2
     turn = rotation.T @ after[:3, :3]
-    # The tilt of each pause shifts its own footprint.
+    # The tilt error of each pause shifts its own footprint.
     result[:3, :3] += _shift_by_tilt(last.pose)[:3, :3] + turn @ _shift_by_tilt(pose)[:3, :3] @ turn.T
     return result
 
 
 def _own(pose: StancePose, transform: Float, footholds: Footholds) -> Float:
-    """Covariance (6, 6) of what moves this footprint alone: its own readings, and its vertical."""
+    """Covariance (6, 6) of the error of this footprint alone: its own readings and its vertical."""
     rotation = transform[:3, :3]
     result = np.zeros((6, 6))
     result[np.ix_(PLANAR, PLANAR)] = footholds.own_of_footprint
@@ -268,7 +269,7 @@ def _own(pose: StancePose, transform: Float, footholds: Footholds) -> Float:
 
 
 def _shift_by_tilt(pose: StancePose) -> Float:
-    """Covariance (6, 6) of the footprint's position that follows from a wrong vertical."""
+    """Covariance (6, 6) of the footprint's position caused by the error of the vertical."""
     lever = -skew(np.array([0.0, 0.0, -pose.height]))[:2]
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = lever @ pose.covariance[3:, 3:] @ lever.T

@@ -1,4 +1,4 @@
-"""Detects from joint speeds and contacts when the robot stands still enough to scan."""
+"""Detection of stance pauses from joint speeds and foot contacts."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from kinematics.state import in_order, refuse_not_finite
 
 @dataclass(frozen=True, slots=True)
 class PauseReport:
-    """Result of pause detection: a stance pause, or the reason why it is none yet.
+    """Result of pause detection: a stance pause, or the reason why there is none yet.
 
     Attributes:
-        is_pause: the robot stands still.
-        reason: "" in a pause, else what is missing, with value and limit.
+        is_pause: True if the robot stands still.
+        reason: "" in a pause, else the unmet condition, with value and limit.
         still_for: how long all joints have been slow with the same feet down [s].
     """
 
@@ -38,15 +38,15 @@ class PauseDetector:
         self._feet: frozenset[str] | None = None
 
     def update(self, time: float, joint_velocities: Mapping[str, float], support_feet: Sequence[str]) -> PauseReport:
-        """Take one reading.
+        """Process one reading.
 
         Args:
-            time: time of the reading [s] since any fixed instant; later than that of the last reading.
+            time: time of the reading [s] from any epoch; later than that of the last reading.
             joint_velocities: joint name -> velocity [rad/s], every joint.
             support_feet: legs whose soles carry the body.
 
         Raises:
-            ArgumentError: the time does not grow.
+            ArgumentError: the time is not finite or not later than the last one.
             UnknownName: a joint or leg that the robot does not have.
             JointPositionError: a velocity is missing or not finite.
         """
@@ -55,15 +55,14 @@ class PauseDetector:
         names = self._robot.joint_names
         velocities = np.array(in_order(joint_velocities, names, "velocity"), np.float64)
         refuse_not_finite(velocities, names, "velocity")
-        speeds = np.abs(velocities)
+        limits, speeds = self._limits, np.abs(velocities)
         fastest = int(speeds.argmax())
-        is_moving = bool(speeds[fastest] >= self._limits.joint_speed_limit)
+        is_moving = bool(speeds[fastest] >= limits.joint_speed_limit)
         feet = frozenset(self._robot.tree.leg(foot).name for foot in support_feet)
         self._time = time
         if feet != self._feet or is_moving:
             self._still_since = None
         self._feet = feet
-        limits = self._limits
         if is_moving:
             reason = f"joint {names[fastest]} moves at {speeds[fastest]:.3f} rad/s, limit {limits.joint_speed_limit:g}"
             return PauseReport(False, reason, 0.0)

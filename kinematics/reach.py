@@ -1,4 +1,4 @@
-"""Reach of a leg: positions for its sole, and the joint positions that set it there."""
+"""Inverse kinematics of a leg: joint positions for sole positions, and which of them are reachable."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Reach:
     """Inverse kinematics of one leg for sole centres (..., 3); arrays are read-only.
 
     Attributes:
-        joint_positions: (..., joints of the leg) [rad]; NaN where no solution exists at all.
+        joint_positions: (..., joints of the leg) [rad]; NaN where there is no solution.
         is_reachable: (...) bool, true where a solution within the joint limits exists.
     """
 
@@ -32,7 +32,7 @@ class Reach:
 
 @lru_cache(maxsize=64)
 def leg_kinematics(tree: KinematicTree, leg: str) -> LegGeometry | NumericLeg:
-    """The closed form where it fits the leg's geometry, else the numeric solver; kept for the next call.
+    """Closed form if it fits the leg's geometry, else the numeric solver; cached.
 
     Raises:
         UnknownName: no such leg.
@@ -79,7 +79,7 @@ def reach_in_base(
 
 
 def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLike) -> Reach:
-    """Inverse kinematics of one leg for level soles on the ground, with the body where a stance pose has it.
+    """Inverse kinematics of one leg for level soles on the ground, for the body at a stance pose.
 
     Args:
         pose: the stance pose.
@@ -99,10 +99,10 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
 
 
 def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Float) -> Float:
-    """Pitch (...) [rad] in the leg's plane that lays the soles' x axis horizontal, for soles (..., 3) in `base_link`.
+    """Pitch (...) [rad] in the leg's plane that makes the soles' x axis horizontal, for soles (..., 3) in `base_link`.
 
-    In the leg's plane, rolled by the hip angle q, the sole's x axis is (cos p, sin q sin p, -cos q sin p); it is
-    level where it is at right angles to the vertical u: tan p = u_x / (u_z cos q - u_y sin q).
+    At hip roll q and pitch p, the sole's x axis is (cos p, sin q sin p, -cos q sin p). It is horizontal if
+    perpendicular to the vertical u: tan p = u_x / (u_z cos q - u_y sin q).
     """
     up = pose.up_in_base
     hip = pose.state.position_in_base(pose.state.tree.leg(leg).hip)

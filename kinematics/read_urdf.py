@@ -1,10 +1,10 @@
-"""Reads a URDF file: values that say where joints and shapes are get checked; the others are skipped and named.
+"""Reader of URDF files: every element that is used is checked, everything else is skipped and noted.
 
-All that is wrong is reported at once, each with its line. Visuals, vendors' tags and the inertia of links say nothing
-about where the robot is; masses only matter for its balance, so links without one are taken as weightless.
+All errors are reported at once, each with its line. Visuals and vendors' tags are not used. Masses are needed only for
+the centre of mass, so a link without one is taken as massless.
 
-Other readers of URDF skip names that they do not know and take the default: a misspelt <origin> puts a link somewhere
-else without a warning. Here an unknown name that resembles one that is read is refused, any other reported as unused.
+Other URDF readers skip unknown names and use the default, so a misspelt <origin> misplaces a link without a warning.
+Here an unknown name similar to a known one is an error, any other a note.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from kinematics.untrusted import Element, parse_xml, read_xml
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 
 Numbers = tuple[float, ...]
-# Share of the largest moment of inertia, for figures that are rounded to seven digits.
+# Tolerance of the triangle inequality of inertias, relative to the largest, for values rounded to seven digits.
 TRIANGLE_TOLERANCE = 1e-6
 READ = {
     "robot": ("link", "joint"),
@@ -49,7 +49,7 @@ ATTRIBUTES = {
     "sphere": ("radius",),
     "mesh": ("filename", "scale"),
 }
-# Names of the URDF specification and of simulators that say nothing about where the robot is: skipped in silence.
+# Elements of the URDF specification and of simulators that are skipped without a note.
 COMMON = {
     "robot": {"material", "mujoco", "gazebo", "transmission", "drake", "sensor"},
     "link": {"visual"},
@@ -65,10 +65,10 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
 
     Args:
         path: the file.
-        text: what the file holds, where it has been read already.
+        text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: the file is missing or no XML, or elements or values that are used are wrong; the message names
+        RobotFileError: the file is missing or not XML, or elements or values that are used are wrong; the message names
             each with its line and what is allowed.
     """
     if text is None:
@@ -86,7 +86,7 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
 
 
 class _Reader:
-    """Reads the elements of one file; a value that is wrong becomes a finding, and a harmless one stands in for it."""
+    """Reader of the elements of one file; a wrong value becomes a finding and is replaced by a harmless one."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -124,7 +124,7 @@ class _Reader:
     def _attribute(
         self, element: Element | None, name: str, default: tuple[float, ...], where: str
     ) -> tuple[float, ...]:
-        """Numbers of an attribute that must be there."""
+        """Numbers of a required attribute."""
         if element is None:
             return default
         if element.get(name) is None:
@@ -135,21 +135,15 @@ class _Reader:
     def _origin(self, element: Element, where: str) -> Float:
         origin = self._only(element, "origin", where)
         transform = np.eye(4)
-        if origin is not None:
-            zero = (0.0, 0.0, 0.0)
-            for name in ("xyz", "rpy"):
-                if origin.get(name) is None:
-                    continue
-                numbers = self._attribute(origin, name, zero, where)
-                if name == "xyz":
-                    transform[:3, 3] = numbers
-                else:
-                    transform[:3, :3] = rotation_from_rpy(*numbers)
+        if origin is not None and origin.get("xyz") is not None:
+            transform[:3, 3] = self._attribute(origin, "xyz", (0.0, 0.0, 0.0), where)
+        if origin is not None and origin.get("rpy") is not None:
+            transform[:3, :3] = rotation_from_rpy(*self._attribute(origin, "rpy", (0.0, 0.0, 0.0), where))
         transform.setflags(write=False)
         return transform
 
     def link(self, element: Element) -> Link:
-        """One link."""
+        """Read a <link>."""
         name = element.get("name", "")
         where = f"link {name!r}"
         if not name:
@@ -167,7 +161,7 @@ class _Reader:
         return Link(name, mass, centre, inertia, shapes, element.line)
 
     def _inertia(self, inertial: Element, transform: Float, mass: float) -> Float:
-        """Inertia (3, 3) about the centre of mass; zero, with a note, where it is missing or belongs to no body."""
+        """Inertia (3, 3) about the centre of mass; zero if missing, or (with a note) if no body can have it."""
         inertia = inertial.find("inertia")
         if inertia is None:
             return np.zeros((3, 3))
@@ -209,7 +203,7 @@ class _Reader:
             self.findings.wrong(f"{where}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
             return None
         if shape.tag == "capsule":
-            # A cylinder that is longer by both round ends contains the capsule.
+            # A cylinder extended by both round ends contains the capsule.
             return Shape("cylinder", (size[0], size[1] + 2.0 * size[0]), transform)
         return Shape(shape.tag, size, transform)
 
@@ -227,7 +221,7 @@ class _Reader:
         return Shape(kind, size, np.asarray(transform @ placed))
 
     def joint(self, element: Element) -> Joint:
-        """One joint."""
+        """Read a <joint>."""
         name = element.get("name", "")
         where = f"joint {name!r}"
         if not name:
@@ -255,12 +249,12 @@ class _Reader:
 
 
 def check_words(element: Element, where: str, findings: Findings) -> None:
-    """Check the names of an element's attributes and of all elements below it; links and joints below it are left out.
+    """Check the attribute and element names of an element and all below it, except links and joints below it.
 
     Args:
         element: an element that is read.
         where: what it belongs to, for messages.
-        findings: gets names that look misspelt as wrong, and other unknown names as unused.
+        findings: receives names that look misspelt as errors, and other unknown names as notes.
     """
     known = ATTRIBUTES.get(element.tag)
     for attribute in element.attrib:

@@ -1,4 +1,4 @@
-"""The settings that `kinematics` itself uses, of odometry, pause detector and self-filter, from robot.toml."""
+"""Settings of odometry, pause detection and self-filter from robot.toml."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RobotSettings:
 
     @classmethod
     def from_table(cls, root: Table, links: Collection[str] | None) -> RobotSettings:
-        """Read the tables of robot.toml; `links` are those that may be named, None = any."""
+        """Read the tables of robot.toml; `links` are the link names allowed in them, None = any."""
         return cls(
             StanceNoise.from_table(root.table("stance")),
             OdometryLimits.from_table(root.table("odometry")),
@@ -34,10 +34,9 @@ class OdometryLimits:
     """Limits for feet that stayed (robot.toml, table [odometry]).
 
     Attributes:
-        slip_sigmas: a foot slipped when its distance from another one changed by more than this many standard
-            deviations.
-        turn_limit: largest turn of the body between two pauses [rad].
-        swing_least: a foot that moved by less than this slipped, one that moved by more swung [m].
+        slip_sigmas: a foot moved if its distance from another one changed by more than this many standard deviations.
+        turn_limit: largest rotation of the body between two pauses [rad].
+        swing_least: least motion of a foot that counts as a swing [m]; a foot that moved by less slipped.
     """
 
     slip_sigmas: float
@@ -50,9 +49,9 @@ class OdometryLimits:
         return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
 
 
-# [rad] A body that sways by more than 2 degrees does not stand.
+# Largest sway of a standing body [rad], 2 degrees.
 MOST_SWAY = 0.035
-# Keys of [pause] that a robot.toml may leave out.
+# Optional keys of [pause].
 OPTIONAL = ("time_limit", "grace_share", "grace_least", "grace_most")
 
 
@@ -62,16 +61,15 @@ class PauseLimits:
 
     Attributes:
         joint_speed_limit: every joint must be slower than this [rad/s].
-        hold_time: how long every joint must stay that slow [s].
+        hold_time: time for which every joint must stay that slow [s].
         minimum_feet: least number of feet that carry the body.
-        camera_translation_limit: how far the camera may move during a scan [m].
-        camera_rotation_limit: how far the camera may turn during a scan [rad].
-        time_limit: a pause whose planned end is not announced is over this long after the last message about it [s]; a
-            robot.toml without it takes 30 s.
-        grace_share, grace_least, grace_most: how much later than announced the message that ends a pause may arrive: a
-            share of the announced time, within bounds [s]. The laser is off by then.
-        stance_sway: amplitude of what the body may sway about its feet during a scan, about any horizontal axis, unseen
-            by joints and pictures [rad]; 0, as where robot.toml has none, is the builder's word that it does not.
+        camera_translation_limit: largest translation of the camera during a scan [m].
+        camera_rotation_limit: largest rotation of the camera during a scan [rad].
+        time_limit: a pause without an announced end is over this long after the last message about it [s].
+        grace_share, grace_least, grace_most: allowed delay of the message that ends a pause: a fraction of the
+            announced length [-], and its lower and upper bound [s]. The laser is off by then.
+        stance_sway: amplitude by which the body may sway about its feet during a scan, about any horizontal axis,
+            undetected by joints and images [rad]; 0, the default, states that it does not sway.
     """
 
     joint_speed_limit: float
@@ -87,7 +85,7 @@ class PauseLimits:
 
     @classmethod
     def from_table(cls, table: Table) -> PauseLimits:
-        """Read the table; every value must be positive, the sway 0 or more and at most `MOST_SWAY`."""
+        """Read the table; every value must be positive, the sway between 0 and `MOST_SWAY`."""
         return cls(
             joint_speed_limit=table.number("joint_speed_limit", above=0.0),
             hold_time=table.number("hold_time", above=0.0),
@@ -99,17 +97,17 @@ class PauseLimits:
         )
 
     def grace(self, announced: float) -> float:
-        """Grace of a pause whose length was announced [s]."""
+        """Allowed delay of the end of a pause with this announced length, both [s]."""
         return min(max(self.grace_share * announced, self.grace_least), self.grace_most)
 
 
 @dataclass(frozen=True, slots=True)
 class SelfFilterSettings:
-    """Margin and choice of the robot's own shapes (robot.toml, table [self_filter]).
+    """Shapes used by the self-filter (robot.toml, table [self_filter]).
 
     Attributes:
-        margin: added to every collision shape on all sides [m].
-        ignore: links whose shapes are left out: those that enclose the camera or the laser.
+        margin: margin added to every collision shape on all sides [m].
+        ignore: links whose shapes are left out, because they enclose the camera or the laser.
     """
 
     margin: float

@@ -1,4 +1,4 @@
-"""Reader of robot.toml, which holds values that a URDF has no element for."""
+"""Reader of robot.toml, which holds the values that a URDF cannot express."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class RobotToml:
         legs: the legs, in the order of the file.
         postures: the postures, in the order of the file.
         root: the whole file.
-        assumed: the table [assumed]: value that nobody has measured -> how to measure it.
+        assumed: table [assumed]: name of a value that has not been measured -> how to measure it.
     """
 
     path: Path
@@ -77,7 +77,7 @@ class RobotToml:
     assumed: Mapping[str, str] = field(default_factory=dict)
 
     def section(self, name: str) -> Mapping[str, object]:
-        """One top-level table, read-only with all that is in it.
+        """One top-level table, recursively read-only.
 
         Raises:
             RobotFileError: the table is missing; the message names it and the file.
@@ -113,8 +113,8 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
 
     Args:
         root: the whole file.
-        findings: gets what is wrong; a wrong value is replaced by a harmless one, so that reading can go on. The result
-            must be used only if nothing was added.
+        findings: receives the errors; a wrong value is replaced by a harmless one so that reading can continue. Use the
+            result only if no error was added.
     """
     table = root.gathering(findings)
     frames, legs, postures = table.table("frames"), table.table("legs"), table.table("postures")

@@ -1,7 +1,7 @@
-"""Line in which the laser plane meets the floor, by mirror angle, and the angles that sweep an area.
+"""Intersection of the laser plane with the floor by mirror angle, and the angles that sweep an area.
 
-The mirror's axis is parallel to y; at angle 0 the laser plane points along -z, a positive angle turns it towards +x, by
-twice the mirror's angle. From a mirror at x_0, h over the floor, it meets the floor at x = x_0 + h tan(2 a).
+The mirror's axis is parallel to y. At angle 0 the laser plane points along -z; a mirror angle a turns it by 2 a towards
++x. With the mirror at x_0 and height h above the floor, it meets the floor at x = x_0 + h tan(2 a).
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Final
 from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
-# The scan may miss the area's ends by this much [m]: a cell.
+# Tolerance at both ends of the area [m]: one cell.
 END_TOLERANCE_M: Final = 0.005
 
 
 def plane_on_floor(mirror_x: float, mirror_height: float, mirror_angle: float) -> float:
-    """The x at which the laser plane meets the floor, for a mirror at `mirror_x`, `mirror_height` over it [m]."""
+    """The x at which the laser plane meets the floor [m], for a mirror at `mirror_x` and `mirror_height` above it."""
     return mirror_x + mirror_height * math.tan(2.0 * mirror_angle)
 
 
@@ -27,13 +27,13 @@ def mirror_angle_for(mirror_x: float, mirror_height: float, floor_x: float) -> f
 
 
 def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | None:
-    """Text on the part of the area that the scan pattern of robot.toml misses; None if it sweeps all of it.
+    """Describe the part of the area that the scan pattern of robot.toml misses; None if it covers all of it.
 
     Args:
-        root: robot.toml; where table [scan] or [grid.footprint] is absent or malformed, the result is None: the
-            packages that use these tables report it.
+        root: robot.toml; None is returned if its table [scan] or [grid.footprint] is absent or malformed: the packages
+            that use these tables report that.
         mirror_x: x of the mirror's axis in `base_footprint`, in the scan posture [m].
-        mirror_height: height of that axis over the floor [m].
+        mirror_height: height of that axis above the floor [m].
     """
     findings = Findings(root.path)
     tables = root.gathering(findings)
@@ -45,7 +45,7 @@ def pattern_misses(root: Table, mirror_x: float, mirror_height: float) -> str | 
     first, last = sorted(plane_on_floor(mirror_x, mirror_height, angle) for angle in angles)
     if first <= near + END_TOLERANCE_M and last >= far - END_TOLERANCE_M:
         return None
-    # From just before the area to just past it, as the folder of guara has it.
+    # From just before the area to just past it, as in the stock robot guara.
     wanted = [mirror_angle_for(mirror_x, mirror_height, x) for x in (near - END_TOLERANCE_M, far + END_TOLERANCE_M)]
     return (
         f"the pattern sweeps the floor from x {first:.3f} to {last:.3f} m, the area of [grid.footprint] from "

@@ -1,7 +1,7 @@
 """Self-filter: points on the robot itself, and points that it hides from the camera or the laser.
 
-The robot is the collision shapes of its URDF, each grown by a margin, where forward kinematics puts them. What lies
-on them is not terrain; what lies in their shadow was not seen because of the robot, not because of the ground.
+The robot is represented by the collision shapes of its URDF, each grown by a margin and placed by forward kinematics.
+Points on them are not terrain; points in their shadow are hidden by the robot, not by the ground.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from kinematics.robot_settings import SelfFilterSettings
 from kinematics.state import RobotState
 from kinematics.urdf import Shape
 
-# Added to squared lengths of the coarse tests [m^2]: they are differences of larger squares.
+# Added to the squared lengths of the coarse tests [m^2], which are differences of larger squares.
 ROUNDING = 1e-12
-# Stands for a zero component of a ray: its slab then reaches from minus to plus infinity, or is empty.
+# Replaces a zero component of a ray: its interval in that slab is then infinite or empty.
 NO_DIRECTION = 1e-300
 
 
 class SelfFilter:
-    """The robot's shapes for one state; made once per pause and asked for many points.
+    """Shapes of the robot in one state; made once per pause and queried for many points.
 
     Args:
         state: the robot's state.
         margin: added to every shape on all sides [m]; default robot.toml's `[self_filter] margin`.
         ignore: links to leave out; default robot.toml's `[self_filter] ignore`.
-        transform_base_to_frame: (4, 4) to the frame in which points will be given; default `base_link` itself.
+        transform_base_to_frame: (4, 4) to the frame of the points; default `base_link`.
 
     Raises:
         UnknownName: an ignored link that the robot does not have.
@@ -85,7 +85,7 @@ class SelfFilter:
         inside = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return inside
-        # Most points of a scan lie ahead of the robot: the box about them meets the boxes of few shapes, if any.
+        # Most points of a scan are ahead of the robot: their bounding box meets those of few shapes, if any.
         columns = np.ascontiguousarray(points.T)
         low, high = _box(columns)
         shapes = np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1))
@@ -160,7 +160,7 @@ class SelfFilter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Segments:
-    """Segments, for coarse tests: origins o (1 or n, 3), vectors w (n, 3) from origin to end, |w|, w . o and |o|^2."""
+    """Segments for coarse tests: origins o (1 or n, 3), vectors w (n, 3) from origin to end, |w|, w . o and |o|^2."""
 
     origins: Float
     directions: Float
@@ -169,7 +169,7 @@ class _Segments:
     origins_squared: Float
 
     def pass_by(self, centre: Float, reach: float) -> Mask:
-        """Mask of the segments that may come within `reach` of a centre; conservative, so that none is missed."""
+        """Mask of the segments that may come within `reach` of a centre; conservative: misses none that do."""
         along = self.directions @ centre - self.directions_by_origins
         distance = self.origins_squared - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
         # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
@@ -179,7 +179,7 @@ class _Segments:
 
 
 def _box(columns: Float) -> tuple[Float, Float]:
-    """Lowest and highest value of each row (3, n); NaN does not count."""
+    """Minimum and maximum of each row (3, n), ignoring NaN."""
     return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
 
 
@@ -249,7 +249,7 @@ def place_shape(shape: Shape, link: str, transform_link_to_base: Float, margin: 
 
 
 def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Float]:
-    """Entry and exit of rays through the slabs |x_i| <= half_i of all axes at once, as shares of their length."""
+    """Entry and exit of rays through the slabs |x_i| <= half_i of all axes, as fractions of their length."""
     direction = np.where(along == 0.0, NO_DIRECTION, along)
     with np.errstate(over="ignore"):
         one, other = (-half - start) / direction, (half - start) / direction
@@ -257,7 +257,7 @@ def _through_slabs(start: Float, along: Float, half: Float) -> tuple[Float, Floa
 
 
 def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> tuple[Float, Float]:
-    """Entry and exit of rays through a sphere or, flat, an infinite cylinder about z; entry > exit where they miss."""
+    """Entry and exit of rays through a sphere or (flat) an infinite cylinder about z; entry > exit where they miss."""
     used = slice(0, 2) if flat else slice(0, 3)
     a = np.einsum("ni,ni->n", along[:, used], along[:, used])
     b = np.einsum("ni,ni->n", np.broadcast_to(start, along.shape)[:, used], along[:, used])
@@ -267,7 +267,7 @@ def _through_round(start: Float, along: Float, radius: float, *, flat: bool) -> 
     with np.errstate(over="ignore", invalid="ignore"):
         half_chord = np.sqrt(np.maximum(root, 0.0))
         enter, leave = (-b - half_chord) / a, (-b + half_chord) / a
-    # A ray that runs along the axis is inside for all its length or nowhere.
+    # A ray parallel to the axis is inside everywhere or nowhere.
     along_axis = a == NO_DIRECTION
     enter = np.where(along_axis, np.where(c <= 0.0, -np.inf, np.inf), enter)
     leave = np.where(along_axis, np.where(c <= 0.0, np.inf, -np.inf), leave)

@@ -1,4 +1,4 @@
-"""Reads the named postures of an SRDF file, refusing names that the URDF does not have."""
+"""Reader of the named postures of an SRDF file; rejects names that the URDF does not have."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from kinematics.findings import Findings
 from kinematics.untrusted import Element, parse_xml, read_xml
 from kinematics.urdf import Urdf
 
-# The name under which an SRDF gives the pose of the body: x y z [m] and quaternion x y z w.
+# Joint whose values in a posture are the pose of the body: x y z [m] and quaternion x y z w.
 ROOT_JOINT = "root_joint"
 
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """A named posture: position of every joint [rad] or [m], and the body's pose (7,) where the file gives it."""
+    """Named posture: position of every joint [rad] or [m], and the body's pose (7,) if the file gives it."""
 
     name: str
     joint_positions: dict[str, float]
@@ -29,12 +29,12 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
     Args:
         path: the file.
-        urdf: the model whose joints and links the file may name.
+        urdf: the URDF whose joints and links the file may name.
         text: text of the file; None = read it.
 
     Raises:
-        RobotFileError: no XML; unknown joints or links; joints that are missing, given twice or without a finite value;
-            postures of one name.
+        RobotFileError: not XML; unknown joints or links; joints that are missing, given twice or without a finite
+            value; postures of the same name.
     """
     root = read_xml(path)[0] if text is None else parse_xml(text, path)
     findings = Findings(path)
@@ -48,7 +48,7 @@ def read_srdf(path: Path, urdf: Urdf, text: str | None = None) -> tuple[Posture,
 
 
 def allowed_pairs(path: Path) -> list[tuple[str, str]]:
-    """Pairs of links that an SRDF says may touch.
+    """Pairs of links for which an SRDF disables collision checks.
 
     Raises:
         RobotFileError: the file cannot be read.
@@ -106,7 +106,7 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
 
 
 def _numbers(text: str | None) -> tuple[float, ...]:
-    """The finite numbers of a text; empty where the text holds anything else."""
+    """Finite numbers of a text; empty if it contains anything else."""
     try:
         values = tuple(float(word) for word in (text or "").split())
     except ValueError:

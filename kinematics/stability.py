@@ -1,4 +1,4 @@
-"""Static stability: margin of the centre of mass in the polygon of the supporting feet."""
+"""Static stability: margin of the centre of mass in the support polygon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kinematics.transforms import transform_points
 def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
     """Signed distance [m] of a point (2,) from the border of the convex hull of corners (n, 2): positive inside.
 
-    One or two corners, or corners on a line, hold nothing: the distance to them is negative.
+    One or two corners, or corners on a line, have no inside: the distance to them is zero or negative.
 
     Raises:
         ArgumentError: wrong shape or not finite.
@@ -32,18 +32,18 @@ def polygon_margin(corners: npt.ArrayLike, point: npt.ArrayLike) -> float:
         margin = -1.0
     if margin >= 0.0:
         return margin
-    # Seen from outside, the nearest point of the hull lies on a line between two corners.
+    # From outside, the nearest point of the hull is on a segment between two corners.
     first, edges = relative[:, None], relative - relative[:, None]
     share = -np.vecdot(first, edges) / np.maximum(np.vecdot(edges, edges), np.finfo(float).tiny)
     return -float(np.linalg.norm(first + np.clip(share, 0.0, 1.0)[..., None] * edges, axis=-1).min())
 
 
 def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:
-    """Static stability margin [m]: the centre of mass, dropped along the vertical, against the polygon of the soles.
+    """Static stability margin [m]: distance of the vertically projected centre of mass from the polygon's border.
 
     Args:
-        pose: the stance pose; its used feet span the polygon (sole centres, so half a sole to spare).
-        lifted: a leg that is about to be lifted and is left out; its own weight stays where it is now.
+        pose: the stance pose; the centres of its used soles span the polygon, which leaves half a sole in reserve.
+        lifted: leg that is about to be lifted, excluded from the polygon; its mass stays where it is now.
 
     Raises:
         StanceError: the lifted leg does not carry the body.

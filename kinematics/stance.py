@@ -1,4 +1,4 @@
-"""A stance: joint positions, the feet that carry the body and, where known, the direction of gravity."""
+"""Stance: joint positions, supporting feet and, where known, the direction of gravity."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ FIELDS = ("joint_positions", "support_feet", "gravity_in_base")
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """State of the robot at a pause, as the gait controller reports it.
+    """State of the robot at a pause, as reported by the gait controller.
 
     Attributes:
         joint_positions: joint name -> position, an angle [rad], read-only.
         support_feet: names of the legs whose soles carry the body, each once.
-        gravity_in_base: direction of gravity in `base_link`, pointing down ((0, 0, -1) when level), any
-            length; None when unknown.
+        gravity_in_base: direction of gravity in `base_link`, pointing down ((0, 0, -1) when level), any length; None if
+            unknown.
 
     Raises:
         StanceError: a value is of the wrong type, not finite or too large, a foot is named twice, or gravity does not
@@ -38,12 +38,12 @@ class Stance:
             object.__setattr__(self, "gravity_in_base", _checked_gravity(self.gravity_in_base))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle support: a read-only view of a mapping cannot be pickled, a dict can."""
+        """Support pickling: a mapping proxy cannot be pickled, a dict can."""
         return type(self), (dict(self.joint_positions), self.support_feet, self.gravity_in_base)
 
     @classmethod
     def from_dict(cls, mapping: Mapping[str, object], field: str = "stance") -> Stance:
-        """A stance from the JSON form of scan.json and session.json.
+        """Read a stance from the JSON form in scan.json and session.json.
 
         Args:
             mapping: `{joint_positions: {name: rad}, support_feet: [leg names], gravity_in_base: [x, y, z] or
@@ -51,8 +51,7 @@ class Stance:
             field: name of the mapping in messages.
 
         Raises:
-            StanceError: a field is missing, unknown or not allowed; the message names it, what was given and what is
-                allowed.
+            StanceError: a field is missing, unknown or has a value that is not allowed; the message names it.
         """
         if not isinstance(mapping, Mapping):
             raise StanceError(f"{field}: {mapping!r} is not an object with the fields {', '.join(FIELDS)}")
@@ -72,7 +71,7 @@ class Stance:
             raise StanceError(f"{field}.{error}") from None
 
     def to_dict(self) -> dict[str, object]:
-        """The JSON form: `Stance.from_dict(stance.to_dict())` equals the stance."""
+        """JSON form, the inverse of `from_dict`."""
         return {
             "joint_positions": dict(self.joint_positions),
             "support_feet": list(self.support_feet),

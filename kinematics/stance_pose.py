@@ -1,12 +1,12 @@
-"""Pose of the body over the ground at a pause, with its covariance.
+"""Pose of the body above the ground at a pause, with its covariance.
 
 With u the vertical in `base_link` (variance s^2 per axis, across u), p_i the supporting soles with covariances C_i, and
 A_i, B the derivatives of the transform by the soles and by the vertical (`footprint_jacobians`), its covariance is
 
     s^2 B (I - u u') B' + sum A_i C_i A_i'.
 
-A point measured in `base_link` does not depend on this pose: it only gives the direction of gravity, and the relative
-pose of scans.
+Points measured in `base_link` do not depend on this pose; it adds the direction of gravity, and the relative poses of
+scans.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from kinematics.toml_table import Table
 from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points, unit_vector
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
-# Where the vertical can come from, the best first.
+# Sources of the vertical; without a choice, the first of imu, odometry and support_plane that is available.
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
 
-# A body tilted by more than 60 degrees has fallen: no pose of a scan.
+# Least z of the vertical in `base_link`: a body tilted by more than 60 degrees has fallen.
 LEAST_UP_Z = 0.5
 
-# White noise of a joint by default [rad]: 0.05 degrees and the step of a 12-bit encoder. With more noise than stated,
-# scans are withdrawn; with less, motions of 1.5 mm are still found.
+# Default white noise of a joint [rad]: 0.05 degrees and the step of a 12-bit encoder. If the true noise is larger,
+# scans are withdrawn; if it is smaller, motions of 1.5 mm are still found.
 ENCODER_NOISE = 0.001
 
 
@@ -47,16 +47,16 @@ class StanceNoise:
     """Standard deviations of a stance (robot.toml, table [stance]).
 
     Attributes:
-        encoder_sigma: bias of one joint angle [rad], the same in every reading of a pause.
-        encoder_noise: white noise of one reading of a joint [rad], the encoder's step (step / sqrt(12)) included; a
-            robot.toml without it takes `ENCODER_NOISE`, or its `encoder_sigma` when that is smaller.
-        contact_sigma: sole centre against ground, per axis [m].
+        encoder_sigma: bias of one joint angle [rad], constant over a pause.
+        encoder_noise: white noise of one joint reading [rad], including quantisation (step / sqrt(12)); default
+            `ENCODER_NOISE`, or `encoder_sigma` if that is smaller.
+        contact_sigma: position of the sole centre relative to the ground, per axis [m].
         sole_pitch_sigma: pitch of a flat sole while it carries the body [rad].
         imu_sigma: direction of gravity from an IMU at rest, per axis [rad].
-        level_sigma: the body's tilt where it is taken as level, per axis [rad].
-        terrain_slope_sigma: tilt of the support plane against the horizontal, per axis [rad].
-        centre_of_mass_sigma: standard deviation of its horizontal position [m].
-        unloaded_sigmas: a foot that is more sigmas than this above the plane of the others may carry no load [-].
+        level_sigma: tilt of a body that is assumed level, per axis [rad].
+        terrain_slope_sigma: tilt of the support plane from the horizontal, per axis [rad].
+        centre_of_mass_sigma: horizontal position of the centre of mass [m].
+        unloaded_sigmas: a foot that is more than this many sigmas above the plane of the others may be unloaded [-].
     """
 
     encoder_sigma: float
@@ -87,22 +87,21 @@ class GravityEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StancePose:
-    """The pose of one stance pause; all arrays are read-only.
+    """Pose of the body at one stance pause; all arrays are read-only.
 
     Attributes:
         transform_base_to_footprint: (4, 4).
         covariance: (6, 6) its covariance, REP-103 order (x y z [m], rotations about the footprint's fixed axes [rad]).
-            x, y and the heading are exact by definition. With `support_plane` it is relative to that plane,
-            not to gravity.
+            x, y and the heading are exact by definition. With `support_plane` it is relative to that plane, not to
+            gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
-        support_feet_used: the feet that the pose rests on.
-        unloaded_feet: feet named as supporting but found hanging, left out.
-        support_residual: rms distance of the used soles from their plane [m]; zero for three, NaN for fewer
-            feet.
+        support_feet_used: feet used to compute the pose.
+        unloaded_feet: feet named as supporting but found unloaded, left out.
+        support_residual: rms distance of the used soles from their plane [m]; zero for three feet, NaN for fewer.
         soles_in_footprint: (n, 3) centres of the used soles [m].
-        transform_camera_to_footprint: (4, 4), by the camera placement that was given, else by the URDF's.
-        camera_covariance: (6, 6) its covariance, same order.
-        state: the robot's state that it was made from.
+        transform_camera_to_footprint: (4, 4), with the calibrated camera placement if given, else the URDF's.
+        camera_covariance: (6, 6) covariance of `transform_camera_to_footprint`, same order.
+        state: state of the robot.
     """
 
     transform_base_to_footprint: Float
@@ -118,17 +117,17 @@ class StancePose:
 
     @property
     def transform_footprint_to_base(self) -> Float:
-        """(4, 4), the inverse."""
+        """Inverse of `transform_base_to_footprint`, (4, 4)."""
         return read_only(inverse(self.transform_base_to_footprint))
 
     @property
     def up_in_base(self) -> Float:
-        """(3,) unit vertical in `base_link`."""
+        """Unit vertical in `base_link`, (3,)."""
         return read_only(self.transform_base_to_footprint[2, :3])
 
     @property
     def height(self) -> float:
-        """Height of the body's origin over the mean of the used soles [m]."""
+        """Height of the body's origin above the mean of the used soles [m]."""
         return float(self.transform_base_to_footprint[2, 3])
 
     @property
@@ -154,25 +153,24 @@ def stance_pose(
     camera_covariance: npt.ArrayLike | None = None,
     find_unloaded: bool = True,
 ) -> StancePose:
-    """The pose of a stance.
+    """Compute the pose of a stance.
 
     Args:
         state: the robot's state.
         support_feet: legs whose soles carry the body.
-        gravity_in_base: direction of gravity, pointing down, where an IMU gives it.
+        gravity_in_base: direction of gravity from an IMU, pointing down; None without one.
         noise: standard deviations.
-        attitude: one of `ATTITUDE_SOURCES`; None takes the best that is there: `imu`, `odometry`,
-            `support_plane`.
-        odometry: gravity carried over from earlier pauses.
+        attitude: one of `ATTITUDE_SOURCES`; None = the first available of `imu`, `odometry`, `support_plane`.
+        odometry: gravity propagated from earlier pauses.
         transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
         camera_covariance: (6, 6) covariance of that placement, REP-103 order in `base_link`; default zero.
-        find_unloaded: among four feet, look for one that hangs, and leave it out.
+        find_unloaded: with four feet, exclude one that is found unloaded.
 
     Raises:
         UnknownName: a leg that the robot does not have.
-        StanceError: too few feet for the attitude source, feet on a line, gravity asked for but not given, or
-            a body tilted by more than 60 degrees.
-        ArgumentError: an unknown source, or a matrix that is no transform or no covariance.
+        StanceError: too few feet for the attitude source, feet on a line, gravity requested but not given, or a body
+            tilted by more than 60 degrees.
+        ArgumentError: an unknown source, or a matrix that is not a transform or not a covariance.
     """
     legs = list(support_feet)
     source, up, sigma = _vertical(attitude, gravity_in_base, odometry, noise)
@@ -240,7 +238,7 @@ def _vertical(
     odometry: GravityEstimate | None,
     noise: StanceNoise,
 ) -> tuple[str, Float | None, float]:
-    """Source, unit vertical (None: take the support plane's normal) and its sigma [rad]."""
+    """Source, unit vertical (None = the support plane's normal) and its sigma [rad]."""
     if attitude is None:
         attitude = "imu" if gravity_in_base is not None else "odometry" if odometry is not None else "support_plane"
     if attitude not in ATTITUDE_SOURCES:
@@ -259,11 +257,11 @@ def _vertical(
 
 
 def _plane_vertical(plane: SupportPlane, count: int) -> tuple[Float, Float]:
-    """The plane's normal and its derivative by the soles, (3, 3 n)."""
+    """Normal of the plane and its derivative by the soles, (3, 3 n)."""
     a, b, _ = plane.coefficients
     upright = np.array([-a, -b, 1.0])
     length = np.linalg.norm(upright)
     normal_by_slopes = (np.eye(3) - np.outer(plane.normal, plane.normal)) / length @ -np.eye(3, 2)
-    # A sole shifted along x or y on a tilted plane leaves it by as much as one shifted along z by -a or -b.
+    # On a tilted plane, a unit shift of a sole along x or y acts as a shift of -a or -b along z.
     heights_by_soles = np.kron(np.eye(count), upright[None, :])
     return np.asarray(plane.normal), normal_by_slopes @ plane.gain[:2] @ heights_by_soles

@@ -1,4 +1,4 @@
-"""A snapshot of the robot: joint positions, checked and in the robot's order, with forward kinematics already done."""
+"""State of the robot: checked joint positions, and the poses of all links by forward kinematics."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from kinematics.arrays import Float, read_only
 from kinematics.exceptions import JointLimitWarning, JointPositionError, unknown_name
 from kinematics.tree import KinematicTree
 
-# Radians: a posture or a solution that stands exactly on a limit is not beyond it.
+# Tolerance of joint limits [rad]: a position exactly at a limit is not beyond it.
 LIMIT_TOLERANCE = 1e-9
-# Joints named in one warning; the others are counted.
+# Number of joints named in one warning; the others are counted.
 NAMED = 3
 
 
@@ -27,9 +27,9 @@ class RobotState:
         joint_positions: joint name -> position [rad], every joint once; or (n,) in the order of `tree.joint_names`.
 
     Attributes:
-        tree: as given.
+        tree: the robot's kinematic tree.
         positions: (n,) joint positions [rad] in the order of `tree.joint_names`, read-only.
-        beyond_limits: joint name -> how far it stands beyond its limit [rad]; empty when all is well.
+        beyond_limits: joint name -> distance beyond its limit [rad]; empty if all are within.
 
     Raises:
         UnknownName: a joint that the robot does not have.
@@ -37,7 +37,7 @@ class RobotState:
     """
 
     def __init__(self, tree: KinematicTree, joint_positions: Mapping[str, float] | npt.ArrayLike) -> None:
-        """Run forward kinematics once; everything else reads its result."""
+        """Check the positions and run forward kinematics once."""
         import pinocchio
 
         self.tree = tree
@@ -53,7 +53,7 @@ class RobotState:
         return MappingProxyType(dict(zip(self.tree.joint_names, self.positions.tolist(), strict=True)))
 
     def joint_position(self, joint: str) -> float:
-        """Position of one joint [rad]; `UnknownName` when the robot does not have it."""
+        """Position of one joint [rad]; `UnknownName` if the robot does not have it."""
         return float(self.positions[self.tree.joint_index(joint)])
 
     def transform_to_base(self, frame: str) -> Float:
@@ -78,7 +78,7 @@ class RobotState:
     def jacobian(self, frame: str) -> Float:
         """Jacobian of a frame's origin, (6, n): d(linear [m], angular [rad]) / d(positions).
 
-        In axes of `base_link`, the body held still; columns follow `tree.joint_names`.
+        Axes of `base_link`, with the body fixed; columns in the order of `tree.joint_names`.
         """
         import pinocchio
 
@@ -95,7 +95,7 @@ class RobotState:
         """Centre of mass of the whole robot in `base_link`, (3,) [m]."""
         import pinocchio
 
-        # From the placements that are there; nothing else of this state's data is touched.
+        # Uses the placements computed above; changes nothing else in the data.
         return read_only(pinocchio.centerOfMass(self.tree.pinocchio_model, self._data, False))
 
 
@@ -108,7 +108,7 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
 
     Raises:
         UnknownName: a joint that the robot does not have.
-        JointPositionError: a joint is missing, a value is not a finite number or plainly not in radians, or an array
+        JointPositionError: a joint is missing, a value is not a finite number or obviously not in radians, or an array
             has the wrong length.
     """
     names = tree.joint_names
@@ -150,10 +150,10 @@ def in_order(values: Mapping[str, float], names: Sequence[str], kind: str) -> li
 
 
 def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
-    """Refuse a value that is not finite; arguments as in `in_order`.
+    """Check that all values are finite; arguments as in `in_order`.
 
     Raises:
-        JointPositionError: such a value.
+        JointPositionError: a value is not finite.
     """
     for name, value in zip(names, values, strict=True):
         if not np.isfinite(value):
@@ -161,7 +161,7 @@ def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
-    """Refuse a joint with less than a turn of range that is half a turn beyond its limits: not given in radians."""
+    """Reject a joint of less than one turn of range that is half a turn beyond its limits: its unit is not radians."""
     lower, upper = tree.lower_limits, tree.upper_limits
     turning = {joint.name for joint in tree.urdf.joints if joint.kind == "revolute"}
     far = (positions < lower - np.pi) | (positions > upper + np.pi)
@@ -177,8 +177,7 @@ def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:
 def beyond_limits(tree: KinematicTree, positions: Float) -> dict[str, float]:
     """Joints beyond their limits and by how much [rad]; one `JointLimitWarning` lists them.
 
-    A joint beyond its limit is a measurement, not a reason to stop: encoders are offset, limits in the URDF
-    are nominal.
+    They are accepted: encoders have offsets, and the limits in a URDF are nominal.
     """
     beyond: dict[str, float] = {}
     complaints = []

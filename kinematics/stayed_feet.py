@@ -1,13 +1,12 @@
-"""Readings of the standing soles, and the feet that stayed between two pauses apart from those that moved.
+"""Readings of standing soles, and the feet that stayed in place between two pauses.
 
-Feet that stay keep their distances to each other, however the body moves. A foot that moved changes its distances to
-the others, and the others keep theirs: so the feet that stayed are the largest set whose distances all held. A swing
-can keep a single distance by chance (a foot that passes another), so the line between two feet must not have turned
-further than the body can turn either.
+Feet that stay keep their distances to each other however the body moves, so the feet that stayed are the largest set
+whose mutual distances did not change. A swing can preserve a distance by chance (a foot that passes another), so the
+line between two feet must not have rotated by more than the body can turn either.
 
-A flat sole that carries the body keeps its pitch: what it seems to change between two pauses is noise of the leg's
-joints, and the same noise displaces the sole; their covariance tells by how much. A round foot (a leg of fewer than
-four joints cannot hold a flat one level) has no meaningful pitch.
+A flat sole that carries the body keeps its pitch: a change seen between two pauses is noise of the leg's joints. The
+same noise displaces the sole, and the covariance of pitch and position relates the two. A round foot has no meaningful
+pitch; legs of fewer than four joints are taken to have one, since they cannot keep a flat sole level.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from kinematics.arrays import Float
 from kinematics.stance_pose import StanceNoise, StancePose
 from kinematics.transforms import transform_points
 
-# Variance of the pitch of a round foot [rad^2]: no information.
+# Variance of the unknown pitch of a round foot [rad^2].
 NOTHING_KNOWN = 1.0
 
 
@@ -34,15 +33,15 @@ def find_stayed_feet(
     slip_sigmas: float,
     turn_limit: float,
 ) -> list[int]:
-    """Rows of the feet that stayed, in order; fewer than two rows mean that none is known to have stayed.
+    """Rows of the feet that stayed, in order; empty if no two feet kept their distance.
 
     Args:
         soles_now: (n, 3) sole centres at this pause, in a frame of the body [m].
         covariances_now: (n, 3, 3) covariances of `soles_now` [m^2].
         soles_before: (n, 3) the same soles at the pause before, in the same frame of the body [m].
         covariances_before: (n, 3, 3) covariances of `soles_before` [m^2].
-        slip_sigmas: a distance has changed when it differs by more standard deviations than this.
-        turn_limit: largest turn of the body between two pauses [rad].
+        slip_sigmas: a distance has changed if it differs by more than this many standard deviations.
+        turn_limit: largest rotation of the body between two pauses [rad].
     """
     count = len(soles_now)
     change = np.zeros((count, count))
@@ -65,7 +64,7 @@ def find_stayed_feet(
 
 
 def _distance_change(now: Float, before: Float, covariances: tuple[Float, Float], turn_limit: float) -> float:
-    """Change of the distance of two feet in standard deviations; infinite if their line turned too far."""
+    """Change of the distance between two feet in standard deviations; infinite if their line turned too far."""
     line_now, line_before = now[1] - now[0], before[1] - before[0]
     length_now, length_before = np.linalg.norm(line_now), np.linalg.norm(line_before)
     along_now, along_before = line_now / length_now, line_before / length_before
@@ -76,16 +75,17 @@ def _distance_change(now: Float, before: Float, covariances: tuple[Float, Float]
 
 
 def sole_readings(pose: StancePose, legs: Sequence[str], noise: StanceNoise) -> tuple[Float, Float]:
-    """Readings of the soles in the footprint.
+    """Positions and pitches of soles in the footprint, with covariances.
 
     Args:
         pose: the stance pose.
-        legs: names of the legs whose soles are read.
+        legs: names of the legs.
         noise: standard deviations.
 
     Returns:
-        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole against the horizontal [rad]; and covariances
-        (n, 4, 4) of these by encoders and contact, without the shift that a wrong vertical gives all of them alike.
+        Readings (n, 4): x, y, z of the centre [m] and pitch of the sole from the horizontal [rad]; and their
+        covariances (n, 4, 4) from encoders and contact, excluding the shift common to all from an error of the
+        vertical.
     """
     rotation = pose.transform_base_to_footprint[:3, :3]
     tree, state = pose.state.tree, pose.state

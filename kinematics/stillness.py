@@ -5,11 +5,10 @@ i, r_i its position from the camera and xi = (v, w) the camera's motion in `base
 
     J_i dq = -(v + w x r_i) + J_i e,    e ~ N(0, sigma^2 I),
 
-from which xi follows by generalised least squares. The bias of a joint is the same in every reading and cancels.
-Window means of 1, 2, 4 ... readings are compared with all readings before them, with the window before and with the
-first window of the pause, at every reading: a step, a pulse and a ramp are each plain in one of these. What no motion
-of the body explains (the residual) tells the noise: sway is a motion of the body and is not in it. A residual far above
-the noise is that of feet which did not stay where they were.
+from which xi follows by generalised least squares. The bias of a joint is constant and cancels. At every reading, means
+over the last 1, 2, 4 ... readings are compared with all earlier readings, with the window before and with the first
+window of the pause: these detect a step, a pulse and a ramp. The residual, which no motion of the body explains, gives
+the noise; sway is a motion of the body and does not affect it. A residual far above the noise means that feet moved.
 """
 
 from __future__ import annotations
@@ -31,33 +30,34 @@ from kinematics.stance import Stance
 from kinematics.state import checked_positions
 from kinematics.transforms import checked_transform
 
-# False alarms by design, per pause and over all tests made in it.
+# Probability of a false alarm per pause, over all tests made in it.
 FALSE_ALARMS = 0.003
 
-# Longest window [readings]: 5 s at 50 Hz. What is slower shows between the first and the last window.
+# Longest window [readings]: 5 s at 50 Hz. Slower motions show between the first and the last window.
 LONGEST = 256
 
-# Motions that are to be found with this probability, in random directions: where readings come often, and elsewhere.
+# Probability with which motions of random direction must be found, and their sizes [m, rad] with frequent readings and
+# without.
 POWER = 0.95
 WITH_HOLD = (1.0e-3, math.radians(0.1))
 WITHOUT_HOLD = (1.5e-3, math.radians(0.15))
 
-# Shortest pulse that is to be found [s], and the readings in it from which on they come often.
+# Shortest pulse that must be found [s], and the least number of readings in it that counts as frequent.
 PULSE_S, OFTEN = 0.2, 3
 
-# Most readings that are tried for the begin of a motion; those of a pulse at 320 Hz.
+# Longest window tried for the start of a motion [readings]: a pulse at 320 Hz.
 MOST_NEEDED = 64
 
-# Noise that is learned is at most this many times the noise that robot.toml states, in standard deviations: more is no
-# noise of joints. From as many changes on is it learned well enough to excuse feet that move against each other.
+# Largest learned noise, relative to the sigma that robot.toml states: more is not joint noise. After LEARNED changes
+# the learned noise is also used to test for feet that moved relative to each other.
 MOST_NOISE, LEARNED = 4.0, 8
-# Least noise by which feet that move against each other are judged [rad]: 0.03 mm at a leg of 0.3 m is no slip.
+# Least noise assumed in that test [rad]: 0.03 mm for a leg of 0.3 m is no slip.
 LEAST_NOISE = 1e-4
 
-# Weight of the noise that robot.toml states, in readings: a robot with more is told from one that moves after a few.
+# Weight of the noise that robot.toml states [readings]: a noisier robot is told from a moving one after a few.
 PRIOR_READINGS = 1
 
-# Added to J J^T [m^2/rad^2], so that a leg at a stretch can be weighed: a thousandth of what a leg has otherwise.
+# Added to J J^T [m^2/rad^2] to keep it regular for a stretched leg: a thousandth of its usual size.
 LEAST_LEVER = 1e-6
 
 
@@ -66,9 +66,9 @@ class CameraMotion:
     """Motion of the camera between two readings of the joints.
 
     Attributes:
-        translation: distance that the optical centre moved [m].
-        rotation: angle by which the camera turned [rad].
-        is_still: whether the motion is within the limits of robot.toml or explained by the noise of the readings.
+        translation: distance moved by the optical centre [m].
+        rotation: rotation angle of the camera [rad].
+        is_still: True if the motion is within the limits of robot.toml or explained by the noise of the readings.
     """
 
     translation: float
@@ -77,7 +77,7 @@ class CameraMotion:
 
 
 class _Feet:
-    """Least squares over some standing feet: matrices that map joint changes to the camera's motion."""
+    """Least squares over a set of standing feet: matrices that map joint changes to the camera's motion."""
 
     def __init__(self, robot: RobotModel, begin: Stance, feet: Sequence[str], camera: Float) -> None:
         """Linearise at the stance of BEGIN.
@@ -101,13 +101,13 @@ class _Feet:
         left, values, _ = np.linalg.svd(design)
         if values[-1] < 1e-6 * values[0]:
             raise StanceError(f"support_feet: {', '.join(feet)} stand on a line; the camera's motion cannot be told")
-        # Joint changes to motion (6, n), to whitened motion (6, n), and to what no motion explains (3 feet - 6, n).
+        # Maps of joint changes to motion (6, n), whitened motion (6, n) and residual (3 feet - 6, n).
         self.motion: Float = np.linalg.pinv(design) @ white
         self.whitened: Float = left[:, :6].T @ white
         self.residual: Float = left[:, 6:].T @ white
         self.covariance: Float = np.linalg.inv(design.T @ design)
         information = design.T @ design
-        # chi^2 of a unit motion in each of some directions, for sigma = 1: all shifts, then all turns.
+        # chi^2 of a unit motion along each of DIRECTIONS for sigma = 1: translations, then rotations.
         self.units = np.array(
             [
                 np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS)
@@ -117,10 +117,10 @@ class _Feet:
 
 
 class Stillness:
-    """Test of whether the camera stands, over all readings of a pause in the order of their arrival.
+    """Sequential test that the camera stands still, over all readings of a pause in the order of arrival.
 
-    Limits of robot.toml ([pause]) say which motion is harmless; a motion is reported when it is larger and cannot be
-    explained by noise, with at most `FALSE_ALARMS` of still pauses reported.
+    A motion is reported if it exceeds the limits of robot.toml ([pause]) and noise does not explain it; at most a
+    fraction `FALSE_ALARMS` of still pauses is reported.
     """
 
     def __init__(
@@ -135,8 +135,8 @@ class Stillness:
             transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
 
         Raises:
-            ArgumentError: a time that is not finite, or a matrix that is no transform.
-            UnknownName, JointPositionError: the stance is not one of this robot.
+            ArgumentError: a time that is not finite, or a matrix that is not a transform.
+            UnknownName, JointPositionError: the stance does not fit this robot.
         """
         self._robot, self._begin = robot, stance
         camera = robot.transform_camera_to_base
@@ -160,14 +160,14 @@ class Stillness:
         self._latest = np.zeros(6)
 
     def add(self, time: float, stance: Stance) -> None:
-        """Take a reading of HOLD or END.
+        """Add a reading of HOLD or END.
 
-        A repeated reading (same stamp, same joints) tells nothing and is ignored.
+        A repeated reading (same stamp, same joints) carries no information and is ignored.
 
         Raises:
             ArgumentError: a time that is not finite.
             StanceError: fewer than three feet carried the body in all readings, or they stand on a line.
-            UnknownName, JointPositionError: the stance is not one of this robot.
+            UnknownName, JointPositionError: the stance does not fit this robot.
         """
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
         names = tuple(foot for foot in self._names if foot in stance.support_feet)
@@ -187,21 +187,21 @@ class Stillness:
 
     @property
     def motion(self) -> str:
-        """Motion of the camera and its limits in one line; empty while the readings show none."""
+        """Detected motion of the camera and its limits in one line; empty if there is none."""
         return self._motion
 
     @property
     def still_until(self) -> float:
-        """Stamp up to which the readings show that the camera stood [s]; -inf before a second reading.
+        """Stamp until which the readings show that the camera stood still [s]; -inf before a second reading.
 
-        A motion that begins before it is found with a probability of `POWER`: `WITH_HOLD` where readings come often,
-        else `WITHOUT_HOLD`; less where `undetectable` says so.
+        A motion that began earlier is found with probability `POWER` if it has the size `WITH_HOLD` (frequent readings)
+        or `WITHOUT_HOLD`, unless `undetectable` states a larger size.
         """
         return self._still_until
 
     @property
     def undetectable(self) -> str:
-        """Text on motions of 1 mm or 0.1 degrees that are not detectable in this pause; empty if they are."""
+        """Reason why motions of 1 mm or 0.1 degrees cannot be detected in this pause; empty if they can."""
         window = self._recent()
         scales = np.arange(1.0, 20.05, 0.1)
         if self._feet is None or (seen := self._power(window, WITH_HOLD, scales) >= POWER)[0]:
@@ -215,26 +215,26 @@ class Stillness:
 
     @property
     def covariance(self) -> Float:
-        """Covariance (6, 6) of the camera's motion as the readings tell it: what they could not tell.
+        """Covariance (6, 6) of the camera's motion as estimated from the readings.
 
-        REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]). It is that of the shortest
-        motion that is to be found (`PULSE_S`); before a second reading, that of a single one.
+        REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]), for the shortest pulse
+        that must be found (`PULSE_S`); before a second reading, for a single reading.
         """
         feet = self._feet or _Feet(self._robot, self._begin, self._names, self._camera)
         window = self._recent()
         return read_only(self._variance * (1 / window + 1 / max(self._count - window, 1)) * feet.covariance)
 
     def between_first_and_last(self) -> CameraMotion:
-        """Motion between BEGIN and the last reading."""
+        """Motion of the camera between BEGIN and the last reading."""
         shift, turn = np.linalg.norm(self._latest[:3]), np.linalg.norm(self._latest[3:])
         return CameraMotion(float(shift), float(turn), not self._motion)
 
     def _learn(self, feet: _Feet, change: Float) -> None:
-        """White noise from the residual of successive readings; robot.toml's is its least."""
+        """Learn the white noise from residuals of successive readings; at least the noise that robot.toml states."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)
-        # The median of chi^2 (Wilson and Hilferty): a slipping foot in a few readings does not pass for noise.
+        # From the median of chi^2 (Wilson and Hilferty): a foot that slips in a few readings does not count as noise.
         found = float(np.median(self._energies)) / (degrees * (1.0 - 2.0 / (9.0 * degrees)) ** 3)
         count = len(self._energies)
         found = min(found, MOST_NOISE**2 * stated)
@@ -251,7 +251,7 @@ class Stillness:
         self._count += 1
 
     def _test(self, feet: _Feet) -> None:
-        """All comparisons of windows that end at the last reading."""
+        """Run all comparisons of windows that end at the last reading."""
         sums, row, count = self._sums, self._row, self._count
         windows = 2 ** np.arange(int(math.log2(min(count - 1, LONGEST))) + 1)
         pairs = windows[2 * windows < count]
@@ -274,7 +274,7 @@ class Stillness:
         over = (shifts > limits.camera_translation_limit) | (turns > limits.camera_rotation_limit)
         found = np.flatnonzero((chi2 > _threshold(count)) & over)
         self._latest = feet.motion @ (sums[row] - sums[row - 1])
-        # Feet that moved against each other are no noise, and what they say of the body means nothing.
+        # Feet that moved relative to each other are not noise, and give no valid motion of the body.
         noise = self._variance if len(self._energies) >= LEARNED else self._robot.noise.encoder_noise**2
         apart = np.sum((changes @ feet.residual.T) ** 2, axis=1) / (max(noise, LEAST_NOISE**2) * shares)
         worst: int | None = None
@@ -292,7 +292,7 @@ class Stillness:
                 f"encoder_noise of robot.toml ({math.degrees(self._robot.noise.encoder_noise):.3f} degrees): scan again"
             )
         if worst is not None:
-            # The motion began no earlier than the window before, or the first one where these two were compared.
+            # The motion began no earlier than the preceding window, or than the first one if that was compared.
             window = int(of[worst])
             is_first = len(windows) <= worst < len(windows) + len(pairs)
             began = self._head_times[window - 1] if is_first else self._times[-min(2 * window, len(self._times))]
@@ -301,20 +301,20 @@ class Stillness:
             self._still_until = max(self._still_until, min(islice(reversed(self._times), self._needed())))
 
     def _recent(self) -> int:
-        """Readings in the last `PULSE_S`, at least one, and never all."""
+        """Number of readings in the last `PULSE_S`, at least one and never all."""
         since = self._times[-1] - PULSE_S
         recent = next((age for age, time in enumerate(reversed(self._times)) if time <= since), len(self._times))
         return max(1, min(recent, self._count - 1))
 
     def _needed(self) -> int:
-        """Readings after a motion's begin by which it is found."""
+        """Number of readings after the start of a motion within which it is found."""
         recent = self._recent()
         windows = np.arange(1, min(recent, MOST_NEEDED) + 1)
         enough = np.flatnonzero(self._power(windows, WITH_HOLD if recent >= OFTEN else WITHOUT_HOLD) >= POWER)
         return int(windows[enough[0]]) if enough.size else recent
 
     def _power(self, windows: npt.ArrayLike, sizes: tuple[float, float], scales: npt.ArrayLike = 1.0) -> Float:
-        """Probability that a step in random direction, of scaled sizes, is found in windows at the end, (n,)."""
+        """Probability (n,) of finding a step of random direction and scaled size with windows at the end."""
         assert self._feet is not None
         windows = np.asarray(windows, dtype=np.float64)
         variances = self._variance * (1 / windows + 1 / np.maximum(self._count - windows, 1.0))
@@ -322,7 +322,7 @@ class Stillness:
         chances = []
         for size, units in zip(sizes, self._feet.units, strict=True):
             x = np.multiply.outer(np.square(np.multiply(size, scales)) / variances, units)
-            # Noncentral chi^2 as normal, the normal distribution as logistic: within 1 % where it matters.
+            # Noncentral chi^2 approximated by the normal, and that by the logistic distribution: to 1 % near POWER.
             sigmas = (x + 6.0 - threshold) / np.sqrt(12.0 + 4.0 * x)
             chances.append(np.mean(1.0 / (1.0 + np.exp(-1.702 * sigmas)), axis=-1))
         return np.minimum(*chances)
@@ -348,7 +348,7 @@ def camera_motion(
 def check_camera_still(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """As `camera_motion`, for a scan that must not be used when the camera moved.
+    """As `camera_motion`, but raises if the camera moved.
 
     Raises:
         CameraMoved: the message gives both motions and their limits.
@@ -367,10 +367,10 @@ def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike
 
 
 def _threshold(count: int) -> float:
-    """Least chi^2 of six degrees that is reported after this many readings.
+    """Least chi^2 of six degrees of freedom that is reported after this many readings.
 
-    Half of the false alarms are spent on the second reading, the rest on all later ones: 1 / ((n - 1)(n - 2)) sums to
-    one, whatever the length of the pause. Each of the tests that are made at a reading gets the same part.
+    Half of the false alarms are allotted to the second reading, the rest to all later ones in proportion to
+    1 / ((n - 1)(n - 2)), which sums to one for a pause of any length. Tests at the same reading share equally.
     """
     windows = int(math.log2(min(count - 1, LONGEST))) + 1
     tests = 1 if count == 2 else 3 * windows
@@ -383,7 +383,7 @@ def _threshold(count: int) -> float:
 
 
 def _most_apart(degrees: int) -> float:
-    """Largest chi^2 of the residual that passes for noise: three times the noise, and never by chance in a pause."""
+    """Largest chi^2 of the residual attributed to noise: three times its sigma, with a margin against false alarms."""
     return 9.0 * degrees + 18.0
 
 

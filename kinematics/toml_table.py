@@ -1,4 +1,4 @@
-"""One table of a TOML file, its values checked as they are read; messages name the file, the line and the key."""
+"""Table of a TOML file whose values are checked as they are read; messages name the file, the line and the key."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from kinematics.findings import Findings
 
 
 class Table:
-    """A view of one table: `number`, `text` and the others read a value or report what is wrong with it.
+    """View of one table; `number`, `text` and the others read and check a value.
 
-    A wrong value raises, or becomes a finding of `gathering`; then a harmless value stands in for it.
+    A wrong value raises; in a table made by `gathering` it becomes a finding and is replaced by a harmless value.
 
     Args:
         path: the file, for messages.
-        name: the table's name with dots, "" for the whole file.
-        values: what the TOML reader gave.
+        name: dotted name of the table, "" for the whole file.
+        values: content of the table from the TOML parser.
         lines: dotted name of table or key -> line of the file.
     """
 
@@ -39,11 +39,11 @@ class Table:
         return self._below(self.name, self.values, findings)
 
     def line(self, key: str = "") -> int:
-        """The line of a key, else of this table; 0 when neither stands in the file."""
+        """Line of a key, else of this table; 0 if neither is in the file."""
         return self._lines.get(self._dotted(key), self._lines.get(self.name, 0))
 
     def wrong(self, key: str, needed: str) -> None:
-        """Say what was given for a key and what is needed.
+        """Report the value given for a key and what is needed.
 
         Raises:
             RobotFileError: unless findings are gathered.
@@ -51,7 +51,7 @@ class Table:
         self._report(f"{self._path_of(key)} is {self.values.get(key)!r}; {needed} is needed", key)
 
     def number(self, key: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> float:
-        """A finite number greater than `above`, not below `least` and not beyond `most`."""
+        """A finite number above `above`, at least `least` and at most `most`."""
 
         def is_within(value: Any) -> bool:
             return _is_number(value) and value > above and least <= value <= most
@@ -59,7 +59,7 @@ class Table:
         return float(self._value(key, is_within, f"a number{_bounds(above, least, most)}", 1.0))
 
     def integer(self, key: str, *, least: int, most: int | None = None) -> int:
-        """A whole number of at least `least`, and at most `most` where given."""
+        """A whole number of at least `least`, and at most `most` if given."""
 
         def is_within(value: Any) -> bool:
             return isinstance(value, int) and _is_number(value) and least <= value <= (value if most is None else most)
@@ -68,11 +68,11 @@ class Table:
         return int(self._value(key, is_within, needed, least))
 
     def text(self, key: str) -> str:
-        """A text that is not empty; "" stands in for a wrong one."""
+        """A text that is not empty; "" replaces a wrong one."""
         return str(self._value(key, _is_text, "a text", ""))
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """A list of texts, each once; it may be empty."""
+        """A list of different texts; it may be empty."""
         value = self._value(
             key, lambda given: isinstance(given, list) and all(map(_is_text, given)), "a list of texts", []
         )
@@ -118,7 +118,7 @@ class Table:
         return table
 
     def _value(self, key: str, is_allowed: Callable[[Any], bool], needed: str, instead: Any) -> Any:
-        """The value of a key; one that is missing or not allowed is reported, and `instead` stands in for it."""
+        """Value of a key; a missing or wrong one is reported and replaced by `instead`."""
         if key in self.values:
             if is_allowed(self.values[key]):
                 return self.values[key]
@@ -148,7 +148,7 @@ def _bounds(above: float, least: float, most: float) -> str:
 
 
 def _is_number(value: object) -> bool:
-    # By comparison: `math.isfinite` cannot convert a whole number of 400 digits.
+    # `math.isfinite` would raise for a whole number of 400 digits.
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
@@ -157,7 +157,7 @@ def _is_text(value: object) -> bool:
 
 
 def frozen(value: object) -> object:
-    """The same TOML value with read-only mappings and tuples, all the way down."""
+    """TOML value with mappings and lists replaced by read-only mappings and tuples, recursively."""
     if isinstance(value, Mapping):
         return MappingProxyType({key: frozen(item) for key, item in value.items()})
     if isinstance(value, list):

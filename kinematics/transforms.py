@@ -1,4 +1,4 @@
-"""Rigid transforms as (4, 4) matrices: inverse, application to points, checks of those from outside."""
+"""Rigid transforms as (4, 4) matrices: inverse, application to points, validation of arguments."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy.typing as npt
 from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError
 
-# A rotation written with seven digits.
+# Error of a rotation written with seven digits.
 ROTATION_TOLERANCE = 1e-6
-# An inverse by elimination leaves rounding there.
+# Rounding error that a general matrix inverse leaves in the last row.
 LAST_ROW_TOLERANCE = 1e-9
 
 
 def inverse(transform: Float) -> Float:
-    """The inverse of a rigid transform (4, 4)."""
+    """Inverse of a rigid transform (4, 4)."""
     result = np.eye(4)
     result[:3, :3] = transform[:3, :3].T
     result[:3, 3] = -transform[:3, :3].T @ transform[:3, 3]
@@ -23,16 +23,16 @@ def inverse(transform: Float) -> Float:
 
 
 def transform_points(transform: Float, points: npt.ArrayLike) -> Float:
-    """Points (..., 3) [m] taken through a transform (4, 4)."""
+    """Apply a transform (4, 4) to points (..., 3) [m]."""
     return np.asarray(np.asarray(points, dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3])
 
 
 def checked_transform(value: npt.ArrayLike, name: str) -> Float:
-    """A rigid transform (4, 4) that came from outside.
+    """Copy of an argument, checked to be a rigid transform (4, 4).
 
     Raises:
-        ArgumentError: wrong shape, not finite, no rotation, or a last row other than 0 0 0 1; the message
-            says `name`.
+        ArgumentError: wrong shape, not finite, no rotation, or a last row other than 0 0 0 1; the message contains
+            `name`.
     """
     transform = np.array(value, dtype=np.float64)
     if transform.shape != (4, 4) or not np.all(np.isfinite(transform)):
@@ -47,10 +47,10 @@ def checked_transform(value: npt.ArrayLike, name: str) -> Float:
 
 
 def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
-    """A covariance (6, 6) that came from outside.
+    """Copy of an argument, checked to be a covariance (6, 6).
 
     Raises:
-        ArgumentError: wrong shape, not finite, not symmetric or with a negative eigenvalue; the message says
+        ArgumentError: wrong shape, not finite, not symmetric or with a negative eigenvalue; the message contains
             `name`.
     """
     covariance = np.array(value, dtype=np.float64)
@@ -65,7 +65,7 @@ def checked_covariance(value: npt.ArrayLike, name: str) -> Float:
 
 
 def unit_vector(vector: npt.ArrayLike) -> Float:
-    """A vector of length 1; its own length may be any but zero, since it is scaled before it is squared."""
+    """Vector scaled to length 1; any length but zero is allowed: it is scaled first, so squares cannot overflow."""
     scaled = np.asarray(vector, dtype=np.float64)
     scaled = scaled / np.abs(scaled).max()
     return np.asarray(scaled / np.linalg.norm(scaled))

@@ -1,10 +1,10 @@
-"""The kinematic tree of a robot: Pinocchio's model made of its URDF; names, limits and frames mapped onto it.
+"""Kinematic tree of a robot: Pinocchio's model of its URDF, with joints, limits and frames found by name.
 
-Pinocchio orders joints by its own rule, and answers an unknown frame name with an index past the end; both
-stay behind this module. The body is a free-flyer held at the identity, so Pinocchio's world is `base_link`.
+This module hides that Pinocchio has its own order of joints and returns an index past the end for an unknown frame.
+The body is a free-flyer held at the identity, so Pinocchio's world is `base_link`.
 
-Pinocchio's own reader of URDF is not used: it gives a continuous joint two coordinates, and answers with an error
-where a link and a joint share a name. Only frames of links are made, so every name is unique.
+Pinocchio's own URDF reader is not used: it gives a continuous joint two coordinates and fails if a link and a joint
+share a name. Only links get frames here, so every name is unique.
 """
 
 from __future__ import annotations
@@ -23,32 +23,31 @@ from kinematics.urdf_checks import root_link
 
 
 class KinematicTree:
-    """A checked URDF in Pinocchio, with everything found by name.
+    """Pinocchio model of a checked URDF, indexed by name.
 
     Attributes:
-        urdf: what the file says.
-        config: what robot.toml says.
-        joint_names: all moving joints: those of the legs, from hip to sole in robot.toml's order, then any
-            others.
+        urdf: content of the URDF.
+        config: content of robot.toml.
+        joint_names: all moving joints: those of the legs, from hip to sole in robot.toml's order, then any others.
         legs: leg name -> its configuration, in robot.toml's order.
         links: link name -> its inertia and shapes.
         lower_limits, upper_limits: (n,) [rad], in the order of `joint_names`.
-        pinocchio_model: Pinocchio's model; take it as read-only.
+        pinocchio_model: Pinocchio's model; do not modify it.
         velocity_indices: (n,) columns of Pinocchio's Jacobians, in the order of `joint_names`.
-        nominal: (n,) joint positions of a posture in which the robot stands, in the order of `joint_names`: it gives
-            the side to which the knees bend.
+        nominal: (n,) joint positions of a standing posture, in the order of `joint_names`; defines the side to which
+            the knees bend.
     """
 
     def __init__(self, urdf: Urdf, config: RobotToml, nominal: Mapping[str, float] | None = None) -> None:
         """Build Pinocchio's model and the maps from names to its indices.
 
         Args:
-            urdf: what the file says.
-            config: what robot.toml says; its links and joints are in the URDF.
-            nominal: joint name -> position [rad] of a posture; None = the centre between the limits.
+            urdf: content of the URDF.
+            config: content of robot.toml; its links and joints are in the URDF.
+            nominal: joint name -> position [rad] of a standing posture; None = midway between the limits.
 
         Raises:
-            RobotFileError: Pinocchio refuses the URDF.
+            RobotFileError: Pinocchio rejects the URDF.
         """
         import pinocchio
 
@@ -94,7 +93,7 @@ class KinematicTree:
         return self._frame_ids[frame]
 
     def leg(self, leg: str) -> LegConfig:
-        """The configuration of a leg.
+        """Configuration of a leg.
 
         Raises:
             UnknownName: the robot has no such leg; the message lists them.
@@ -115,14 +114,14 @@ class KinematicTree:
 
 
 def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
-    """A `pinocchio.Model` with a BODY frame for every link.
+    """Build a `pinocchio.Model` with a BODY frame for every link.
 
     Args:
-        urdf: what was read; a checked tree.
-        only: joints that move, on a base that stands still; None = all of them, on a free-flyer `root_joint`.
+        urdf: a URDF that passed `check_urdf`.
+        only: joints that move, on a fixed base; None = all of them, on a free-flyer `root_joint`.
 
     Raises:
-        ValueError, RuntimeError: Pinocchio refuses a value.
+        ValueError, RuntimeError: Pinocchio rejects a value.
     """
     import pinocchio
 
@@ -135,7 +134,7 @@ def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:
     first = 0
     if only is None:
         first = model.addJoint(0, pinocchio.JointModelFreeFlyer(), pinocchio.SE3.Identity(), "root_joint")
-    # Name of a link, index of the joint that carries it, and its pose on that joint.
+    # Name of a link, index of the joint that carries it, and its pose in that joint's frame.
     open_links = [(root_link(urdf), first, pinocchio.SE3.Identity())]
     while open_links:
         name, carrier, placement = open_links.pop()

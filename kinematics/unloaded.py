@@ -1,13 +1,13 @@
-"""Detection of the one foot among four that hangs above the plane of the others and may carry no load.
+"""Detection of one unloaded foot among four: a foot that hangs above the plane of the others.
 
-The distance of four soles from one common plane is a single number. It shows that a foot hangs, but not which: either
-of the two feet at the ends of the raised diagonal may be the one. The choice is made by, in this order:
+The deviation of four soles from a common plane is a single number. It shows that a foot hangs, but not which of the two
+at the ends of the raised diagonal. These criteria decide, in this order:
 
-1. where the vertical is known: the three remaining feet are level with each other for one of the two only.
-   When they do so for neither, the ground is uneven and nothing says that a foot hangs: all four are kept;
-2. balance: the centre of mass must lie over the triangle of the loaded feet, so beyond the other diagonal, seen
-   from the foot that hangs. Where it lies on the near side by more than its own uncertainty, that foot stands;
-3. the body is commanded level: of the two triangles the one to which the body is less tilted.
+1. If the vertical is known: the three remaining feet must be level with each other. If they are so for neither
+   candidate, the ground is uneven and nothing shows that a foot hangs: all four are kept.
+2. Balance: the centre of mass must be above the triangle of the loaded feet, which is beyond the other diagonal as seen
+   from the hanging foot. A foot for which it is on the near side by more than its uncertainty carries load.
+3. The body is commanded level: the triangle relative to which the body is tilted less is the loaded one.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class FourFeet:
 
 
 def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
-    """Row of the foot that hangs, or None when no foot hangs or nothing says which.
+    """Row of the foot that hangs; None if there is no such foot.
 
     Args:
         feet: the four feet.
-        sigmas: how many standard deviations above the plane of the other three a foot must be.
+        sigmas: least height of a hanging foot above the plane of the other three, in standard deviations.
     """
     candidates = np.flatnonzero(_gaps_in_sigmas(feet) > sigmas).tolist()
     if feet.up is not None:
@@ -71,7 +71,7 @@ def _normal(threes: Float) -> Float:
 
 
 def _tilt(three: Float) -> float:
-    """Cosine distance of the normal of three soles from the body's z axis: grows with the tilt."""
+    """One minus the cosine of the tilt of the plane of three soles from the body's z axis."""
     return 1.0 - float(_normal(three)[2])
 
 
@@ -80,7 +80,7 @@ def _gaps_in_sigmas(feet: FourFeet) -> Float:
     others = feet.soles[OTHERS]
     normals = _normal(others)
     gaps = np.vecdot(normals, feet.soles - others[:, 0])
-    # The point of the plane under a sole is a weighted sum of the three, by its barycentric coordinates.
+    # The point of the plane below a sole is the sum of the three soles, weighted by its barycentric coordinates.
     under, corners = (feet.soles - gaps[:, None] * normals), np.swapaxes(others, 1, 2).copy()
     under[:, 2], corners[:, 2] = 1.0, 1.0
     weights = np.linalg.solve(corners, under[..., None])[..., 0]
@@ -90,7 +90,7 @@ def _gaps_in_sigmas(feet: FourFeet) -> Float:
 
 
 def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
-    """Test that the other three stand at one height, within the errors of soles and vertical."""
+    """Test that the other three soles are at the same height, within the errors of soles and vertical."""
     up = np.asarray(feet.up)
     others, covariances = feet.soles[OTHERS[row]], feet.covariances[OTHERS[row]]
     heights = others @ up
@@ -103,14 +103,14 @@ def _others_level(feet: FourFeet, row: int, sigmas: float) -> bool:
 
 
 def _balance_away_from(feet: FourFeet, row: int) -> float:
-    """Distance [m] of the centre of mass beyond the diagonal beside a foot, seen from that foot.
+    """Distance [m] of the centre of mass beyond the diagonal next to a foot, as seen from that foot.
 
-    The vertical is the known one, or what it would be if that foot hung: the normal of the plane of the others.
+    The vertical is the known one, or else the normal of the plane of the others, as if that foot hung.
     """
     others, up = feet.soles[OTHERS[row]], feet.up
     if up is None:
         up = _normal(others)
-    # The foot opposite is the one for which the other two lie on different sides of the line between both.
+    # The opposite foot is the one for which the other two are on different sides of the line from foot to foot.
     for opposite in range(3):
         i, j = (other for other in range(3) if other != opposite)
         across = np.cross(up, others[opposite] - feet.soles[row])

@@ -1,7 +1,7 @@
-"""TOML and XML of files that may come from anywhere: what can only harm is refused before it is read.
+"""Parsers of TOML and XML from untrusted sources, with limits on size and nesting.
 
-A robot's files may come from anywhere, and with a grid over the network: no entity is expanded, and no file larger than
-any robot's is opened.
+A robot's files may come from anywhere, also with a grid over the network. XML entities are rejected, and files far
+larger than those of any robot are not read.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from xml.parsers import expat
 
 from kinematics.exceptions import RobotFileError
 
-# [byte] The largest stock URDF known has 70 kB.
+# [byte] The largest URDF of a stock robot has 70 kB.
 LARGEST_XML = 16 * 1024 * 1024
 # [byte] Far above any real file: the largest robot.toml or world file of this repository has 8 kB.
 LARGEST_FILE = 1024 * 1024
-# Most parts of a dotted key, and deepest nesting of tables or lists.
+# Largest number of parts of a dotted key, and of nesting levels of tables or lists.
 DEEPEST = 16
 BETWEEN_KEYS = re.compile(r"[,=\[\]{}#]")
 BRACKET = re.compile(r"[\[\]{}]")
-# A line that opens a table, and one that gives a key: bare names, as the files of robots have them.
+# Lines that open a table or set a key, for bare names only, which is what robots' files use.
 HEADER = re.compile(r"\s*\[+\s*([\w.\-]+)\s*\]")
 KEY = re.compile(r"\s*([\w.\-]+)\s*=")
 
 
 class Element(ElementTree.Element):
-    """An element of XML with the line on which it begins."""
+    """XML element with the line on which it begins."""
 
     line = 0
 
 
 def read_xml(path: Path) -> tuple[Element, str]:
-    """The outermost element of a file, and its text.
+    """Root element of a file, and its text.
 
     Raises:
-        RobotFileError: the file is missing, too large, not UTF-8, no XML, or defines entities.
+        RobotFileError: the file is missing, too large, not UTF-8, not XML, or defines entities.
     """
     try:
         if path.stat().st_size > LARGEST_XML:
@@ -51,8 +51,8 @@ def read_xml(path: Path) -> tuple[Element, str]:
 
 
 def parse_xml(text: str, path: Path) -> Element:
-    """The outermost element of a text; `path` is for messages. Errors as in `read_xml`."""
-    # The text was read as UTF-8, whatever encoding it declares: Python may not know that one.
+    """Root element of a text; `path` is for messages. Errors as in `read_xml`."""
+    # The text was read as UTF-8; the encoding it declares is ignored, since Python may not know it.
     parser = expat.ParserCreate("utf-8")
     builder = ElementTree.TreeBuilder(element_factory=Element)
 
@@ -78,12 +78,12 @@ def parse_xml(text: str, path: Path) -> Element:
 
 
 def parse_toml(text: str) -> dict[str, object]:
-    """The content of a TOML text.
+    """Content of a TOML text.
 
     Raises:
-        ValueError: the text is no TOML, or is nested deeper than DEEPEST.
+        ValueError: the text is not TOML, or is nested deeper than DEEPEST.
     """
-    # Depth is counted in one pass: a regular expression that looks for it can be made to backtrack for hours.
+    # Depth is counted in one pass: a regular expression for it could be made to backtrack for hours.
     for line in text.splitlines():
         for part in BETWEEN_KEYS.split(line):
             if part.count(".") >= DEEPEST:
@@ -100,7 +100,7 @@ def parse_toml(text: str) -> dict[str, object]:
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Dotted name of each table and key -> the line on which it first stands; for messages."""
+    """Dotted name of each table and key -> line of its first occurrence, for messages."""
     lines: dict[str, int] = {}
     table = ""
     for number, line in enumerate(text.splitlines(), 1):

@@ -1,4 +1,4 @@
-"""The content of a URDF file as plain values."""
+"""Content of a URDF file as plain values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kinematics.arrays import Float
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One collision shape of a link; a mesh or a capsule is enclosed in one of these kinds.
+    """Collision shape of a link; a mesh or capsule is represented by an enclosing shape of one of these kinds.
 
     Attributes:
         kind: "box", "cylinder" (axis z) or "sphere".
@@ -28,9 +28,9 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One link: mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2], collision shapes.
+    """Link: mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2], collision shapes.
 
-    `mass` is None where the file gives no inertial; `line` is its line in the file.
+    `mass` is None if the link has no <inertial>; `line` is its line in the file.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint; `axis` (3,) in the joint's frame, limits [rad] or [m], zero for fixed joints.
+    """Joint: `axis` (3,) in the joint's frame, limits [rad] or [m], zero for fixed joints.
 
-    `kind` is "fixed", "revolute" or "prismatic"; a continuous joint is a revolute one from -pi to pi.
+    `kind` is "fixed", "revolute" or "prismatic"; a continuous joint is revolute with limits -pi and pi.
     """
 
     name: str
@@ -61,14 +61,14 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Urdf:
-    """A URDF file: its links and joints in the order of the file, and its text.
+    """Content of a URDF file: links and joints in the order of the file, and its text.
 
     Attributes:
         path: the file.
         name: name of the robot.
         links, joints: all of them, in the order of the file.
         text: text of the file.
-        notes: what in the file is not used, one text each.
+        notes: one text for each kind of content that is not used.
     """
 
     path: Path
@@ -79,7 +79,7 @@ class Urdf:
     notes: tuple[str, ...] = ()
 
     def path_to(self, link: str) -> tuple[Joint, ...]:
-        """The joints from the root to a link, in that order."""
+        """Joints from the root to a link, in that order."""
         above = {joint.child: joint for joint in self.joints}
         chain: list[Joint] = []
         while link in above:

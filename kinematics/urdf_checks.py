@@ -1,7 +1,6 @@
-"""Checks of a URDF that no single reader makes: one tree, sound limits and axes.
+"""Consistency checks of a URDF: a single tree, valid limits and axes, a mass.
 
-Each of these faults was found to pass at least one of check_urdf, Pinocchio, MuJoCo and yourdfpy without a
-word.
+At least one of urdfdom's check_urdf, Pinocchio, MuJoCo and yourdfpy accepts each of these faults silently.
 """
 
 from __future__ import annotations
@@ -13,9 +12,9 @@ import numpy as np
 from kinematics.findings import Findings
 from kinematics.urdf import Joint, Urdf
 
-# An axis written with three decimals
+# Tolerance of an axis written with three decimals.
 AXIS_TOLERANCE = 1e-3
-# A stance names up to 256 joints in an announcement. A chain of 3,000 would cost minutes and 700 MB.
+# The announcement of a stance has room for 256 joints; a chain of 3,000 would take minutes and 700 MB to load.
 MOST_JOINTS = 256
 
 
@@ -23,7 +22,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
     """Check the tree and every joint.
 
     Args:
-        urdf: what was read.
+        urdf: the content of the file.
         root: the link that must be the root of the tree; None = any one.
 
     Raises:
@@ -46,7 +45,7 @@ def check_urdf(urdf: Urdf, root: str | None = None) -> None:
 
 
 def root_link(urdf: Urdf) -> str:
-    """The link that hangs on no joint, the first where there are several."""
+    """Name of the link that is no joint's child, the first if there are several."""
     children = {joint.child for joint in urdf.joints}
     return next((link.name for link in urdf.links if link.name not in children), "")
 
