@@ -60,7 +60,7 @@ class PerceptionClient:
         self._receivers: dict[str, NewestReceiver[Any]] = {}
         self._since: dict[str, float] = {}
         self._judge = GridJudge(session, robot)
-        self._waiter = GridWaiter(self._judge, robot)
+        self._waiter = GridWaiter(session, self._judge, robot)
 
     def __enter__(self) -> Self:
         """The client itself."""

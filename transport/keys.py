@@ -114,6 +114,11 @@ def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
     return f"{perception_prefix(robot)}/@alive/{check_name(role, 'role')}"
 
 
+def alive_keys_of_all_versions(robot: str = DEFAULT_ROBOT) -> str:
+    """Key expression of the liveliness tokens of nodes of any major version."""
+    return f"{check_name(robot)}/perception/*/@alive/{NODE_ROLE}"
+
+
 def stance_key(robot: str = DEFAULT_ROBOT) -> str:
     """Key of the stance pauses that the gait controller publishes."""
     return f"{check_name(robot)}/gait/v1/stance"

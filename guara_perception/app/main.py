@@ -16,6 +16,7 @@ from typing import Any
 import click
 
 from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION, EXIT_FAILED, EXIT_INTERRUPTED
+from guara_perception.app.logs import log_to_stderr
 
 # Commands by group, each with its one line in `guara --help`; a command is a module of guara_perception.app.commands.
 GROUPS = {
@@ -126,11 +127,8 @@ def guara(verbose: bool) -> None:
     Example:
       guara process SCAN -c calibration.json -o terrain.npz --figures pictures
     """
-    logging.basicConfig(
-        level=logging.INFO if verbose else logging.WARNING,
-        format="%(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
+    logging.getLogger().setLevel(logging.INFO if verbose else logging.WARNING)
+    log_to_stderr()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -167,6 +167,16 @@ def test_a_grid_outlives_only_its_pauses(endpoint: str, peer, eventually) -> Non
             assert client.latest(allow_stale=True).step == 3
 
 
+def test_a_node_of_another_version_is_named(endpoint: str) -> None:
+    """Its keys differ, so that nothing is received: the error tells both versions."""
+    with transport.open_node(listen=endpoint) as session, client_at(endpoint) as client:
+        with transport.AliveToken(session, "guara/perception/v9/@alive/node"):
+            with pytest.raises(
+                transport.ScannerUnavailable, match="speaks version v9 of the messages, this package v1"
+            ):
+                client.latest()
+
+
 @pytest.mark.slow
 def test_without_a_node_the_scanner_is_unavailable(endpoint: str) -> None:
     """Nobody there is distinguished from nothing new."""

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from transport import clock
+from transport import clock, zenoh_api
 from transport.exceptions import ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grids.evidence import G
 from transport.grids.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
+from transport.keys import PERCEPTION_VERSION, alive_keys_of_all_versions
 from transport.links.received import Received
 from transport.links.receiver import NewestReceiver
+from transport.links.session import Session
 from transport.messages.terrain_message import TerrainMessage
 
 # [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
@@ -27,9 +29,9 @@ NEWS = 1.0
 class GridWaiter:
     """Waits for grids that a `GridJudge` accepts."""
 
-    def __init__(self, judge: GridJudge, robot: str) -> None:
+    def __init__(self, session: Session, judge: GridJudge, robot: str) -> None:
         """Wait for grids of the instance `robot`."""
-        self._judge, self._robot = judge, robot
+        self._session, self._judge, self._robot = session, judge, robot
 
     @staticmethod
     def first(receiver: NewestReceiver[G], timeout: float) -> Received[G] | None:
@@ -117,6 +119,14 @@ class GridWaiter:
 
     def unavailable(self, found: str = "") -> ScannerUnavailable:
         """Error for a missing node; its message begins with `found`."""
+        # Nodes of other major versions have other keys, so that nothing of them is received.
+        others = zenoh_api.tokens(self._session.raw, alive_keys_of_all_versions(self._robot))
+        versions = sorted({key.split("/")[2] for key in others} - {PERCEPTION_VERSION})
+        if versions:
+            return ScannerUnavailable(
+                f"{found}the node of robot {self._robot!r} speaks version {', '.join(versions)} of the messages, this "
+                f"package {PERCEPTION_VERSION}: install the same version on both sides"
+            )
         return ScannerUnavailable(
             f"{found}no node of robot {self._robot!r} was found: none runs on this router, the instance name "
             f"differs, or this side may not read (the role of its certificate)"

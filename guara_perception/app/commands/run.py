@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 from guara_perception.app.exit_codes import EXIT_THREAD_FAILED
+from guara_perception.app.logs import STYLES, json_line, log_to_stderr
 from guara_perception.app.options import (
     FILE,
     MISTAKES,
@@ -82,6 +85,7 @@ JPEG_QUALITY = 90
 @click.option(
     "--metrics", type=click.IntRange(1, 65535), hidden=True, help="port of this machine for OpenMetrics, such as 9464"
 )
+@click.option("--log", type=click.Choice(STYLES), default="text", hidden=True, help="json: a JSON object per line")
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
     "--ros2-unknown",
@@ -116,6 +120,7 @@ def command(
     mode: str,
     check: bool,
     metrics: int | None,
+    log: str,
     method: str,
     threshold: float | None,
     chosen: DeviceOptions,
@@ -155,6 +160,8 @@ def command(
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
     check_method(method, threshold)
+    log_to_stderr(log)
+    say = click.echo if log == "text" else _say_as_json
     limit = None if record_limit is None else read_limit(record_limit, record)
     if check:
         _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
@@ -190,7 +197,7 @@ def command(
             )
         )
         status = NodeStatus(rig.calibration)
-        status.on_scan = _report_scan
+        status.on_scan = partial(_report_scan, say)
         watch = ConfigurationWatch(chosen.calibration, chosen.devices, rig.robot.folder)
         status.follow(watch.item)
         if security is not None:
@@ -225,24 +232,24 @@ def command(
         if gait == "external" and rig.simulation is not None:
             from guara_perception.app.node.external_gait import ExternalGait
 
-            on_pause = ExternalGait(rig.simulation, node, click.echo).on_pause
+            on_pause = ExternalGait(rig.simulation, node, say).on_pause
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
-        click.echo(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
+        say(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
-            click.echo(f"{instance}: uplink to {uplink}; reconnects after a loss")
+            say(f"{instance}: uplink to {uplink}; reconnects after a loss")
         if recorder is not None:
-            click.echo(f"recording to {recorder.path}: {recording_size(quality)}")
+            say(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
-                click.echo(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
+                say(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
         stack.enter_context(ServiceManager(node.is_well))
         if gait == "external":
-            click.echo(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
+            say(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
         elif rig.simulation is not None:
             from guara_perception.app.node.simulated_walk import walk_until_stopped
 
-            walk_until_stopped(rig.simulation, node, session, instance, stop, click.echo)
+            walk_until_stopped(rig.simulation, node, session, instance, stop, say)
         stop.wait()
-    click.echo("stopped, laser off")
+    say("stopped, laser off")
     if final:
         click.echo(f"guara: {final[0]}", err=True)
         click.get_current_context().exit(EXIT_THREAD_FAILED)
@@ -262,7 +269,11 @@ def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security
     click.echo("the configuration is sound: `guara run` with the same options starts the node")
 
 
-def _report_scan(terrain: TerrainGrid) -> None:
+def _say_as_json(text: str) -> None:
+    click.echo(json_line("INFO", __name__, text))
+
+
+def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
     """Print one line per scan, for the service manager too; a closed output (`| head`) never costs a scan."""
     from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
@@ -270,7 +281,7 @@ def _report_scan(terrain: TerrainGrid) -> None:
     line = summary(terrain)
     notify(f"STATUS={line}")
     with suppress(OSError):
-        click.echo(line)
+        say(line)
 
 
 def recording_size(quality: int | None) -> str:

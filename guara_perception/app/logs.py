@@ -1,0 +1,96 @@
+"""Log lines of the command line: as text or JSON, with priorities for journald, and limited in rate."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+import time
+from datetime import UTC, datetime
+from typing import Any, TextIO
+
+STYLES = ("text", "json")
+TEXT = "%(levelname)s %(name)s: %(message)s"
+# Records of one message within the time [s]; further ones are counted, not logged.
+MOST, WITHIN_S = 10, 60.0
+# Priorities of syslog(3) by level, as sd-daemon(3) prefixes them to lines on standard error.
+PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
+
+
+def json_line(level: str, name: str, message: str, **more: Any) -> str:
+    """Return a log line as a JSON object with the UTC time, level ("INFO", "ERROR", ...), name and message."""
+    when = datetime.now(UTC).isoformat(timespec="milliseconds")
+    return json.dumps({"time": when, "level": level, "name": name, "message": message, **more}, ensure_ascii=False)
+
+
+class JsonFormatter(logging.Formatter):
+    """Formats a record as `json_line` does, with its traceback where it has one."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line of a record."""
+        more = {} if record.exc_info is None else {"traceback": self.formatException(record.exc_info)}
+        return json_line(record.levelname, record.name, record.getMessage(), **more)
+
+
+class JournalFormatter(logging.Formatter):
+    """Prefixes the priority to each line, so that journald files an error as an error."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the lines of a record."""
+        priority = f"<{PRIORITIES.get(record.levelno, 6)}>"
+        return "\n".join(priority + line for line in super().format(record).splitlines())
+
+
+class RateLimit(logging.Filter):
+    """Lets through MOST records of one message within WITHIN_S; the next one says how many were left out."""
+
+    def __init__(self) -> None:
+        """Start with nothing logged."""
+        super().__init__()
+        self._windows: dict[tuple[str, int, str], list[float]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Decide about a record, and note on it what was left out before."""
+        now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
+        window = self._windows.setdefault(key, [now, 0.0])
+        begun, count = window
+        left_out = int(count) - MOST
+        if now - begun > WITHIN_S:
+            window[:] = now, 1.0
+            if left_out > 0:
+                record.msg, record.args = f"{record.getMessage()} ({left_out} more within {WITHIN_S:.0f} s)", ()
+            return True
+        window[1] = count + 1
+        return count < MOST
+
+
+class StderrHandler(logging.StreamHandler[TextIO]):
+    """Handler of the command line, told apart from those of a program that calls it."""
+
+
+def log_to_stderr(style: str = "text") -> None:
+    """Log to standard error, instead of as set up before; does nothing where a calling program handles the log.
+
+    Args:
+        style: one of STYLES; as text, lines have a priority where standard error is the journal.
+    """
+    root = logging.getLogger()
+    for before in [handler for handler in root.handlers if isinstance(handler, StderrHandler)]:
+        root.removeHandler(before)
+    if root.handlers:
+        return
+    handler = StderrHandler(sys.stderr)
+    as_text = (JournalFormatter if _is_journal() else logging.Formatter)(TEXT)
+    handler.setFormatter(JsonFormatter() if style == "json" else as_text)
+    handler.addFilter(RateLimit())
+    root.addHandler(handler)
+
+
+def _is_journal() -> bool:
+    """True where standard error goes to journald, which sets $JOURNAL_STREAM to its device and inode."""
+    try:
+        status = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError):
+        return False
+    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
