@@ -1,15 +1,15 @@
 """Terrain perception for walking robots from one camera and a swept laser stripe.
 
-Begin with one of these; `help(gp.TerrainGrid)` and so on say more:
+Starting points, each with its own `help(gp.TerrainGrid)`:
 
-    load_terrain, TerrainGrid     a grid from a file; what it answers: check_foothold, best_foothold, swing, explain
+    load_terrain, TerrainGrid     a grid from a file; its queries: check_foothold, best_foothold, swing, explain
     TerrainClient                 the grids of a running node; `guara run --simulated` is one without hardware
     open_scan, process_scan       a recorded scan, and the grid made of it
     open_recording                a recorded walk: its scans and grids
     TerrainMap                    the scans of a walk in one map
-    calibrate, load_calibration   what a rangefinder needs once
+    calibrate, load_calibration   the calibration of a rangefinder
     terrain_from_points           a grid from another sensor
-    Hazard                        why a foot must not go there
+    Hazard                        flags of a cell: why it is unknown, or no place for a foot
 
 Public names, listed in `__init__.pyi`, are loaded when first used, so that importing the package costs little.
 """
@@ -52,7 +52,7 @@ def __dir__() -> list[str]:
 
 @functools.cache
 def _refuse_hidden_packages() -> None:
-    """Raise an error that names the file where a user's file hides a package that this one needs."""
+    """Raise an ImportError that names the user's file if it hides a package that this one needs."""
     home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     for package in ("kinematics", "transport"):
         loaded = sys.modules.get(package)

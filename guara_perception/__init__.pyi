@@ -57,9 +57,8 @@ from guara_perception.terrain.compare import GridComparison as GridComparison
 from guara_perception.terrain.compare import compare as compare
 from guara_perception.terrain.file import load_terrain as load_terrain
 from guara_perception.terrain.grid import TerrainGrid as TerrainGrid
+from guara_perception.terrain.layers.ceiling import Ceiling as Ceiling
 from guara_perception.terrain.layers.hazard import Hazard as Hazard
-from guara_perception.terrain.layers.hazard import Reason as Reason
-from guara_perception.terrain.layers.layered_grid import Ceiling as Ceiling
 from guara_perception.terrain.layers.record import (
     MapRecord as MapRecord,
 )
@@ -80,6 +79,7 @@ from guara_perception.terrain.questions.foothold import (
 from guara_perception.terrain.questions.obstacles import Obstacle as Obstacle
 from guara_perception.terrain.questions.path import PathVerdict as PathVerdict
 from guara_perception.terrain.questions.points import HeightScan as HeightScan
+from guara_perception.terrain.questions.reason import Reason as Reason
 from guara_perception.terrain.questions.stairs import Riser as Riser
 from guara_perception.terrain.questions.stairs import Stairs as Stairs
 from guara_perception.terrain.questions.stairs import Tread as Tread

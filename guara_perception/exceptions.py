@@ -1,4 +1,4 @@
-"""Errors of guara_perception: one root, each subclass also the builtin that fits; optional libraries, stale grids."""
+"""Errors of guara_perception, and the two refusals that many modules share: missing extras and stale grids."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
     Args:
         name: name of the module.
         extra: extra of this package that brings it.
-        purpose: what it is needed for.
+        purpose: function that needs it, for the message.
 
     Raises:
         MissingExtra: it is not installed.
@@ -76,7 +76,7 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
 
 
 def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
-    """Reject a question to a stale grid, unless the caller allows it.
+    """Reject a query of a stale grid, unless the caller allows it.
 
     Args:
         stale_because: reasons for which the grid is stale; empty for a current one.
@@ -86,7 +86,7 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
         transport.StaleTerrain: it is stale, and that is not allowed.
     """
     if stale_because and not allow_stale:
-        # Who only computes grids loads no transport.
+        # Imported here: programs that only compute grids do not load transport.
         from transport.exceptions import StaleTerrain
 
         raise StaleTerrain(f"{'; '.join(stale_because)}. Ask a newer grid; allow_stale=True answers from this one")

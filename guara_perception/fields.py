@@ -14,7 +14,7 @@ from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, MissingFile
 from guara_perception.files import LARGEST_TEXT, existing_file, read_bounded
 
-# Objects in one list: a scan has 70 stripes, a session some hundred pictures.
+# Largest number of objects in one list: a scan has 70 stripes, a session some hundred pictures.
 MOST_ITEMS = 10_000
 KINDS: dict[type, str] = {
     dict: "an object",

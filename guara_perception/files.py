@@ -19,16 +19,16 @@ from guara_perception.arrays import Array, Image
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.picture_size import PICTURE_FORMATS, TIFF_BEGINNINGS, picture_size
 
-# [byte] The largest JSON file here, a calibration of 70 stripes with all covariances, has under 1 MB.
+# Largest text file [byte]: a calibration of 70 stripes with all covariances has under 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
-# [byte] Of a picture's file, and its number of pixels: the largest cameras of this kind have 12 Mpx.
+# Largest picture file [byte], and largest number of its pixels: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
-# No other orientation than that of the pixels in the file.
+# Orientation of the pixels in the file, whatever EXIF says.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
-# [byte] All arrays of a grid file together: all layers of the largest grid, 4,000,000 cells, take 160 MB.
+# Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 160 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
-# [byte] The header of one array.
+# Largest header of one array [byte].
 LARGEST_HEADER = 10_000
 
 
@@ -80,8 +80,8 @@ def decode_picture(content: bytes, source: str) -> Image:
         shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
         if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
             raise FileFormatError(
-                f"{source}: its EXIF orientation says that it is to be shown turned, allowed: pictures as the camera's "
-                "sensor has them; write it without that tag, turned as the calibration's pictures are"
+                f"{source}: its EXIF orientation tag turns the picture, allowed: pictures as the sensor delivers them; "
+                "remove the tag, and turn the picture as those of the calibration are"
             )
     return picture
 

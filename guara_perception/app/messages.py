@@ -17,7 +17,8 @@ from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import check_invariant
-from guara_perception.terrain.layers.record import RECORDS, GridRecord, Health, MapRecord, ScanRecord
+from guara_perception.terrain.layers.record import RECORDS, GridRecord, MapRecord, ScanRecord
+from guara_perception.terrain.layers.record_fields import Health
 from kinematics import Stance
 from transport import Health as Level
 from transport import ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage

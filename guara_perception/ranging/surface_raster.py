@@ -10,13 +10,13 @@ from guara_perception.arrays import Flags
 from guara_perception.ranging.scan_geometry import TOGETHER, in_groups
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key, line_samples, surface_of
+from guara_perception.terrain.assessment.columns import runs
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
     cells_of,
     merge,
     rasterise_swaths,
-    runs,
     without_cells,
 )
 from guara_perception.terrain.layers.geometry import GridGeometry

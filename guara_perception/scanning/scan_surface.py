@@ -16,10 +16,11 @@ from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.terrain.assessment.assess import Reassessment
 from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
-from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
+from guara_perception.terrain.assessment.pool import pool, pool_flags
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.layers.record import Run
+from guara_perception.terrain.layers.record_fields import Run
 from kinematics.self_filter import SelfFilter
 
 # Coarsest raster; coarser grids are pooled from it, so that a lost stripe always leaves a gap.

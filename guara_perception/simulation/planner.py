@@ -12,9 +12,9 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.questions.leg_reach import standing_sole
 
 if TYPE_CHECKING:
-    from guara_perception.terrain.layers.hazard import Reason
-    from guara_perception.terrain.layers.layered_grid import Ceiling
+    from guara_perception.terrain.layers.ceiling import Ceiling
     from guara_perception.terrain.questions.best_foothold import Foothold
+    from guara_perception.terrain.questions.reason import Reason
     from guara_perception.terrain.questions.swing import Swing
     from kinematics import RobotModel
 

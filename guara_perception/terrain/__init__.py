@@ -1,5 +1,5 @@
-"""Terrain: elevation grids with hazards, what can be asked of them, and the map of a walk.
+"""Terrain: elevation grids with hazards, queries of planners, and the map of a walk.
 
-Subpackages: `layers`, `assessment`, `questions`, `map`, `scan`; here `grid` (TerrainGrid) and its `file`.
-The processor, `app`, `view` and `simulation` may import it; it does no input or output but its own file.
+Subpackages: `layers`, `assessment`, `questions`, `map`, `scan`, `drawing`. Here: TerrainGrid, its file, `compare`.
+`scanning`, `app`, `view` and `simulation` may import it. The only files that it reads and writes are grids and maps.
 """

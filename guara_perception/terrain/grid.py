@@ -29,10 +29,10 @@ from guara_perception.terrain.questions.swing import swing as _swing
 # No `slots=True`: dataclasses would then put its own pickling in place of the one inherited.
 @dataclass(frozen=True, eq=False, repr=False)
 class TerrainGrid(LayeredGrid):
-    """Terrain under and before the robot at one stance pause (docs/terrain.md).
+    """Terrain under and in front of the robot at one stance pause (docs/terrain.md).
 
-    A `LayeredGrid` (see there for attributes and look-ups) with queries, each a function on the layers in a module of
-    its own.
+    A `LayeredGrid`, which documents attributes and look-ups, with the queries of planners as methods. Each query is a
+    function of its own module in `questions`.
     """
 
     __slots__ = ()

@@ -9,6 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assessment.columns import changed_columns, runs, widened
 from guara_perception.terrain.assessment.disc import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
@@ -19,14 +20,14 @@ from guara_perception.terrain.assessment.disc import (
     fit_disc,
     half_cells,
 )
-from guara_perception.terrain.assessment.raster import Raster, changed_columns, runs, widened
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # Least score of a safe cell: 0 is reserved for hazards.
 LEAST_SAFE_SCORE = 0.01
 # Large grids are assessed in blocks of rows that fit the cache; all tests are local, so the result is the same.
 BLOCK_CELLS = 60_000
-# Least height of a block, in heights of the margin, whose rows are assessed twice.
+# Minimum height of a block, in heights of its margin: rows of the margins are assessed twice.
 LEAST_MARGINS = 6
 
 

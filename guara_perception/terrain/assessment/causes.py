@@ -8,21 +8,23 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Index, Mask
-from guara_perception.terrain.assessment.raster import ROUNDING, changed_columns
+from guara_perception.terrain.assessment.columns import changed_columns
+from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
-# Height above a line of sight from which a surface hides what lies beyond.
+# A surface that rises this far above a line of sight hides the ground at its end.
 HIDING_MARGIN_M = 0.001
 # Cells that are compared with all laser planes together.
 CELLS_TOGETHER = 256
 # Lines from ground to sensor that are followed together.
 LINES_TOGETHER = 256
-# Value that is not computed yet.
+# Marks a cell that is not computed yet.
 NOT_ASKED = -2
-# Deepest ground that light may reach beside an obstacle.
+# Lowest ground that light may reach beside an obstacle.
 DEEPEST_M = -0.2
-# The first stripe lies in the first known cell of a row, but for slopes within the cell and samples cut off at its end.
+# Tolerance, beside half a cell, of the outermost stripe's position in the outermost known cell of a row: the ground
+# slopes within the cell, and samples at the end of a stripe are cut off.
 END_MARGIN_M = 0.0005
 
 
@@ -70,11 +72,12 @@ class LookPlan:
         return self._in_view[cells] > 0
 
     def unmet(self, elevation: Float, pair_usable: Mask, laser_origin: Float) -> Mask:
-        """Mask (ny, nx) of the cells at both ends of the rows that no stripe could have met.
+        """Mask (ny, nx) of the cells at both ends of the rows that no stripe could reach.
 
-        The first stripe ends where it meets the ground, and so do all others beyond it: where the first known cell of
-        a row is the one that it meets, no light passed to the cells before. The same holds for the last stripe. Light
-        may come from the side: all rows that it crosses on its way from the laser must end in this way.
+        The light of the first stripe ends at the ground, and all other stripes land beyond it. If the first known cell
+        of a row is the one where the first stripe meets the ground, no light reached the cells before it. The same
+        holds for the last stripe and the last known cell. Light may cross several rows on its way from the laser: all
+        of them must end in this way.
 
         Args:
             elevation: (ny, nx) heights [m], NaN where unknown.
@@ -145,7 +148,7 @@ class UnknownCauses:
         """
         self._plan, self._sensor_origins, self._geometry = plan, sensor_origins, geometry
         self._in_own_shadow = in_own_shadow
-        # Of the last call: surface; ground of the observed cells, NaN for others; their causes.
+        # Of the last call: the surface; the ground in observed unknown cells, NaN in others; the causes of these cells.
         self._elevation = np.full(geometry.shape, np.nan)
         self._ground = np.full(geometry.size, np.nan)
         self._why = np.zeros(geometry.size, dtype=np.uint16)

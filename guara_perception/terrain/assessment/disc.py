@@ -47,14 +47,14 @@ class DiscFit:
 
 
 def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
-    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8; at least the four neighbours.
+    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8.
 
-    A plane needs neighbours: with a smaller disc than one cell a slope would not be tested.
+    It contains at least the four neighbours: a slope cannot be tested with one cell.
 
     Args:
         radius_cells: radius [cells].
-        half_cell: half edge of squares about the centres, of which any part must lie within the radius; TOUCHED = all
-            of the cell.
+        half_cell: half edge of a square about each centre; the cell counts if any part of the square lies within the
+            radius. 0 = the centre alone, TOUCHED = the whole cell.
 
     Raises:
         InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
@@ -73,9 +73,9 @@ def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
     """Fit a plane to the known cells of the disc around each known cell.
 
-    Slope and roughness are defined as in the filters of grid_map (least squares instead of principal components, the
-    same on planes). All sums are float64: in float32 the roughness cancels. The result of a cell depends on its disc
-    only, to the last bit: no mean height is subtracted, since it would depend on other cells.
+    Slope and roughness are defined as in the filters of grid_map, with least squares in place of principal components
+    (equal on planes). All sums are float64: in float32 the roughness is lost to cancellation. The result of a cell
+    depends on its disc only, to the last bit: no mean height is subtracted, since it would depend on other cells.
 
     Args:
         elevation: (ny, nx) [m], NaN where unknown.
@@ -96,7 +96,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
     def sums(layer: Array, weights: Float) -> Float:
         return disc_sums(layer, weights).take(index).astype(np.float64, copy=False)
 
-    # Computed in place, and arrays are freed early: they take most of the memory of an assessment.
+    # Computed in place, with arrays freed early: they take most of the memory of an assessment.
     n, sx, sy = sums(mask, disc), sums(mask, x), sums(mask, y)
     cxx, cxy, cyy = sums(mask, x * offset[None, :]), sums(mask, x * offset[:, None]), sums(mask, y * offset[:, None])
     del mask
@@ -143,7 +143,7 @@ def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: floa
 
 
 def disc_sums(layer: Array, weights: Float) -> Array:
-    """Weighted sum over the window around each cell, zeros outside; exactly a function of that window.
+    """Weighted sum over the window around each cell, with zeros outside the grid. It depends on that window only.
 
     Args:
         layer: (ny, nx) float32 or float64, the type of the sums.
@@ -168,23 +168,22 @@ def edge_cells(
 ) -> Mask:
     """Cells whose sole would cover, or whose tests would read, something unknown, hazardous or off the grid.
 
-    Every cell under the sole must be free of hazards, and every cell of their discs known, so that no test under the
-    sole depends on an unknown cell. The window is exactly the union of these discs, with rounded corners.
+    Every cell under the sole must be free of hazards, and every cell of the discs of these cells must be known, so that
+    no test under the sole depends on an unknown cell. Unknown cells count as hazards.
 
-    Unknown cells, rises and falls are thus at least a disc's radius away from the sole: the map may drift by as much
-    before they come under it. In the map the sole is also widened by one cell, so that nothing unsafe comes under its
-    rim with such a drift; if a cell may have drifted by more than the disc's radius, the sole is widened by the rest if
-    that is more than one cell. Unknown cells count as hazards, since they may be.
+    Unknown cells, rises and falls are therefore at least the radius of a disc away from the sole, and do not come under
+    it while the map drifts by no more than that. In the map the sole is also widened on each side: by one cell, so that
+    nothing unsafe reaches its rim at such a drift, or by the part of the drift beyond the radius if that is more.
 
     Args:
         flags: (ny, nx).
         kernel: the disc of the tests.
         resolution: cell edge [m].
         limits: limits of the robot, with the sole's size.
-        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted, a property of
-            that cell alone. None for a single scan: nothing has drifted, but heights may change with the stripe beside
-            them, and an edge within a cell may show in the next one: all cells that the discs touch and one more ring
-            must be known.
+        drift: (ny, nx, 2) number of cells along y and x by which each cell of the map may have drifted; it must not
+            depend on other cells. None for a single scan, which does not drift. There, all cells that the discs touch
+            and one more ring must be known: heights may change with the stripe beside them, and an edge within a cell
+            may show in the next cell only.
     """
     half = [half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length)]
     bad = ((flags & ALL_BUT_EDGE) != 0).astype(np.uint8)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 
 # Samples this far below the highest of a cell belong to another surface; a foot meets the top one.
@@ -65,7 +65,8 @@ class SurfaceSamples:
     Attributes:
         points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
         variance: (n,) float64 variance of the heights [m^2].
-        runs: swath and number of samples of each run, one or more, n in all; a swath may have many runs, or none.
+        runs: (swath, number of samples) of each run, at least one sample a run and n in all. A swath may have any
+            number of runs.
     """
 
     points: Float
@@ -118,7 +119,10 @@ def rasterise(points: Float, variance: Float, geometry: GridGeometry) -> CellSam
 
 
 def rasterise_swaths(samples: SurfaceSamples, count: int, geometry: GridGeometry) -> list[CellSamples]:
-    """Rasterise `count` independent swaths at once; the work arrays grow with the distance between them."""
+    """Rasterise `count` independent swaths at once.
+
+    Each swath takes memory for all columns that any of them touches: rasterise neighbouring swaths together.
+    """
     if not samples.runs:
         return [NO_SAMPLES] * count
     (ix, iy), height, variance = _cells(samples.points, geometry), samples.points[2], samples.variance
@@ -191,23 +195,21 @@ def _sum(cell: Index, weights: Array, size: int) -> Float:
 
 
 def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice | None = None) -> Raster:
-    """Merge the swaths of all stripes; the result does not depend on the order in which they were rasterised.
+    """Merge the swaths of all stripes and pairs into the heights of a grid.
 
     Args:
-        swaths: swaths of all stripes, those of one stripe or pair always at the same index.
+        swaths: the swaths, always in the same order, which decides the last bit of the sums.
         geometry: the grid.
-        columns: columns of the grid that the raster has; None = all.
+        columns: columns of the grid to compute; None = all.
     """
-    rows, first = geometry.shape[0] + 2, 0
-    number = geometry.shape[1]
-    if columns is not None:
-        first, number = columns.start, columns.stop - columns.start
-        swaths = [swath.between((1 + first) * rows, (1 + first + number) * rows) for swath in swaths]
+    rows = geometry.shape[0] + 2
+    first, end, _ = (columns or slice(None)).indices(geometry.shape[1])
+    number = end - first
+    swaths = [swath.between((1 + first) * rows, (1 + end) * rows) for swath in swaths]
     swaths = [swath for swath in swaths if swath.cell.size]
     if not swaths:
-        nothing = np.broadcast_to(np.nan, (geometry.shape[0], number))
-        return Raster(nothing, nothing, nothing, nothing)
-    # Attributes are concatenated one after the other, which saves most of the memory of a merge.
+        return Raster(*[np.broadcast_to(np.nan, (geometry.shape[0], number))] * 4)
+    # Attributes are concatenated one at a time, which saves most of the memory of a merge.
     # np.intp: with any other type of index `ufunc.at` is many times slower.
     cell = _joined(swaths, "cell", np.intp)
     cell -= first * rows
@@ -247,44 +249,3 @@ def without_cells(raster: Raster, cells: Mask) -> Raster:
     if not cells.any():
         return raster
     return Raster(*(np.where(cells, np.nan, layer) for layer in raster.layers))
-
-
-def pool(raster: Raster, factor: int) -> Raster:
-    """Pool `factor` x `factor` cells; one unknown fine cell makes the coarse one unknown."""
-    if factor == 1:
-        return raster
-    return Raster(
-        elevation=blocks(raster.elevation, factor).mean(axis=-1),
-        variance=blocks(raster.variance, factor).mean(axis=-1),
-        low=blocks(raster.low, factor).min(axis=-1),
-        high=blocks(raster.high, factor).max(axis=-1),
-    )
-
-
-def pool_flags(flags: Flags, factor: int) -> Flags:
-    """Flags of coarser cells: union of the flags of their `factor` x `factor` fine cells."""
-    return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
-
-
-def blocks(layer: Array, factor: int) -> Array:
-    """Values (ny, nx, factor^2) of the `factor` x `factor` fine cells of each coarser cell."""
-    ny, nx = (n // factor for n in layer.shape)
-    return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
-
-
-def changed_columns(now: Array, before: Array) -> Mask:
-    """Mask (nx,) of the columns of a layer (ny, nx) in which any bit differs from another layer of its type."""
-    whole = np.dtype(f"u{now.itemsize}")
-    return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
-
-
-def widened(columns: Mask, cells: int) -> Mask:
-    """Dilate a mask (nx,) of columns by a number of cells."""
-    padded = np.pad(columns, cells)
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
-
-
-def runs(columns: Mask) -> list[slice]:
-    """Runs of adjacent columns in a mask (nx,), in order."""
-    ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
-    return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

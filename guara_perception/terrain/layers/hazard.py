@@ -1,10 +1,8 @@
-"""Hazard flags of cells, safety invariant of terrain grids, and failed tests."""
+"""Hazard flags of cells, and the safety invariant of terrain grids."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntFlag
 
 import cv2
@@ -120,7 +118,7 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     _reject((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
     occupancy = occupancy_values(traversability, hazard)
     _reject((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # All cells in the test windows of a safe cell are known. The ring beside it can be checked without the limits.
+    # All cells in the test windows of a safe cell must be known. Without the limits only the ring around it is checked.
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     _reject((hazard == 0) & beside, "a cell beside an unknown one is traversable")
 
@@ -138,30 +136,3 @@ def _reject(broken: Mask, rule: str) -> None:
     if broken.any():
         iy, ix = (int(i[0]) for i in np.nonzero(broken))
         raise UnsafeGrid(f"{rule}: {int(broken.sum())} cells, the first at iy={iy}, ix={ix}; the grid is rejected")
-
-
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """A failed test.
-
-    Attributes:
-        test: name of the test, for instance "slope".
-        value: measured value, in `unit`.
-        limit: allowed value, in `unit`.
-        unit: "m", "rad", "cells", "share" ...
-        detail: further text, such as where; may be empty.
-    """
-
-    test: str
-    value: float
-    limit: float
-    unit: str
-    detail: str = ""
-
-    def __str__(self) -> str:
-        """Text in millimetres, degrees and per cent."""
-        units = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg"), "share": (1e2, "%")}
-        scale, unit = units.get(self.unit, (1.0, self.unit))
-        found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
-        text = f"{self.test} {'impossible' if math.isnan(self.value) else found}"
-        return f"{text} ({self.detail})" if self.detail else text

@@ -1,4 +1,4 @@
-"""Cell look-up (`Gridded`), the immutable layers of a terrain (`LayeredGrid`), upper bounds of unknown ground."""
+"""Immutable layers of a terrain (`LayeredGrid`), and the look-up of cells by position (`Gridded`)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from kinematics.arrays import read_only
 
 A = TypeVar("A")
 G = TypeVar("G", bound="LayeredGrid")
-EXTENTS = ("footprint", "map")
+EXTENTS = tuple(RECORDS)
 
 
 class Gridded:
@@ -112,7 +112,7 @@ class LayeredGrid(Gridded):
     Attributes:
         layers: every layer of `LAYERS` by name.
         geometry: origin, resolution and shape.
-        record: record of the scan or the map; one for the other extent is converted.
+        record: record of the scan or the map; a record of the other kind is converted.
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
@@ -159,7 +159,7 @@ class LayeredGrid(Gridded):
             object.__setattr__(self, "record", kind.from_json(self.record.to_json()))
 
     if not TYPE_CHECKING:
-        # Hidden from type checkers, which would take any attribute for one that exists.
+        # Hidden from type checkers, which would accept any attribute name.
         def __getattr__(self, name: str) -> Array:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
@@ -197,7 +197,7 @@ class LayeredGrid(Gridded):
         return bool(self.record.provisional)
 
     def restated(self: G, **changes: Any) -> G:
-        """Copy of the grid with other values in fields of its record."""
+        """Copy of the grid with some fields of its record replaced."""
         return replace(self, record=replace(self.record, **changes))
 
     def layer(self, name: str) -> Array:
@@ -225,7 +225,7 @@ class LayeredGrid(Gridded):
 
 
 def asked(terrain: G, allow_stale: bool) -> G:
-    """The grid for a query; one that is stale and allowed to be is no longer marked so.
+    """Return the grid that a query uses: a stale one without its mark if `allow_stale` is set.
 
     Raises:
         transport.StaleTerrain: the grid is stale and `allow_stale` is not set.
@@ -270,7 +270,7 @@ def look_up(grid: Gridded, layer: str, x: npt.ArrayLike, y: npt.ArrayLike, outsi
 
 
 def numbers(values: npt.ArrayLike, name: str) -> Float:
-    """Convert an argument to an array of float64 of its own.
+    """Copy an argument to an array of float64.
 
     Raises:
         InvalidInput: not an array of numbers.
@@ -279,24 +279,3 @@ def numbers(values: npt.ArrayLike, name: str) -> Float:
         return np.array(values, dtype=np.float64)
     except (ValueError, TypeError):
         raise InvalidInput(f"{name}: an array of numbers is needed") from None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ceiling:
-    """Upper bounds of the ground in a grid, by `LinesOfSight.ceiling`.
-
-    Attributes:
-        height: (ny, nx) upper bound of the ground's height in each cell, in base_footprint [m]; NaN where unbounded.
-        sigma: standard deviation of each bound [m].
-    """
-
-    height: Float32
-    sigma: float
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.sigma) and self.sigma >= 0) or np.ndim(self.height) != 2:
-            raise InvalidInput(
-                f"a ceiling of shape {np.shape(self.height)} with sigma {self.sigma}, it must be (ny, nx) with a "
-                "finite sigma of 0 or more [m]"
-            )
-        object.__setattr__(self, "height", read_only(np.asarray(self.height, np.float32)))

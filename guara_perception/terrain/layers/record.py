@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import ClassVar, TypeVar
 
-import numpy as np
-
-from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.layers.record_fields import (
+    FORMS,
+    LIMITS,
+    OBJECT,
+    Covariance,
+    Health,
+    Point,
+    Rounding,
+    Run,
+    Transform,
+    limits_to_dict,
+    plain,
+)
 from kinematics import Stance, StanceError
 from kinematics.arrays import FrozenArrays
 
 R = TypeVar("R", bound="GridRecord")
-Reader: TypeAlias = Callable[[object], Any]
-# Arrays of float64, read-only: (4, 4), (6, 6) and (3,).
-Transform: TypeAlias = Float
-Covariance: TypeAlias = Float
-Point: TypeAlias = Float
-Run: TypeAlias = tuple[int, int, int]
-LIMITS = TraversabilityLimits.__slots__
-# Order of the fields in JSON: those of the pose, which a map copies from its scan; those of the node and its message.
+# Order of the fields in JSON: POSE, which a map copies from its scan; STATED, which the node adds.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
     *("attitude_source", "support_feet_used", "transform_base_to_footprint", "transform_camera_to_base"),
@@ -37,43 +40,12 @@ STATED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
-    """Verdict on a grid.
-
-    Attributes:
-        level: "ok", "degraded" or "failed".
-        reasons: why it is not ok, each a sentence.
-    """
-
-    level: str = "ok"
-    reasons: tuple[str, ...] = ()
-
-    @staticmethod
-    def of(reasons: tuple[str, ...]) -> Health:
-        """Degraded if there are reasons, ok otherwise."""
-        return Health("degraded" if reasons else "ok", reasons)
-
-
-@dataclass(frozen=True, slots=True)
-class Rounding:
-    """Bounds of the rounding errors of the layers that are not rounded to a safe side.
-
-    Attributes:
-        elevation: largest error of an elevation [m].
-        variance: the computed variance is at least that of the grid divided by 1 + this.
-    """
-
-    elevation: float = 0.0
-    variance: float = 0.0
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridRecord(FrozenArrays):
     """Fields common to scans and maps; None where a value is absent.
 
-    `to_json` gives the fields of docs/files.md. A record from `from_json` gives back all fields that it was made of,
-    unknown ones too.
+    `to_json` returns the fields that docs/files.md lists. A record made by `from_json` returns every field that it was
+    read from, unknown ones included.
 
     Attributes:
         robot, robot_description: name of the robot, and its files packed by `kinematics.describe_robot`.
@@ -92,7 +64,7 @@ class GridRecord(FrozenArrays):
         refinement_follows: a finer scan follows in this pause.
         epoch: identity of the walk.
         provisional: the pause has yet to confirm that the robot stood still.
-        withdrawn: it withdraws another grid.
+        withdrawn: the node withdraws the grid of this step.
         run, instance, sequence: run and name of the node that sent it, and number of its message.
         scan_start, scan_end: time of the first and last frame [ns since the epoch].
         scan_end_clock: time of the last frame by the node's clock [s].
@@ -150,7 +122,7 @@ class GridRecord(FrozenArrays):
 
     @classmethod
     def from_json(cls: type[R], data: Mapping[str, object]) -> R:
-        """Read the JSON object of any version; a value that cannot be read is refused by `check` where it is used."""
+        """Read the JSON object of any version. Values that cannot be read go to `extra`; `check` refuses them."""
         known: dict[str, object] = {}
         extra: dict[str, object] = {}
         for name, value in data.items():
@@ -183,12 +155,12 @@ class GridRecord(FrozenArrays):
         for name in self.ORDER:
             value = getattr(self, name)
             if value is not None:
-                found[name] = _plain(value)
+                found[name] = plain(value)
             elif name in self.extra:
                 found[name] = self.extra[name]
         if self.limits is not None:
             found["limits"] = {**limits_to_dict(self.limits), **self.newer_limits}
-        # A field that has a value replaces what could not be read.
+        # The value of a field takes precedence over an unreadable one in `extra`.
         found = {**found, **{name: value for name, value in self.extra.items() if name not in found}}
         return MappingProxyType({**{name: found[name] for name in self.keys if name in found}, **found})
 
@@ -221,8 +193,8 @@ class GridRecord(FrozenArrays):
     def other_limits(self) -> dict[str, tuple[Hazard, float]]:
         """Limits of a newer version: name -> the flag that it sets, and its value.
 
-        All bits for known ground are taken, so a new limit sets the nearest existing flag and names it in
-        `limit_flags`. A cell that it flagged is a hazard like any other.
+        All hazard bits are in use, so a new limit sets the existing flag that fits best, named in `limit_flags`. A cell
+        that it flagged is a hazard like any other.
         """
         self.check("limit_flags")
         return {
@@ -233,7 +205,7 @@ class GridRecord(FrozenArrays):
 
     @property
     def checked_rounding(self) -> Rounding:
-        """The rounding, zero if the grid was not rounded.
+        """Rounding of the grid, zero if it was not rounded.
 
         Raises:
             InvalidInput: the value cannot be read.
@@ -250,7 +222,7 @@ class ScanRecord(GridRecord):
         laser_origin: (3,) position of the laser in base_footprint [m].
         stripes_planned, stripes_used: numbers of stripes.
         stripes_missing: stripes that were not fired.
-        frames_bad, off_pictures_unused: reasons by number of the stripe.
+        frames_bad, off_pictures_unused: stripe number -> reason why its frame or laser-off picture was not used.
         points, points_used: number of image columns by status, and number of those used.
         coverage_regions: coverage of each ninth of the area.
         seconds: processor time by stage [s].
@@ -321,112 +293,3 @@ class MapRecord(GridRecord):
 
 
 RECORDS: Mapping[str, type[ScanRecord] | type[MapRecord]] = {"footprint": ScanRecord, "map": MapRecord}
-
-
-def _plain(value: object) -> object:
-    """A field as JSON values."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Stance):
-        return value.to_dict()
-    if isinstance(value, Health | Rounding):
-        value = asdict(value)
-    if isinstance(value, Mapping):
-        return {name: _plain(entry) for name, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value
-
-
-def _is(*kinds: type) -> Reader:
-    def read(value: object) -> object:
-        if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-            raise TypeError(value)
-        return value
-
-    return read
-
-
-def _each(read: Reader) -> Reader:
-    def read_all(value: object) -> object:
-        return tuple(read(entry) for entry in LIST(value))
-
-    return read_all
-
-
-def _named(read: Reader) -> Reader:
-    def read_all(value: object) -> object:
-        return {TEXT(name): read(entry) for name, entry in OBJECT(value).items()}
-
-    return read_all
-
-
-def _array(*shape: int) -> Reader:
-    def read(value: object) -> object:
-        array = np.array(value, dtype=np.float64)
-        if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(value)
-        return array
-
-    return read
-
-
-def _run(value: object) -> object:
-    ix, first, end = map(WHOLE, LIST(value))
-    return ix, first, end
-
-
-def _number_or_null(value: object) -> object:
-    return None if value is None else NUMBER(value)
-
-
-def _health(value: object) -> Health:
-    data = OBJECT(value)
-    return Health(str(data.get("level", "ok")), tuple(str(reason) for reason in LIST(data.get("reasons", ()))))
-
-
-def _rounding(value: object) -> Rounding:
-    data = OBJECT(value)
-    rounding = Rounding(NUMBER(data["elevation"]), NUMBER(data["variance"]))
-    if not (0 <= rounding.elevation < math.inf and 0 <= rounding.variance < math.inf):
-        raise ValueError(value)
-    return rounding
-
-
-def _limits(value: object) -> TraversabilityLimits:
-    return TraversabilityLimits(**known_limits(OBJECT(value), TraversabilityLimits))
-
-
-def known_limits(limits: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """The limits that a class of limits has; a grid of a newer version may hold more."""
-    return {entry.name: limits[entry.name] for entry in fields(kind) if entry.name in limits}
-
-
-TEXT, WHOLE, FLAG, NUMBER = _is(str), _is(int), _is(bool), _is(int, float)
-LIST, OBJECT = _is(list, tuple), _is(Mapping)
-# Reader of the fields of each type, and the allowed values for messages.
-FORMS: Mapping[str, tuple[Reader, str]] = {
-    "str | None": (TEXT, "text"),
-    "bool | None": (FLAG, "true and false"),
-    "int | None": (WHOLE, "a whole number"),
-    "float | None": (NUMBER, "a number"),
-    "tuple[str, ...] | None": (_each(TEXT), "a list of texts"),
-    "tuple[int, ...] | None": (_each(WHOLE), "a list of whole numbers"),
-    "tuple[float, ...] | None": (_each(NUMBER), "a list of numbers"),
-    "tuple[Run, ...] | None": (_each(_run), "a list of runs [ix, first iy, end iy]"),
-    "tuple[Mapping[str, object], ...] | None": (_each(OBJECT), "a list of objects"),
-    "Mapping[str, str] | None": (_named(TEXT), "an object of texts"),
-    "Mapping[str, int] | None": (_named(WHOLE), "an object of whole numbers"),
-    "Mapping[str, float] | None": (_named(NUMBER), "an object of numbers"),
-    "Mapping[str, float | None] | None": (_named(_number_or_null), "an object of numbers"),
-    "Transform | None": (_array(4, 4), "4 x 4 finite numbers"),
-    "Covariance | None": (_array(6, 6), "6 x 6 finite numbers"),
-    "Point | None": (_array(3), "three finite numbers"),
-    "Stance | None": (lambda value: Stance.from_dict(OBJECT(value)), "a stance"),
-    "TraversabilityLimits | None": (_limits, f"an object of {', '.join(LIMITS)}"),
-    "Health | None": (_health, "an object of level and reasons"),
-    "Rounding | None": (_rounding, "an object of elevation [m] and variance, each 0 or more"),
-}
-
-
-def limits_to_dict(limits: TraversabilityLimits) -> dict[str, float]:
-    """Limits as plain JSON values, for the JSON form of a grid's record."""
-    return {name: float(getattr(limits, name)) for name in TraversabilityLimits.__slots__}

@@ -1,4 +1,4 @@
-"""Resampling of a scan to map cells, and fusion of their heights by a gated Kalman filter per cell."""
+"""Fusion of heights into the cells of the map: a gated Kalman filter per cell."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Index, Mask
-from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.odom_cells import OdomCells, Squares
+from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 
 # At 3 sigma one correct observation in 370 is rejected; the next one replaces the height.
 GATE_SIGMAS = 3.0
 # Causes of cells that were observed without a usable height.
 LOOKED_AT = np.uint16(Hazard.DROPOUT | Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE)
-# Assumed error, due to calibration and mount, common to all heights of a scan and independent between scans.
-LOOK_SIGMA_M = 0.0005
-SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +53,7 @@ class MapPause:
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """New heights of some cells, arrays (n,).
+    """New heights of cells, arrays (n,).
 
     Attributes:
         slot: slot of each cell in the map's memory, without duplicates.
@@ -106,7 +100,7 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
         cells: memory of the map, changed in place.
         new: heights to fuse.
         now: present pause.
-        is_scan: the heights come from a scan, not from a foot or from the gait.
+        is_scan: True for the heights of a scan, False for those of a foot or of the gait.
 
     Returns:
         (n,) mask of the accepted heights.
@@ -163,137 +157,3 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     for name in ("variance", "below", "above", "steepness", "other_variance", "looks", "conflict"):
         memory[name][slot] = 0
     memory["cause"][slot] = cause
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """Scan resampled to the cells of the map.
-
-    Attributes:
-        heights: cells with a height.
-        empty: slots of cells that were observed without a usable return.
-        empty_cause: flags of these cells.
-        unseen: slots of cells of the area that were not observed.
-        unseen_cause: flags of these cells.
-    """
-
-    heights: Heights
-    empty: Index
-    empty_cause: Flags
-    unseen: Index
-    unseen_cause: Flags
-
-
-def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Observation:
-    """Resample a scan to the cells of the map that its area covers.
-
-    Values are those of the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts
-    as empty, because part of it was observed without a return.
-
-    Args:
-        cells: memory of the map, with its window around the robot.
-        terrain: grid of the scan alone.
-        transform_footprint_to_odom: (4, 4).
-    """
-    grid, transform = terrain.geometry, transform_footprint_to_odom
-    resolution = cells.resolution
-    (x0, y0), (ny, nx) = grid.origin, grid.shape
-    corners = np.array([(x0 + i * nx * grid.resolution, y0 + j * ny * grid.resolution) for i in (0, 1) for j in (0, 1)])
-    corners_in_odom = corners @ transform[:2, :2].T + transform[:2, 3]
-    (low_x, low_y), (high_x, high_y) = corners_in_odom.min(axis=0), corners_in_odom.max(axis=0)
-    cy, cx = cells.cells_between((low_x, low_y), (high_x, high_y))
-    slot = cells.slots(cy, cx)
-    # Offsets of the cell centres from the footprint, along the axes of odom, then of the footprint.
-    offset_x, offset_y = (cx + 0.5) * resolution - transform[0, 3], (cy + 0.5) * resolution - transform[1, 3]
-    (xx, xy), (yx, yy) = np.linalg.inv(transform[:2, :2])
-    x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
-    if np.any(transform[:2, 2]):
-        # If the z axes of footprint and odom differ, the height of a cell shifts it horizontally.
-        height = np.nan_to_num(np.asarray(terrain.height_at(x, y), dtype=np.float64))
-        offset_x, offset_y = offset_x - height * transform[0, 2], offset_y - height * transform[1, 2]
-        x, y = xx * offset_x + xy * offset_y, yx * offset_x + yy * offset_y
-    iy, ix = grid.indices(x, y)
-    used = np.flatnonzero(grid.contains(iy, ix) & (slot >= 0))
-    x, y, iy, ix, slot = x[used], y[used], iy[used], ix[used], slot[used]
-
-    hazard = scan_flags(terrain)
-    own = hazard[iy, ix] & UNKNOWN_MASK
-    no_return = _touched_flags(hazard, grid, x, y, transform) & LOOKED_AT
-    is_empty = no_return != 0
-    is_seen = (own == 0) & ~is_empty
-    is_unseen = (own != 0) & ~is_empty
-
-    jy, jx = iy[is_seen], ix[is_seen]
-    layers = {name: terrain.layers[name][jy, jx].astype(np.float64) for name in SEEN_LAYERS}
-    height = layers["elevation"]
-    relief = layers["elevation_max"] - layers["elevation_min"]
-    steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
-    at_x, at_y = x[is_seen], y[is_seen]
-    variance = (
-        layers["variance"]
-        + LOOK_SIGMA_M**2
-        + tilt_variance(terrain, at_x, at_y)
-        # The nearest cell is up to half a cell away; within a cell the ground has relief.
-        + steepness * resolution**2 / 12
-        + relief**2 / 12
-    )
-    in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
-    heights = Heights(
-        slot=slot[is_seen],
-        height=in_odom,
-        variance=variance,
-        distance=np.sqrt(at_x * at_x + at_y * at_y),
-        below=np.maximum(height - layers["elevation_min"], 0.0),
-        above=np.maximum(layers["elevation_max"] - height, 0.0),
-        steepness=steepness,
-    )
-    return Observation(
-        heights=heights,
-        empty=slot[is_empty],
-        empty_cause=no_return[is_empty],
-        unseen=slot[is_unseen],
-        unseen_cause=own[is_unseen],
-    )
-
-
-def _touched_flags(hazard: Flags, grid: GridGeometry, x: Float, y: Float, transform: Float) -> Flags:
-    """Combined flags of the scan cells that each map cell touches; x and y (n,) are centres on the scan's grid."""
-    if not x.size:
-        return np.empty(0, np.uint16)
-    half = 0.5 * grid.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
-    squares = Squares.of(grid, x, y, half)
-    (iy, ix), (ny, nx) = squares.first, squares.shape
-    # Padding of one cell, for map cells that reach over the edge.
-    return squares.joined(np.pad(hazard, 1)[iy + 1 : iy + 1 + ny, ix + 1 : ix + 1 + nx], np.bitwise_or)
-
-
-def scan_flags(terrain: TerrainGrid) -> Flags:
-    """Flags of a scan's cells; unknown cells of a fired stripe whose frame was lost are also DROPOUT.
-
-    Raises:
-        InvalidInput: `lost_cells` of the metadata is not a list of runs of cells on this grid.
-    """
-    hazard = np.array(terrain.hazard)
-    lost = np.zeros(terrain.shape, dtype=bool)
-    terrain.record.check("lost_cells")
-    try:
-        for ix, first, end in terrain.scan_record.lost_cells or ():
-            lost[first:end, ix] = True
-    except IndexError:
-        raise InvalidInput("lost_cells of the metadata is not a list of [ix, first iy, end iy] on this grid") from None
-    unknown = (hazard & UNKNOWN_MASK) != 0
-    hazard[lost & unknown] |= np.uint16(Hazard.DROPOUT)
-    return hazard
-
-
-def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint due to the tilt of the stance pose [m^2]; 0 if its covariance is unknown.
-
-    A rotation (rx, ry) about the footprint's axes raises the point (x, y) by rx y - ry x.
-    """
-    terrain.record.check("pose_covariance")
-    covariance = terrain.record.pose_covariance
-    if covariance is None:
-        return np.zeros(np.shape(x))
-    tilt = covariance[3:5, 3:5]
-    return np.asarray(tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y)

@@ -10,35 +10,35 @@ import numpy as np
 from guara_perception.arrays import Float, Float32, Index
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.layered_grid import Ceiling
 from guara_perception.terrain.layers.record import MapRecord
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics.transforms import transform_points
 
-# Height above the soles above which bounds are of no use to a swing.
+# Height above the soles above which a bound is of no use to a swing.
 HIGHEST_M = 0.14
 # Margin of the scanned area in which ground below light is bounded too.
 BESIDE_CELLS = 20
-# A bound of a scan must hold over all neighbours too; in the map, one cell further than the drift.
+# A bound of a scan must also hold in all neighbours of its cell; in the map, in one cell more than the drift.
 AROUND_CELLS = 1
 FARTHEST_DRIFT_CELLS = 10
 # Assumed sigma of a bound, from the heights of a scan and the pose of the body; `benchmarks.usable_ground` compares it
 # with ground truth. A height with a larger sigma gives no bound.
 BOUND_SIGMA_M = 0.003
-# The light may diverge from the mirror, from a line lens before it, or from farther away. Its sideways component, as a
-# fraction of that from the mirror: bounds hold for all of these. Between two of them, light over the same cell comes
-# from points of the ground 15 mm apart, and the neighbours of each point count too.
+# The light may diverge from the mirror, from a line lens before it, or from farther away. These are sideways components
+# of a ray as fractions of that from the mirror; a bound must hold for all of them. Light of two successive fractions
+# over the same cell belongs to points of the ground 15 mm apart, and the neighbours of each point count too.
 SIDEWAYS_SHARES = tuple(number / 7 for number in range(8))
 NONE = np.float32(9.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Observation:
-    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is none, with pose and time of the scan.
+    """Bounds (ny, nx) of one scan in its footprint [m], NONE where there is no bound, with pose and time of the scan.
 
-    `seen` (ny, nx) is the highest sample of each known cell, NaN elsewhere; `rise` is the variance of z of the walk up
-    to the scan [m^2].
+    `seen` (ny, nx) is the highest sample of each known cell, NaN elsewhere; `rise` is the variance of z that the walk
+    had gained at the scan [m^2].
     """
 
     bounds: Float32
@@ -58,13 +58,13 @@ class LinesOfSight:
     ground below them is lower, and the ground at the point is no higher. A bound does not make a foothold; it lets a
     swing pass over ground that was never observed, or that gave no return since: `check_path(..., ceiling=...)`.
 
-    Bounds are conservative: from the highest sample of each cell, at the far edge of each cell passed; the largest over
-    a cell and all its neighbours; dilated and raised by the drift of the map since (its confidence in sigmas), and by
-    one cell more. A bound expires when ground of its age would be STALE, with a scan that the map took back, and where
-    a later scan measured something higher. The divergence point of the laser's light, on the mirror or at any distance
-    before it, is not assumed: a bound holds for all. A later observation without return removes no bound: a hole is
-    lower. Objects that no scan can see are not bounded: those thinner than the gap between two stripes, and new ones
-    that return no light.
+    Bounds are conservative. A ray starts at the highest sample of its cell and counts at the far edge of each cell that
+    it passes. The bound of a cell is the highest of those of the cell and all its neighbours. In the map it is dilated
+    by one cell and by the drift since its scan, and raised by that drift, with the confidence of the limits. A bound
+    expires when ground of the same age would be STALE, when the map takes its scan back, and where a later scan measured
+    something higher. The light may diverge from any point on the mirror or before it: a bound holds for all of them.
+    A later observation without return removes no bound, since a hole is lower. Objects that no scan can see are not
+    bounded: those thinner than the gap between two stripes, and new ones that return no light.
 
     Example:
         fused = terrain_map.update(terrain, odometry.update(stance))
@@ -102,7 +102,7 @@ class LinesOfSight:
         seen = _laid_out(np.asarray(terrain.elevation_max, np.float32), np.nan)
         pause, rise = self._map.pause, self._map.rise_variance
         first = terrain.step - validity
-        # Observations of this pause or a later one are of scans that were taken back.
+        # Observations of this pause or a later one belong to scans that were taken back.
         self._scans = [scan for scan in self._scans if first <= scan.step and scan.pause < pause]
         self._scans.append(_Observation(bounds, seen, geometry, transform, terrain.step, pause, terrain.stamp, rise))
 

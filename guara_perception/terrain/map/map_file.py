@@ -21,7 +21,7 @@ from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
-# [byte] All arrays of a map file together: those of a map of 4 m with cells of 1 mm take 1.6 GB.
+# Largest size of all arrays together [byte]: those of a map of 4 m with cells of 1 mm take 1.6 GB.
 LARGEST_MAP = 2 * 1024**3
 
 
@@ -33,7 +33,7 @@ class MapState:
         centre: (2,) position in odom at the centre of the window [m], None before the first pause.
         pause: number of the newest pause, counted from the first scan.
         step, time: step and time [ns] of the newest scan.
-        drift, sideways: drift of odometry in all, and sideways by pause.
+        drift, sideways: drift of odometry since the start, and sideways drift by pause.
         anchor, walk: height and planar correction of odometry.
         ground: declared patches of known ground, as in the map's record.
         scans: number of scans fused.

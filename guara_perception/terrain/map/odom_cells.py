@@ -139,7 +139,7 @@ class OdomCells:
 
 
 class HasIndices(Protocol):
-    """Anything that gives cell indices of coordinates."""
+    """Grid that converts coordinates to cell indices."""
 
     def indices(self, x: Float, y: Float) -> tuple[Index, Index]:
         """Cell indices (iy, ix)."""
@@ -147,13 +147,13 @@ class HasIndices(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Squares:
-    """Squares over a grid: the cells that each touches, in the block of cells that any touches.
+    """Squares over a grid, for reductions over the cells that each of them touches.
 
     Attributes:
-        first: (iy, ix) of the lowest cell of that block.
-        shape: number of rows and of columns of that block.
-        most: rows and columns that one square touches at most.
-        entry: (n,) flat index of each square in the table of joined values.
+        first: (iy, ix) of the lowest cell of the block that contains all touched cells.
+        shape: number of rows and columns of the block.
+        most: most rows and columns that one square touches.
+        entry: (n,) flat index of each square in the table of `joined`.
     """
 
     first: tuple[int, int]
@@ -163,10 +163,7 @@ class Squares:
 
     @classmethod
     def of(cls, grid: HasIndices, x: Float, y: Float, half: float) -> Squares:
-        """Axis-aligned squares of half edge `half` about points (n,), n >= 1; for rotated ones their bounding squares.
-
-        They touch all rows and columns from the lowest corner to the highest.
-        """
+        """Axis-aligned squares of half edge `half` about points (n,), n >= 1; for a rotated one its bounding square."""
         reach = half - SHRUNK_M
         low_y, low_x = grid.indices(x - reach, y - reach)
         high_y, high_x = grid.indices(x + reach, y + reach)
@@ -178,15 +175,15 @@ class Squares:
         return cls(first, shape, most, (rows * most[1] + columns) * (shape[0] * shape[1]) + lowest)
 
     def joined(self, layer: Array, join: np.ufunc, which: Index | None = None) -> Array:
-        """Reduction of an array of this shape over the cells that each square touches.
+        """Reduce an array over the cells that each square touches.
 
         Args:
-            layer: (rows, columns) of the block of the grid.
+            layer: values of the block, of shape `shape`.
             join: commutative and associative function of two values.
             which: indices of the squares; None = all.
         """
         rows, columns = self.most
-        # table[i, j] joins i + 1 rows and j + 1 columns from each cell on; no square extends beyond the array.
+        # table[i, j] reduces i + 1 rows and j + 1 columns from each cell on; no square extends beyond the block.
         table = np.empty((rows, columns, *self.shape), layer.dtype)
         table[0, 0] = layer
         for down in range(1, rows):

@@ -35,21 +35,21 @@ ROUNDS = 8
 # Step [m, rad] below which the iteration ends.
 SMALLEST_STEP = 1e-5
 HUBER_SIGMAS = 2.0
-# Least slope that is used, in sigmas that follow from those of single cells: 0.06 with cells of 5 mm and 0.3 mm sigma.
+# Least slope that is used, in sigmas of a slope: 0.06 with cells of 5 mm and heights of 0.3 mm sigma.
 SLOPE_SIGMAS = 6.0
-# Heights of neighbouring cells come from the same stripes and poses: this many of them count as one.
+# Number n of neighbouring cells that count as one: their heights come from the same stripes and poses.
 CELLS_THAT_COUNT_AS_ONE = 32.0
 # Additional sigma of the difference of two heights.
 FLOOR_SIGMA_M = 0.0007
 # Least sigma of independent errors of heights.
 OWN_SIGMA_M = 0.0003
-# Sigma of the sideways position, relative to its cell, of the ground that a height belongs to.
+# Horizontal sigma of the position of a height relative to its cell.
 ASIDE_SIGMA_M = 0.004
 # Heights that differ by more belong to another object, or to its edge.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
-# A registration is refused if this fraction of its cells differs by more than Huber's limit, or if its motion is this
-# many sigmas from the prior; only directions count in which it shrinks the prior's variance by this fraction.
+# A registration is refused if more than this fraction of its cells differs by more than Huber's limit, or if its motion
+# is more than this many sigmas from the prior, in directions in which it shrinks the prior's variance by this fraction.
 MOST_CONTRADICTING = 0.3
 MOST_SIGMAS = 4.0
 LEAST_SHRUNK = 0.01
@@ -167,9 +167,9 @@ class _Scan:
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """A part of the map: layers (4, ny, nx) from cell `first` = (cy, cx) on.
+    """Part of the map: layers (4, ny, nx) from cell `first` = (cy, cx) on.
 
-    They are smoothed heights, their slopes along x and y, and variances; unusable heights are NaN.
+    The layers are smoothed heights, NaN where unusable, their slopes along x and y, and variances.
     """
 
     layers: Float

@@ -14,7 +14,8 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance, tilt_variance
+from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance
+from guara_perception.terrain.map.fuse_scan import tilt_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
 NEVER_SEEN_AGE = 255

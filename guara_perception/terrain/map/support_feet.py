@@ -57,7 +57,7 @@ def support_feet(
     transform_footprint_to_odom: Float,
     limits: TraversabilityLimits,
 ) -> list[FootMeasurement]:
-    """The supporting soles at a scan; none if its record holds no stance."""
+    """Supporting soles at a scan; none if its record contains no stance."""
     record = terrain.record
     record.check("stance", "transform_base_to_footprint", "support_feet_used")
     stance, transform_base_to_footprint = record.stance, record.transform_base_to_footprint

@@ -13,15 +13,12 @@ from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
-from guara_perception.terrain.layers.record import POSE, Health, MapRecord
+from guara_perception.terrain.layers.record import POSE, MapRecord
+from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.map.checked_input import check_scan, checked_pose
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
-from guara_perception.terrain.map.known_ground import (
-    KnownGround,
-    check_scan,
-    checked_pose,
-    fuse_known_ground,
-    fuse_scan,
-)
+from guara_perception.terrain.map.fuse_scan import fuse_scan
+from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.snapshot import snapshot_layers
@@ -29,7 +26,7 @@ from guara_perception.terrain.map.support_feet import fill_under_foot, sole_erro
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
 from kinematics import PoseInOdom, RobotModel
 
-# The window moves when the robot has gone this far [m]: rarely, and with little additional memory.
+# Distance from the centre of the window at which the window moves [m]: moves are rare, the margin costs little memory.
 MARGIN_M = 0.2
 # Fields of a scan's record that also hold for the map of the same pause.
 FROM_SCAN = (*POSE[1:], "pose_covariance")
@@ -39,7 +36,7 @@ class TerrainMap:
     """Rolling elevation map of one walk.
 
     `update` fuses the scan of a pause into cells that are fixed in `odom` and returns a grid of the `map` extent. The
-    result is deterministic to the byte. Memory is bounded: cells beyond the reach of the map (plus a margin) are
+    result is deterministic to the byte. Memory is bounded: cells beyond the reach of the map plus a margin are
     forgotten.
 
     Example:
@@ -54,7 +51,7 @@ class TerrainMap:
         """Create an empty map.
 
         Args:
-            robot: model, name or folder; its robot.toml gives area, limits and validity; its kinematics the soles.
+            robot: model, name or folder. Its robot.toml gives area, limits and validity, its kinematics the soles.
             resolution: cell edge [m]; None = the robot's default.
 
         Raises:
@@ -106,12 +103,12 @@ class TerrainMap:
 
         Args:
             terrain: this pause's scan alone (extent "footprint").
-            pose: pose by leg odometry, or a `PoseInOdom` of another odometry. With its `covariance_since_last` the
-                scan is first registered to the map, which corrects sideways drift where the ground shows it, and its
-                `own_covariance` is used; without it the pose of odometry is taken. Give it at every pause or at none.
+            pose: pose by leg odometry, or a `PoseInOdom` of another odometry. If it has `covariance_since_last`, the
+                scan is first registered to the map, which corrects sideways drift where the ground shows it, and
+                `own_covariance` is used; otherwise the pose is taken as it is. Give it at every pause or at none.
             known_ground: ground that the gait declares at this pause, in its base_footprint.
-            time: time of the scan by a clock that never jumps [s], which gives the age of cells; None = the grid's
-                stamp. If time runs backwards, everything seen before becomes STALE.
+            time: time of the scan by a monotonic clock [s], for the age of cells; None = the grid's stamp. If time
+                runs backwards, everything seen before becomes STALE.
 
         Returns:
             Grid of extent "map" in base_footprint of this pause. Ground known only from foot contacts or declared by
@@ -161,7 +158,7 @@ class TerrainMap:
         rejected = fuse_scan(self._cells, terrain, now)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), now)
-        # The record names earlier patches too, as long as cells that they filled may still be valid.
+        # The record also names earlier patches while cells that they filled may be valid.
         oldest = terrain.step - settings.validity_pauses
         ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]
         ground += [fuse_known_ground(self._cells, patch, now, terrain.step) for patch in known_ground]
@@ -300,7 +297,7 @@ class TerrainMap:
             sideways_correction=(*correction[:2, 3].tolist(), float(np.arctan2(*correction[1::-1, 0]))),
             sideways_correction_sigma=tuple(np.sqrt(np.diag(walk.pause_covariance)).tolist()),
             registration_refused=walk.refused,
-            # Fields of the scan's record that cannot be read, and a text that may be null.
+            # Fields that the scan's record could not read, and a field that is written even if it is null.
             extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
         )
         return TerrainGrid(
@@ -309,5 +306,5 @@ class TerrainMap:
 
 
 def _clock(terrain: TerrainGrid, time: float | None) -> int:
-    """Time of a scan [ns]: by a clock that never jumps if given [s], else its stamp."""
+    """Time of a scan [ns]: `time` [s] if given, otherwise its stamp."""
     return terrain.stamp if time is None else round(time * 1e9)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from guara_perception.settings import RobotLike
 
 
-# Factor at the rim of the search: near the nominal position the body moves as the gait planned it.
+# Factor at the rim of the search: the nearer the nominal position, the more the body moves as the gait planned.
 VALUE_AT_RIM = 0.5
 # Factor beside an edge.
 VALUE_AT_EDGE = 0.5
@@ -80,8 +80,8 @@ def best_foothold(
         x, y: nominal position in base_footprint [m].
         radius: radius of the search [m].
         leg, robot: as in `check_foothold`.
-        previous: the last choice, in base_footprint of this grid: kept while it is allowed, within the radius, and no
-            other position scores a third more.
+        previous: the last choice, in base_footprint of this grid. It is kept while it is safe and within the radius,
+            and no other position has a value a third higher.
 
     Raises:
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
@@ -90,7 +90,7 @@ def best_foothold(
     if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
         raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
     if not (np.isfinite(x) and np.isfinite(y)):
-        raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
+        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
     if not (np.isfinite(radius) and 0 <= radius <= 1):
         raise InvalidInput(f"radius is {radius}, it must be 0 ... 1 m")
     px, py = _candidates(terrain, float(x), float(y), float(radius))

@@ -1,9 +1,9 @@
 """Large convex polygons that avoid squares.
 
-Half-planes and an ellipse take turns, as in IRIS (Deits and Tedrake, Computing large convex regions of obstacle-free
-space through semidefinite programming, WAFR 2014): each half-plane keeps out the square that is nearest in the
-ellipse's metric, the next ellipse follows the polygon that they leave. Here the ellipse is that of the polygon's
-second moments, in place of the largest inscribed one.
+Half-planes and an ellipse are computed in turn, as in IRIS (Deits and Tedrake, Computing large convex regions of
+obstacle-free space through semidefinite programming, WAFR 2014): each half-plane excludes the square that is nearest in
+the metric of the ellipse, and the next ellipse is fitted to the polygon of the half-planes. The ellipse here is that of
+the polygon's second moments, not the largest inscribed one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from guara_perception.arrays import Float
 MOST_ROUNDS = 4
 # A round that gains less is the last one.
 LEAST_GAIN = 0.01
-# Distance that half-planes keep from the squares: for rounding, and since cells contain their lower edges.
+# Distance of the half-planes from the squares, for rounding and because cells contain their lower edges.
 OFF_M = 2e-6
 # Shorter than any side that matters.
 LEAST_SIDE_M = 1e-9
@@ -73,7 +73,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
         at_x, at_y, dx, dy = (float(values[0]) for values in (x, y, offset_x, offset_y))
         a, b, edge = _side(xx * dx + xy * dy, xy * dx + yy * dy, at_x, at_y, reach)
         if not a * seed_x + b * seed_y < edge:
-            # It would exclude the seed: take the normal from the seed to the square's nearest point instead.
+            # This half-plane would exclude the seed: use the normal from the seed to the nearest point of the square.
             dx, dy = _nearest(np.array([at_x - seed_x, at_y - seed_y]), reach).tolist()
             a, b, edge = _side(dx, dy, at_x, at_y, reach)
         cuts.append((a, b, edge))
@@ -84,7 +84,7 @@ def _cuts(seed: Float, centre: Float, metric: Float, squares: Float, half: float
 
 
 def _nearest(offset: Float, reach: float) -> Float:
-    """Coordinates of the nearest point of each square, relative to the origin of the offsets to their centres."""
+    """Coordinates of the nearest point of each square, given offsets to their centres; both from one origin."""
     return np.asarray(offset - np.minimum(np.maximum(offset, -reach), reach))
 
 
@@ -110,10 +110,10 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     after = np.append(on[1:], on[0])
     (a, b), c = normals[on].T, offsets[on]
     (next_a, next_b), next_c = normals[after].T, offsets[after]
-    # Sine of the counter-clockwise turn from one side to the next; two that are parallel meet nowhere.
+    # Sine of the counter-clockwise turn from one side to the next, not 0: no two neighbouring sides are parallel.
     turn = a * next_b - b * next_a
     vertices = np.column_stack((c * next_b - b * next_c, a * next_c - c * next_a)) / turn[:, None]
-    # Corner i lies between sides i and i + 1; a side too short to matter goes, with the corner at its end.
+    # Corner i lies between sides i and i + 1. A side too short to matter is removed with the corner at its end.
     before = np.concatenate((vertices[-1:], vertices[:-1]))
     apart = np.abs(vertices - before).max(axis=1) > LEAST_SIDE_M
     if not apart.all():

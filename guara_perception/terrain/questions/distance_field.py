@@ -22,7 +22,7 @@ class DistanceField(FrozenArrays):
     """Signed distance from the ground in voxels over a grid; unknown ground is solid at every height.
 
     Attributes:
-        values: (nz, ny, nx) distance of each voxel's centre from the nearest solid one's surface, never too large,
+        values: (nz, ny, nx) lower bounds of the distance of each voxel's centre from the nearest solid surface,
             negative inside [m].
         origin: lowest corner (x, y, z) in base_footprint [m].
         resolution: edge of a voxel [m].
@@ -58,13 +58,13 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     """Signed distance from the ground in voxels as large as the cells, from height `low` to `high` over the grid [m].
 
     The ground is at its highest samples plus confidence; unknown and STALE cells and everything beside the grid are
-    solid at every height. Distances are lower bounds. They are computed at every call.
+    solid at every height. Distances are lower bounds. Each call computes the field anew.
 
     Raises:
         InvalidInput: heights that are not finite or in the wrong order, over ten million voxels.
     """
     terrain = asked(terrain, allow_stale)
-    # Imported here: it takes as long as all the rest of a grid, and few programs need it.
+    # Imported here: few programs need it, and it takes as long to load as everything else that a grid needs.
     from scipy.ndimage import distance_transform_edt
 
     if not (np.isfinite([low, high]).all() and low < high):
@@ -78,7 +78,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     unreliable = (terrain.hazard & (UNKNOWN_MASK | np.uint16(Hazard.STALE))) != 0
     margin = terrain.record.required_limits.confidence * np.sqrt(terrain.variance.astype(np.float64))
     top = np.where(unreliable, np.inf, terrain.elevation_max.astype(np.float64) + margin)
-    # A voxel that holds any ground is solid; beside the grid all is, and so is what lies below it.
+    # A voxel that contains any ground is solid, as is everything beside and below the grid.
     bottoms = low + spacing * np.arange(layers)
     solid = np.ones((layers + 1, terrain.shape[0] + 2, terrain.shape[1] + 2), dtype=bool)
     solid[1:, 1:-1, 1:-1] = bottoms[:, None, None] < top

@@ -14,9 +14,10 @@ from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, Reason, names
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
+from guara_perception.terrain.questions.reason import Reason
 from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class FootholdVerdicts(FrozenArrays):
     beyond: Float
 
     def __repr__(self) -> str:
-        return f"FootholdVerdicts({int(self.ok.sum())} of {len(self)} places ok, leg={self.leg!r})"
+        return f"FootholdVerdicts({int(self.ok.sum())} of {len(self)} positions ok, leg={self.leg!r})"
 
     def __len__(self) -> int:
         return int(self.x.size)
@@ -163,7 +164,7 @@ def check_foothold(
 def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: float) -> Iterator[Reason]:
     """Failed tests of one position."""
     if not (np.isfinite(x) and np.isfinite(y)):
-        yield Reason("unknown", 1.0, 0.0, "share", "the place is not finite")
+        yield Reason("unknown", 1.0, 0.0, "share", "the position is not finite")
         return
     limits = terrain.record.required_limits
     rows, columns, total, off = sole_window(terrain.geometry, x, y, limits)
@@ -197,14 +198,14 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
     for name, (flag, limit) in terrain.record.other_limits().items():
         cells = int(((hazard & np.uint16(flag)) != 0).sum())
         if cells:
-            detail = f"of the sole flagged {flag.name}, to which a limit of a newer version adds: {name} {limit:g}"
+            detail = f"of the sole flagged {flag.name}, which a limit of a newer version also sets: {name} {limit:g}"
             yield Reason(name, cells, 0.0, "cells", detail)
     disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
     if disputed:
         yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")
     if terrain.hazard_at(x, y) & Hazard.EDGE and not count:
         clearance = float(look_up(terrain, "clearance", x, y, np.float32(np.nan))[()])
-        detail = "too near to something unknown, hazardous or off the grid; this much clearance is always enough"
+        detail = "too close to something unknown, hazardous or off the grid; this much clearance is always enough"
         yield Reason("edge", clearance, enough_clearance(terrain, limits), "m", detail)
     if leg is not None and beyond != 0:
         yield Reason("reach", beyond, 0.0, "rad", f"of {leg} beyond its joints' limits")
@@ -245,7 +246,7 @@ def sole_flags(hazard: Flags, geometry: GridGeometry, x: Float, y: Float, limits
 def sole_window(
     geometry: GridGeometry, x: float, y: float, limits: TraversabilityLimits
 ) -> tuple[slice, slice, int, int]:
-    """Rows and columns of the cells on the grid under a sole, number of cells under it, and of those off the grid."""
+    """Rows and columns of the grid under a sole, number of cells under it, and number of those off the grid."""
     columns = np.unique(_covered(np.array([x]), geometry.origin[0], limits.sole_length, geometry.resolution))
     rows = np.unique(_covered(np.array([y]), geometry.origin[1], limits.sole_width, geometry.resolution))
     ny, nx = geometry.shape
@@ -286,7 +287,7 @@ def explain(terrain: LayeredGrid, x: float, y: float, *, allow_stale: bool = Fal
     if np.isfinite(layer["slope"]):
         slope = f"slope {np.degrees(layer['slope']):.1f} deg, roughness {layer['roughness'] * 1e3:.1f} mm"
     looks, age = int(layer["looks"]), int(layer["age"])
-    source = f"seen by {looks} scan" + "s" * (looks > 1) if looks else "felt by a foot or declared by the gait"
+    source = f"seen by {looks} scan" + "s" * (looks > 1) if looks else "known from a foot contact or the gait"
     text = (
         f"{point} is {layer['elevation'] * 1e3:.1f} mm high (sigma {np.sqrt(layer['variance']) * 1e3:.1f} mm), "
         f"{slope}, step {layer['step_height'] * 1e3:.1f} mm, clearance {layer['clearance'] * 1e3:.0f} mm, {source}, "

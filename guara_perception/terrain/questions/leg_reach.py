@@ -29,14 +29,14 @@ class StandingSole:
     covariance: Float
 
 
-# [rad] Between two heights that are tried, a joint goes at most this much further than at both.
+# Most by which a joint, at a height between two tested ones, exceeds its positions at both [rad].
 BETWEEN_HEIGHTS = 1e-6
 
 
 def beyond_reach_of_ground(
     terrain: LayeredGrid, leg: str, soles_in_footprint: Float, robot: RobotLike | None = None
 ) -> Float:
-    """`beyond_reach` of positions whose z is from the grid: the worst over the rounding of its heights."""
+    """`beyond_reach` of positions whose z is from the grid: the worst case over the rounding of its heights."""
     off = terrain.record.checked_rounding.elevation
     if off == 0:
         return beyond_reach(terrain, leg, soles_in_footprint, robot)
@@ -62,7 +62,7 @@ def beyond_reach(
         margin: angle to keep from the limits [rad].
 
     Raises:
-        InvalidInput: the grid does not say robot, stance and transform.
+        InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot or leg.
     """
     pose = _pose_of(terrain, robot)
@@ -79,7 +79,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
     """Sole centre of a leg when the grid was made, (3,) in its base_footprint [m].
 
     Raises:
-        InvalidInput: the grid does not say robot, stance and transform.
+        InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot or leg.
     """
     return _soles(_pose_of(terrain, robot), [leg])[0]
@@ -89,7 +89,7 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
     """The soles that carried the body when the grid was made.
 
     Raises:
-        InvalidInput: the grid does not say robot, stance and transform.
+        InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot.
     """
     pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
@@ -115,8 +115,7 @@ def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
     missing = [name for name in needed if getattr(record, name) is None]
     if missing:
         raise InvalidInput(
-            f"the grid's metadata holds no {', '.join(missing)}: whether a leg reaches a place cannot be computed, "
-            "ask with leg=None"
+            f"the grid's metadata lacks {', '.join(missing)}, so the reach of a leg cannot be computed; pass leg=None"
         )
     return _pose(_model_of(terrain, robot), record)
 
@@ -147,7 +146,7 @@ def _robot(name: str, description: str | None) -> RobotModel:
         return load_robot(name)
     except RobotNotFound as error:
         raise RobotNotFound(
-            f"the grid carries no description of its robot {name!r}: give robot=load_robot(FOLDER). {error}"
+            f"the grid contains no description of its robot {name!r}: give robot=load_robot(FOLDER). {error}"
         ) from None
 
 

@@ -12,29 +12,29 @@ from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
-# Lower things are relief of the floor; the paper's lowest object is 10 mm high.
+# Least height of an object: lower things are relief of the floor. The paper's lowest object is 10 mm high.
 LEAST_HEIGHT_M = 0.006
-# And this many standard deviations of cell and floor.
+# Least height of an object in standard deviations of cell and floor.
 LEAST_SIGMAS = 4.0
-# Smaller things are noise: 2 cells by 2 on the default grid.
+# Least area of an object, 2 x 2 cells on the default grid: smaller things are noise.
 LEAST_AREA_M2 = 1e-4
 # The height of an object is this quantile of its cells: one cell in ten may be higher by noise.
 TOP_QUANTILE = 0.9
-# Cells this near to the top surface (and three sigmas) make up the top plane.
+# Cells within this depth of the top surface, plus three sigmas, form the top plane.
 TOP_DEPTH_M = 0.004
-# With 45 % of the cells on the floor, three random cells all lie on it in at least one of 100 trials with probability
-# 1 - (1 - 0.45^3)^100.
+# Number of random triples of cells. With 45 % of the cells on the floor, at least one of 100 triples lies on it with
+# probability 1 - (1 - 0.45^3)^100.
 TRIALS = 100
-# The floor is the plane to which this share of the heights lies nearest: boxes may cover more than half of the view.
+# Quantile of the distances from the floor that is minimised: boxes may cover more than half of the view.
 FLOOR_SHARE = 0.35
-# One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the sigma that follows too large: it
+# One over the FLOOR_SHARE quantile of |noise| in standard deviations. Boxes make the resulting sigma too large, so it
 # is refined.
 QUANTILE_TO_SIGMA = 1 / 0.4538
-# Largest number of cells, evenly distributed, to which a floor is fitted: it is off by a thirtieth of their noise.
+# Largest number of cells, evenly distributed, to which a floor is fitted: its error is a thirtieth of their noise.
 CELLS = 2000
-# About this many of them judge the trials.
+# About this many of them score the trials.
 JUDGES = 250
-# Within three of their robust standard deviations, and at least this much, heights belong to the floor.
+# Heights within three robust standard deviations of the floor, and at least within this, belong to it.
 LEAST_TOLERANCE_M = 0.002
 REFINEMENTS = 10
 SEED = 2024
@@ -68,7 +68,7 @@ class Obstacle(FrozenArrays):
 def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstacle]:
     """Connected objects 6 mm or more above the floor, or as far below it, sorted by x, then y.
 
-    The floor is the plane that most of the known heights agree with. Unknown ground is no obstacle, and never
+    The floor is the plane closest to 35 % of the known heights. Unknown ground is no obstacle, and never
     traversable.
     """
     terrain = asked(terrain, allow_stale)
@@ -132,7 +132,7 @@ def _obstacle(cells: _Cells, terrain: LayeredGrid, floor: FloorPlane) -> Obstacl
     x, y = float(top_x.sum()) / top.size, float(top_y.sum()) / top.size
     z = a * x + b * y + c
     residual = top_z - (a * top_x + b * top_y + c)
-    # Neighbouring cells share noise: the mean of the top is as uncertain as that of one cell in nine.
+    # Neighbouring cells share noise: nine of them count as one independent measurement of the top.
     independent = max(top.size / 9, 1.0)
     mean_square = (float(cells.variance.take(top).sum()) + float(residual @ residual)) / top.size
     variance = mean_square / independent + floor.sigma**2 / 9

@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry, touched_cells
-from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, Reason, names
-from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked, numbers
+from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, numbers
+from guara_perception.terrain.questions.reason import Reason
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
-# At its ends a swing touches the ground: there it may lie this much lower than the map.
+# At its ends, where it touches the ground, a swing may be this much lower than the map.
 TOUCH_M = 0.005
 # Flags of known cells whose heights do not bound the ground from above. With CONFLICT they do: `elevation_max` holds
 # the highest sample of all observations, and `variance` the larger variance.
@@ -141,7 +143,7 @@ def _too_near(samples: Float, distance: Float, wanted: Float, lack: Float) -> It
     """Reasons against a path too near to the ground: depth at its ends, clearance elsewhere."""
     for test, detail, of_this_kind in (
         ("depth", "into the ground", wanted < 0),
-        ("clearance", "too near", wanted >= 0),
+        ("clearance", "too close", wanted >= 0),
     ):
         of_kind = np.where(of_this_kind, lack, -np.inf)
         sample, cell = np.unravel_index(of_kind.argmax(), of_kind.shape)
@@ -207,7 +209,7 @@ def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Cor
     """Cells within `clearance` of samples (n, 3) or (n, 2) of a path, seen from above, on the grid or off it."""
     resolution = geometry.resolution
     iy, ix = geometry.indices(samples[:, 0], samples[:, 1])
-    # The geometry clips far indices; distances are from positions, so that nothing far counts as near.
+    # Indices of far points are clipped, so distances are computed from positions.
     reach = int(np.ceil(clearance / resolution)) + 1
     dy, dx = (a.ravel() for a in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     jy, jx = iy[:, None] + dy, ix[:, None] + dx
@@ -219,7 +221,7 @@ def corridor_of(geometry: GridGeometry, samples: Float, clearance: float) -> Cor
     )
     own = (dy == 0) & (dx == 0)
     aside[:, own] = 0.0
-    # Half the spacing of the samples is added, which covers what lies between two of them.
+    # Half the spacing of the samples is added to cover the cells between two of them.
     return Corridor(jy, jx, aside, (aside <= clearance + resolution / 4) | own)
 
 
@@ -231,7 +233,7 @@ def top_heights(ground: SwingGround, cells: Corridor) -> tuple[Float, Float]:
 
 
 def sampled(path: Float, spacing: float) -> Float:
-    """Points on the path at most `spacing` apart in the plane, its corners among them."""
+    """Points on the path at most `spacing` apart, including its corners."""
     parts = [path[:1]]
     for start, stop in zip(path[:-1], path[1:], strict=True):
         count = max(int(np.ceil(np.linalg.norm(stop - start) / spacing)), 1)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput, optional_library
-from guara_perception.terrain.assessment.raster import blocks, pool_flags
+from guara_perception.terrain.assessment.pool import blocks, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up, numbers
@@ -107,7 +107,7 @@ def height_scan(
         terrain.record.check("transform_base_to_footprint")
         matrix = terrain.record.transform_base_to_footprint
         if matrix is None:
-            raise InvalidInput("the grid's metadata holds no transform_base_to_footprint: ask in base_footprint")
+            raise InvalidInput("the grid's metadata lacks transform_base_to_footprint: give points in base_footprint")
         placed = transform_points(matrix, placed)
     x, y = placed[:, 0], placed[:, 1]
     heights = np.asarray(terrain.height_at(x, y), dtype=np.float64)
@@ -137,7 +137,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
     hazard[beside & ~unknown] |= np.uint16(Hazard.EDGE)
     fine = {name: blocks(layer, factor) for name, layer in terrain.layers.items()}
-    # Slope, step and roughness that a fine cell lacks are not known to be small: NaN wins.
+    # NaN propagates: a slope, step or roughness that a fine cell lacks is not known to be small.
     layers = {name: fine[name].max(axis=-1) for name in LARGEST} | {name: fine[name].min(axis=-1) for name in LEAST}
     layers |= {"elevation": fine["elevation"].astype(np.float64).mean(axis=-1).astype(np.float32), "hazard": hazard}
     for name in ("elevation", "variance", "elevation_min", "elevation_max", "slope", "step_height", "roughness"):

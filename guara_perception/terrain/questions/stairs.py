@@ -12,16 +12,16 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# A tread is level to this, and no smaller than this; level cells beside each other of one height are one tread.
+# A tread is no steeper and no smaller than this. Level regions whose mean heights differ by less are one tread.
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2 = 0.0015
 SAME_HEIGHT_M = 0.006
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
-# The rises of stairs, and the directions of their edges, are alike.
+# Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# An edge has one point per strip, from cells that belong to a tread by their heights.
+# An edge has one point per strip across it. A cell belongs to a tread if its height is within this fraction of the rise.
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
@@ -33,7 +33,7 @@ LEAST_RISERS = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tread(FrozenArrays):
-    """A level part of stairs; the lowest and the highest are the ground before and behind them.
+    """A level part of stairs; the lowest and highest treads are the ground before and behind the stairs.
 
     Attributes:
         plane: (3,) p of z = p[0] x + p[1] y + p[2] in base_footprint.
@@ -84,10 +84,10 @@ class Stairs(FrozenArrays):
 def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
     """Detect stairs of two risers or more; None if there are none.
 
-    Treads are level regions of known ground whose heights rise evenly, by 12 mm to 0.3 m each; between neighbours
-    there must be a straight edge, and all edges must be parallel. An edge lies in the middle of the gap between the
-    known cells of both treads; if the gap is over 30 mm wide, at the upper tread. `check_foothold` decides if a foot
-    may be set on a tread.
+    Treads are level regions of known ground whose heights rise evenly, by up to 0.3 m each. Between neighbours there
+    must be a straight edge, and all edges must be parallel. An edge is in the middle of the gap between the known cells
+    of both treads, or at the upper tread if the gap is wider than 30 mm. `check_foothold` decides if a foot may be set
+    on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)

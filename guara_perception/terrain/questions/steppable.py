@@ -101,7 +101,7 @@ def steppable_region(
     """
     terrain = asked(terrain, allow_stale)
     if not np.isfinite([x, y]).all():
-        raise InvalidInput(f"the wish is ({x}, {y}), it must be finite [m]")
+        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
     if not (np.isfinite(radius) and 0 < radius <= 1):
         raise InvalidInput(f"radius is {radius}, it must be above 0 and at most 1 m")
     if previous is not None and not isinstance(previous, SteppableRegion):
@@ -231,7 +231,7 @@ def _reached(
 def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion:
     """Grow the region around a free cell of a window."""
     plane, ground = _plane_of(window, iy, ix)
-    # Only the cells next to the ground, and the rim of the window, bound it: all others lie behind these.
+    # Only the cells next to the ground and the rim of the window bound the region: all others lie behind them.
     padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
     border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
     by, bx = np.nonzero(border)
@@ -275,7 +275,7 @@ def _region(window: _Window, polygon: ConvexPolygon, plane: Float, ground: Mask,
     inside = ground[rows, columns].copy()
     for a, b, c in polygon.halfspaces.tolist():
         inside &= a * x + b * y <= c
-    # A polygon without the centre of any cell lies between centres of the ground: all of the ground is taken then.
+    # A polygon that contains the centre of no cell lies between centres of the ground: then all of the ground counts.
     part, cells = ((rows, columns), inside) if inside.any() else ((slice(None), slice(None)), ground)
     iy, ix = np.nonzero(cells)
     height, variance = window.height[part][cells], window.variance[part][cells]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.terrain.layers.hazard import Reason
-from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid, asked
+from guara_perception.terrain.layers.ceiling import Ceiling
+from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import (
     LONGEST_PATH_M,
@@ -22,6 +22,7 @@ from guara_perception.terrain.questions.path import (
     sampled,
     top_heights,
 )
+from guara_perception.terrain.questions.reason import Reason
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 from kinematics.arrays import FrozenArrays
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
-from guara_perception.terrain.layers.layered_grid import Ceiling, LayeredGrid
+from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from kinematics import KinematicsError
 
@@ -44,9 +45,9 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
 
     Unknown cells with a ceiling are as high as the ceiling, unless they lie under a standing sole.
 
-    A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole, whether a scan saw
-    it or not: unknown cells that lie wholly under that sole, with its error allowed for, are as high as the sole. This
-    does not make them footholds, and does not extend to cells beside the sole.
+    A sole that stands at `start` rests on the ground, so nothing below it is higher than the sole. Unknown cells that
+    lie wholly under that sole, reduced by its error, therefore count as being as high as the sole. This does not make
+    them footholds, and does not extend to cells beside the sole.
     """
     hazard, top, variance = terrain.hazard.copy(), terrain.elevation_max.copy(), terrain.variance.copy()
     limits = terrain.record.required_limits
@@ -59,7 +60,7 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
         # A ceiling's variance was not rounded: it is raised by the fraction that users of `variance` subtract again.
         hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
-    # Loading the robot's model takes time: only if unknown cells lie at the start.
+    # Loading the robot's model takes time, so it is loaded only if there are unknown cells at the start.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None
     if sole is not None:
         covered = half - limits.confidence * np.sqrt(np.diag(sole.covariance)[:2])

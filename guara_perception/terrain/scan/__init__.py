@@ -1,4 +1,4 @@
-"""When and how to scan, and grids from arrays that no stripe made.
+"""Scan policy, and grids from the data of other sensors.
 
 Imports the other subpackages of `terrain`; `app` and users call it.
 """

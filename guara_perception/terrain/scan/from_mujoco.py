@@ -1,4 +1,4 @@
-"""`terrain_from_mujoco`: the ground of a MuJoCo scene as a grid, for the same questions as on the robot."""
+"""`terrain_from_mujoco`: the ground of a MuJoCo scene as a grid, for the same queries as on the robot."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.scan.from_points import judged_grid
+from guara_perception.terrain.scan.from_range_image import checked_area
 from kinematics import KinematicsError, RobotModel, Stance, describe_robot
 from kinematics.transforms import inverse, transform_points
 
 Area = tuple[tuple[float, float], tuple[float, float]]
-# Rays per cell and axis: relief between them, at 5 mm less than 2.5 mm wide, is missed.
+# Rays per cell along each axis. With cells of 5 mm they may miss relief that is narrower than 2.5 mm.
 RAYS = 2
-# [m] above the highest ground that a grid holds. A ray that begins within a geom would meet its bottom; a ceiling above
-# the robot is met first and leaves the ground below it unknown.
+# Height of the origins of the rays above the highest ground of a grid [m]: a ray that starts inside a geom would meet
+# its bottom. A ceiling over the robot is met first and leaves the ground below it unknown.
 ABOVE_M = 20.0
 
 
@@ -40,13 +41,13 @@ def terrain_from_mujoco(
 ) -> TerrainGrid:
     """Ground of a MuJoCo scene around a robot in it, as a grid of extent "footprint" in base_footprint.
 
-    The ground is met by rays straight down; bodies of the robot itself are left out, whatever else is in the scene
-    counts as ground. Heights are exact and nothing is hidden: what a rangefinder would not see is known here. A cell
-    whose rays meet nothing, or something outside the height limits of the robot, is OUT_OF_RANGE.
+    Vertical rays sample the ground: every geom of the scene that can collide and is not part of the robot. Heights are
+    exact and nothing is hidden; ground that a rangefinder would not see is known here. A cell whose rays meet nothing,
+    or something outside the height limits of the robot, is OUT_OF_RANGE.
 
     Args:
-        model: `mujoco.MjModel` of the scene; its joints have the names that the robot's URDF gives them.
-        data: `mujoco.MjData` of it; `mujoco.mj_forward` brings its positions up to date.
+        model: `mujoco.MjModel` of the scene, with the joint names of the robot's URDF.
+        data: its `mujoco.MjData`, with positions up to date (`mujoco.mj_forward`).
         robot: model, name or folder; gives the soles, the limits and the area; None = the Guará.
         body: name of the robot's base in the scene; None = the robot's base frame.
         support_feet: legs whose soles stand; None = all. They set z = 0, as at a stance pause.
@@ -55,18 +56,18 @@ def terrain_from_mujoco(
         step: number of the stance pause.
 
     Raises:
-        InvalidInput: no such body or joint, a scene with no other geom than the robot's, a state that is not finite, a
-            robot that has fallen, an area that is no area.
+        InvalidInput: no such body or joint, a scene without ground, a state that is not finite, a robot that does not
+            stand, an invalid area.
         MissingExtra: MuJoCo is not installed (extra `sim`).
     """
     mujoco = optional_library("mujoco", "sim", "a grid of a MuJoCo scene")
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
     base = _body(model, body or robot.config.base_frame)
-    # What nothing collides with bears no foot: pictures beside the shapes, for instance.
+    # A geom that nothing collides with, such as a visual mesh, bears no foot.
     ground = ~_is_own(model, base)[model.geom_bodyid] & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
     if not ground.any():
-        raise InvalidInput("no geom of the scene is ground; allowed: one or more that collide and are not of the robot")
+        raise InvalidInput("no geom of the scene is ground; allowed: one or more that collide and are not the robot's")
     stance, transform_base_to_world = _stance(model, data, robot, base, support_feet)
     try:
         pose = robot.stance_pose(stance)
@@ -74,10 +75,8 @@ def terrain_from_mujoco(
         raise InvalidInput(f"the robot in the scene does not stand: {error}") from None
     transform_footprint_to_world = transform_base_to_world @ inverse(pose.transform_base_to_footprint)
     cell = settings.resolution if resolution is None else float(resolution)
-    (x_min, x_max), (y_min, y_max) = area or (settings.footprint_x, settings.footprint_y)
-    if not (np.isfinite([x_min, x_max, y_min, y_max]).all() and x_min < x_max and y_min < y_max):
-        raise InvalidInput(f"area is {area}; allowed: ((x_min, x_max), (y_min, y_max)), finite and in this order [m]")
-    geometry = GridGeometry.over((x_min, x_max), (y_min, y_max), cell)
+    x, y = checked_area(area or (settings.footprint_x, settings.footprint_y))
+    geometry = GridGeometry.over(x, y, cell)
     points = _ground(mujoco, model, data, ground, geometry, transform_footprint_to_world, settings)
     within = (points[:, 2] >= settings.minimum_height) & (points[:, 2] <= settings.maximum_height)
     hazard = np.zeros(geometry.shape, np.uint16)
@@ -143,7 +142,7 @@ def _ground(
     mujoco: Any, model: Any, data: Any, ground: Mask, geometry: GridGeometry, transform: Float, settings: Settings
 ) -> Float:
     """(n, 3) highest ground at points of each cell, in base_footprint [m]; -inf where a ray meets nothing."""
-    # Rays pass through what is invisible, and meet all else.
+    # Rays pass through invisible geoms: in this copy only the ground is visible.
     model = copy.copy(model)
     model.geom_matid[:], model.geom_rgba[:, 3] = -1, ground
     ny, nx = geometry.shape

@@ -31,18 +31,17 @@ def terrain_from_range_image(
     stamp: int = 0,
     step: int = 0,
 ) -> TerrainGrid:
-    """A grid of extent "footprint" from an orthorectified range image, judged by the same rules as a scan.
+    """Assess an orthorectified range image like a scan; return a grid of extent "footprint".
 
-    A cell is known where the centre of a known pixel lies in it; nothing is interpolated. A picture that was mirrored
-    or shrunk beforehand cannot be told from one that was not.
+    A cell is known if it contains the centre of a known pixel; nothing is interpolated. An image that was mirrored or
+    shrunk beforehand is not detected.
 
     Args:
         ortho_image_mm: (rows, columns) heights [mm above z = 0], row r along x, column c along y, NaN = unknown, as
             `terrain.pictures["ortho_image_mm"]` holds them.
-        causes: (rows, columns) uint8 flags of `Hazard` that say why pixels are unknown, 0 where they are known; None =
-            UNSCANNED.
-        sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: cells
-            that the scan itself calls UNCERTAIN, or a hazard by the margin of their sigma, cannot be told then.
+        causes: (rows, columns) uint8 `Hazard` flags of the causes of unknown pixels, 0 where known; None = UNSCANNED.
+        sigma_mm: standard deviation of the heights, one number or (rows, columns) [mm]. None = exact heights: then no
+            cell is UNCERTAIN, and the tests have no margin for the error of the heights.
         area: ((x_min, x_max), (y_min, y_max)) that the picture covers in base_footprint [m].
         robot: model, name or folder; gives the limits of heights and traversability; None = the Guará.
         resolution: cell edge [m]; None = the robot's default. It must divide the area.
@@ -55,7 +54,7 @@ def terrain_from_range_image(
     """
     robot = robot_model("guara" if robot is None else robot)
     settings = Settings.of(robot)
-    (x_min, x_max), (y_min, y_max) = _area(area)
+    (x_min, x_max), (y_min, y_max) = checked_area(area)
     heights = _picture(ortho_image_mm, (x_max - x_min, y_max - y_min))
     known = np.isfinite(heights)
     flags = _causes(causes, known)
@@ -79,11 +78,17 @@ def terrain_from_range_image(
     return judged_grid(raster, hazard, geometry, robot, "range_image", int(known.sum()), stamp, step)
 
 
-def _area(area: npt.ArrayLike) -> Float:
-    corners = numbers(area, "area")
-    if corners.shape != (2, 2) or not np.isfinite(corners).all() or not (corners[:, 0] < corners[:, 1]).all():
+def checked_area(area: npt.ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Convert the ranges of x and y of an area to numbers.
+
+    Raises:
+        InvalidInput: not two ranges, not finite or not ascending.
+    """
+    ranges = numbers(area, "area")
+    if ranges.shape != (2, 2) or not np.isfinite(ranges).all() or not (ranges[:, 0] < ranges[:, 1]).all():
         raise InvalidInput(f"area is {area!r}, allowed: ((x_min, x_max), (y_min, y_max)), finite and ascending [m]")
-    return corners
+    (x_min, x_max), (y_min, y_max) = ranges.tolist()
+    return (x_min, x_max), (y_min, y_max)
 
 
 def _picture(image_mm: npt.ArrayLike, size: tuple[float, float]) -> Float:

@@ -11,7 +11,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, Hazard, names
-from guara_perception.terrain.map.fuse_heights import scan_flags
+from guara_perception.terrain.map.fuse_scan import scan_flags
 
 # Consecutive clear pauses before coarse scans resume: one cycle, in which every foot swings once.
 CLEAR_PAUSES = 4
@@ -125,7 +125,7 @@ class ScanPolicy:
         _, y = coarse.geometry.centres()
         corridor = np.repeat((np.abs(y) <= self._half_width)[:, None], coarse.shape[1], axis=1)
         flags = scan_flags(coarse) & ALL_BUT_EDGE
-        # What lies beyond the ends of the rows, where no stripe of this mode looks, is no reason; a lost frame is.
+        # Cells beyond the ends of the rows, which no stripe of this mode scans, do not count; lost frames do.
         known = np.isfinite(coarse.elevation)
         inside = np.logical_or.accumulate(known, axis=1) & np.logical_or.accumulate(known[:, ::-1], axis=1)[:, ::-1]
         hazardous = corridor & (flags != 0) & (inside | (flags != np.uint16(Hazard.UNSCANNED)))

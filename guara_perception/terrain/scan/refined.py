@@ -12,7 +12,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from guara_perception.terrain.map.fuse_heights import scan_flags
+from guara_perception.terrain.map.fuse_scan import scan_flags
 
 
 def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:

@@ -12,7 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, Reason, check_invariant
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_invariant
+from guara_perception.terrain.questions.reason import Reason
 from tests.thorough import examples
 
 # Three cells of disc, two by one cells of sole: windows small enough for small grids.

@@ -82,7 +82,7 @@ def test_the_previous_choice_is_kept_until_another_is_worth_a_third_more() -> No
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.nan, 0.0, 0.1), "the wish is"),
+        ((np.nan, 0.0, 0.1), "the nominal position is"),
         ((0.0, 0.0, -0.1), "radius is -0.1, it must be 0 ... 1 m"),
         ((0.0, 0.0, 50.0), "radius is 50.0"),
         ((0.0, 0.0, np.inf), "radius is inf"),

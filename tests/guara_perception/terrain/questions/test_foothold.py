@@ -14,7 +14,8 @@ import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.layers.record import ScanRecord, known_limits
+from guara_perception.terrain.layers.record import ScanRecord
+from guara_perception.terrain.layers.record_fields import known_limits
 from kinematics import KinematicsError, RobotModel, RobotNotFound, Stance, describe_robot, load_robot
 from tests.guara_perception.terrain.questions.ground import ORIGIN, PROPERTY, grid, world
 
@@ -196,7 +197,7 @@ def test_a_grid_carries_its_robot(standing: gp.TerrainGrid) -> None:
 
 def test_asking_for_a_leg_needs_a_stance(standing: gp.TerrainGrid) -> None:
     """Without a stance in the grid, or with a leg that the robot does not have, the question is refused."""
-    with pytest.raises(gp.InvalidInput, match="holds no robot, stance, transform_base_to_footprint.*leg=None"):
+    with pytest.raises(gp.InvalidInput, match="lacks robot, stance, transform_base_to_footprint.*leg=None"):
         world(0).check_foothold(0.7, 0.0, leg="lf")
     with pytest.raises(KinematicsError, match="lf"):
         standing.check_foothold(0.3, 0.18, leg="left")

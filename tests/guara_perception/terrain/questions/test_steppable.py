@@ -180,7 +180,7 @@ def test_a_grown_polygon_enters_no_square(seed: int, count: int) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.nan, 0.0, 0.1), "the wish is .nan, 0.0., it must be finite"),
+        ((np.nan, 0.0, 0.1), "the nominal position is .nan, 0.0., it must be finite"),
         ((0.0, 0.0, 0.0), "radius is 0.0, it must be above 0"),
         ((0.0, 0.0, 0.1, None, "that one"), "previous is str, it must be a SteppableRegion"),
     ],

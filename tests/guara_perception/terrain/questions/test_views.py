@@ -216,7 +216,7 @@ def test_answers_show_themselves_in_a_line(paper_terrain: gp.TerrainGrid, robot:
     shown = {
         repr(paper_terrain.check_foothold(x, y)): r"FootholdVerdict\(ok, score 0\.\d\d\)",
         repr(paper_terrain.check_foothold(0.80, 0.20)): r"FootholdVerdict\(refused: edge .*\)",
-        repr(paper_terrain.check_foothold([x, 0.80], [y, 0.20])): r"FootholdVerdicts\(1 of 2 places ok, leg=None\)",
+        repr(paper_terrain.check_foothold([x, 0.80], [y, 0.20])): r"FootholdVerdicts\(1 of 2 positions ok, leg=None\)",
         repr(
             paper_terrain.check_path([above, above + (-0.10, 0.0, 0.0)], 0.03)
         ): r"PathVerdict\(ok, clearance \d+ mm\)",

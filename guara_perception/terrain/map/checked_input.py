@@ -1,0 +1,91 @@
+"""Checks of what the map is given at a pause: the grid of a scan, and the pose of the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
+from guara_perception.terrain.grid import TerrainGrid
+from kinematics import ArgumentError, OdometryPose, PoseInOdom
+from kinematics.transforms import checked_covariance, checked_transform, inverse
+
+# Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
+LARGEST_TILT = 0.2
+# Rounding of a vertical: a smaller tilt moves nothing by more than a nanometre and counts as zero.
+LEAST_TURN = 1e-9
+
+
+def check_scan(terrain: TerrainGrid, resolution: float, last_step: int | None) -> None:
+    """Refuse a grid that cannot be fused.
+
+    Args:
+        terrain: the grid.
+        resolution: resolution of the map [m].
+        last_step: step of the last scan fused, None before the first.
+
+    Raises:
+        InvalidInput: a grid of another extent or cell size, in the compact encoding, or of an earlier pause.
+    """
+    if terrain.extent != "footprint":
+        raise InvalidInput(f"a grid of extent {terrain.extent!r} cannot be fused, it must be a scan's: 'footprint'")
+    terrain.record.check("rounding")
+    if terrain.record.rounding is not None:
+        raise InvalidInput(
+            "a grid in the compact encoding cannot be fused: the map would not say how its heights were rounded. "
+            "Ask for it lossless, or for the node's map (extent 'map')"
+        )
+    if abs(terrain.resolution - resolution) > 1e-9:
+        raise InvalidInput(f"the scan's cells are {terrain.resolution} m, the map's {resolution} m: they must be alike")
+    if last_step is not None and terrain.step <= last_step:
+        raise InvalidInput(
+            f"step {terrain.step} comes after step {last_step}: scans must come in the order of their pauses; "
+            "begin a new map for another walk"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPose:
+    """Checked copies of the arrays of a `PoseInOdom`; the transform is that of the scan's footprint."""
+
+    transform: Float
+    covariance: Float
+    since_last: Float | None
+    noise: Float
+
+
+def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
+    """Check a pose and transform it to the footprint in which the scan was processed.
+
+    Without gravity the scan's footprint is parallel to the support plane; that of leg odometry is horizontal by the
+    gravity of earlier pauses.
+
+    Raises:
+        InvalidInput: a transform that is not rigid or tilts by more than 0.2 rad; an invalid covariance.
+    """
+    given, own = pose.transform_footprint_to_odom, pose.own_covariance
+    since_last = pose.covariance_since_last
+    terrain.record.check("transform_base_to_footprint")
+    to_footprint = terrain.record.transform_base_to_footprint
+    try:
+        if isinstance(pose, OdometryPose) and to_footprint is not None:
+            levelled = checked_transform(to_footprint, "transform_base_to_footprint")
+            given = pose.transform_base_to_odom @ inverse(levelled)
+        matrix = checked_transform(given, "transform_footprint_to_odom")
+        checked = CheckedPose(
+            matrix,
+            checked_covariance(pose.covariance, "covariance"),
+            None if since_last is None else checked_covariance(since_last, "covariance_since_last"),
+            checked_covariance(np.zeros((6, 6)) if own is None else own, "own_covariance"),
+        )
+    except ArgumentError as error:
+        raise InvalidInput(str(error)) from None
+    rotation = matrix[:3, :3]
+    if rotation[2, 2] < np.cos(LARGEST_TILT):
+        raise InvalidInput(
+            f"transform_footprint_to_odom tilts by more than {LARGEST_TILT} rad: both frames must be level"
+        )
+    rotation[np.abs(rotation) < LEAST_TURN] = 0.0
+    return checked

@@ -1,0 +1,33 @@
+"""A failed test, as a reason of an answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """A failed test.
+
+    Attributes:
+        test: name of the test, for instance "slope".
+        value: measured value, in `unit`.
+        limit: allowed value, in `unit`.
+        unit: "m", "rad", "cells", "share" ...
+        detail: further text, such as the place; may be empty.
+    """
+
+    test: str
+    value: float
+    limit: float
+    unit: str
+    detail: str = ""
+
+    def __str__(self) -> str:
+        """Text in millimetres, degrees and per cent."""
+        units = {"m": (1e3, "mm"), "rad": (math.degrees(1), "deg"), "share": (1e2, "%")}
+        scale, unit = units.get(self.unit, (1.0, self.unit))
+        found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
+        text = f"{self.test} {'impossible' if math.isnan(self.value) else found}"
+        return f"{text} ({self.detail})" if self.detail else text
