@@ -61,8 +61,8 @@ class LinesOfSight:
     Bounds are conservative. A ray starts at the highest sample of its cell and counts at the far edge of each cell that
     it passes. The bound of a cell is the highest of those of the cell and all its neighbours. In the map it is dilated
     by one cell and by the drift since its scan, and raised by that drift, with the confidence of the limits. A bound
-    expires when ground of the same age would be STALE, when the map takes its scan back, and where a later scan measured
-    something higher. The light may diverge from any point on the mirror or before it: a bound holds for all of them.
+    expires when ground of the same age would be STALE, when the map takes its scan back, and where a later scan
+    measured something higher. The light may diverge from any point on the mirror or before it: a bound holds for all.
     A later observation without return removes no bound, since a hole is lower. Objects that no scan can see are not
     bounded: those thinner than the gap between two stripes, and new ones that return no light.
 

@@ -21,7 +21,7 @@ LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# An edge has one point per strip across it. A cell belongs to a tread if its height is within this fraction of the rise.
+# An edge has one point per strip across it. A cell belongs to a tread within this fraction of the rise from it.
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
