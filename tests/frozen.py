@@ -24,11 +24,10 @@ from kinematics import LegOdometry, load_robot
 from testbed.truth import truth_calibration
 from transport import TerrainMessage
 from transport.messages.codec import decode, encode
-from transport.messages.compact import encode_compact
-from transport.messages.regions_message import encode_regions
+from transport.messages.map_messages import LAYERS as SUMMARY_LAYERS
+from transport.messages.map_messages import encode_regions
 from transport.messages.shuffle import decompress
-from transport.messages.summary_message import LAYERS as SUMMARY_LAYERS
-from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_codec import encode_compact, encode_terrain
 from transport.messages.typestore import REGIONS, SUMMARY, TERRAIN
 from transport.recording.writer import RecordingWriter
 

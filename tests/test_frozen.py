@@ -14,10 +14,8 @@ from guara_perception.app.map_summary import message_to_regions, message_to_summ
 from guara_perception.app.messages import message_to_terrain
 from tests import frozen
 from transport.messages.codec import decode, encode
-from transport.messages.compact import rounded
-from transport.messages.regions_message import decode_regions
-from transport.messages.summary_message import decode_summary
-from transport.messages.terrain_codec import decode_terrain, encode_terrain
+from transport.messages.map_messages import decode_regions, decode_summary
+from transport.messages.terrain_codec import decode_terrain, encode_terrain, rounded
 from transport.messages.typestore import TERRAIN
 
 HOW = (

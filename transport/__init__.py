@@ -33,14 +33,8 @@ from transport.links.ros2 import Ros2Bridge as Ros2Bridge
 from transport.links.session import Session as Session
 from transport.links.session import open_client as open_client
 from transport.links.session import open_node as open_node
-from transport.messages.camera_info import camera_info_message as camera_info_message
 from transport.messages.codec import decode as decode
 from transport.messages.codec import encode as encode
-from transport.messages.frames import frames_message as frames_message
-from transport.messages.grids import grid_map_message as grid_map_message
-from transport.messages.grids import occupancy_message as occupancy_message
-from transport.messages.markers import markers_message as markers_message
-from transport.messages.point_cloud import point_cloud_message as point_cloud_message
 from transport.messages.scan_messages import QueryRequest as QueryRequest
 from transport.messages.scan_messages import Refusal as Refusal
 from transport.messages.scan_messages import ScanReply as ScanReply
@@ -50,6 +44,13 @@ from transport.messages.stance_pause import PausePhase as PausePhase
 from transport.messages.stance_pause import StancePause as StancePause
 from transport.messages.stance_pause import decode_stance_pause as decode_stance_pause
 from transport.messages.stance_pause import encode_stance_pause as encode_stance_pause
+from transport.messages.standard import camera_info_message as camera_info_message
+from transport.messages.standard import frames_message as frames_message
+from transport.messages.standard import grid_map_message as grid_map_message
+from transport.messages.standard import markers_message as markers_message
+from transport.messages.standard import occupancy_message as occupancy_message
+from transport.messages.standard import point_cloud_message as point_cloud_message
+from transport.messages.standard import text_message as text_message
 from transport.messages.status_message import Status as Status
 from transport.messages.status_message import StatusItem as StatusItem
 from transport.messages.status_message import decode_status as decode_status
@@ -63,7 +64,6 @@ from transport.messages.terrain_codec import encode_terrain as encode_terrain
 from transport.messages.terrain_message import LAYERS as LAYERS
 from transport.messages.terrain_message import Health as Health
 from transport.messages.terrain_message import TerrainMessage as TerrainMessage
-from transport.messages.text import text_message as text_message
 from transport.queries.query import QueryServer as QueryServer
 from transport.queries.query import query_terrain as query_terrain
 from transport.queries.scan_client import request_scan as request_scan

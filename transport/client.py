@@ -18,10 +18,9 @@ from transport.keys import DEFAULT_ROBOT, check_encoding, query_key, regions_key
 from transport.links.received import Received
 from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
-from transport.messages.regions_message import RegionsMessage, decode_regions
+from transport.messages.map_messages import RegionsMessage, SummaryMessage, decode_regions, decode_summary
 from transport.messages.scan_messages import ScanReply
 from transport.messages.status_message import Status
-from transport.messages.summary_message import SummaryMessage, decode_summary
 from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.queries.query import query_terrain
@@ -49,7 +48,7 @@ class PerceptionClient:
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
-            encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.compact`).
+            encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.terrain_codec`).
 
         Raises:
             KeyNameError: unknown encoding.

@@ -61,7 +61,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
     Args:
         robot: instance name.
         extent: "footprint" or "map".
-        encoding: "lossless", or "compact" for slow links (see `transport.messages.compact`).
+        encoding: "lossless", or "compact" for slow links (see `transport.messages.terrain_codec`).
 
     Raises:
         KeyNameError: unknown extent or encoding.

@@ -27,7 +27,7 @@ from transport.links.outbox import Outbox
 from transport.links.ros2 import Ros2Bridge
 from transport.links.session import Resource, Session
 from transport.messages.codec import encode
-from transport.messages.regions_message import RegionsMessage
+from transport.messages.map_messages import RegionsMessage
 from transport.messages.status_message import STATUS_NAME, StatusItem
 from transport.messages.terrain_message import EXTENTS, Health, TerrainMessage
 from transport.messages.typestore import STATUS

@@ -17,9 +17,8 @@ from transport.links.publisher import URGENT, Publisher
 from transport.links.receiver import NewestReceiver
 from transport.links.session import Resource, Session
 from transport.messages.codec import decode, encode, make_time, read_time
-from transport.messages.encodings import cdr
 from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
-from transport.messages.typestore import STANCE_PAUSE, TIME
+from transport.messages.typestore import STANCE_PAUSE, TIME, cdr
 from transport.queries.remote_clock import ClockBound, RemoteClock
 from transport.supervision import report
 

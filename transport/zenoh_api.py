@@ -66,7 +66,7 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
         session: raw Zenoh session.
         key: where to publish.
         priority: name of one of Zenoh's priorities; each has a queue of its own on each link.
-        encoding: encoding of all payloads, see `transport.messages.encodings`; None for none.
+        encoding: encoding of all payloads, see `transport.messages.typestore`; None for none.
     """
     zenoh = _zenoh()
     return session.declare_publisher(

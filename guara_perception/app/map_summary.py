@@ -19,9 +19,14 @@ from guara_perception.terrain.layers.layered_grid import Gridded
 from guara_perception.terrain.questions.steppable import SteppableRegion
 from kinematics.arrays import read_only
 from transport import TerrainMessage
-from transport.messages.map_origin import origin_of
-from transport.messages.regions_message import RegionMessage, RegionsMessage
-from transport.messages.summary_message import UNKNOWN_HEIGHT, SummaryMessage, encode_summary
+from transport.messages.map_messages import (
+    UNKNOWN_HEIGHT,
+    RegionMessage,
+    RegionsMessage,
+    SummaryMessage,
+    encode_summary,
+    origin_of,
+)
 
 # [mm] Largest height, above or below zero, that the summary can hold.
 TALLEST = 32767

@@ -24,8 +24,8 @@ from tests.ports import free_endpoint
 from transport import Health, PerceptionServer, Status, StatusItem, decode_terrain, encode_terrain, open_node
 from transport.grids.evidence import objections, read_word
 from transport.messages.codec import encode
+from transport.messages.map_messages import decode_summary
 from transport.messages.status_message import encode_status
-from transport.messages.summary_message import decode_summary
 from transport.messages.terrain_codec import make_terrain
 
 pytestmark = pytest.mark.interop

@@ -13,9 +13,8 @@ from enum import IntEnum
 from typing import TypeVar
 
 from transport.links.recent import Recent
-from transport.messages.regions_message import RegionsMessage
+from transport.messages.map_messages import RegionsMessage, SummaryMessage
 from transport.messages.status_message import STATUS_NAME, Status, number, whole_number
-from transport.messages.summary_message import SummaryMessage
 from transport.messages.terrain_message import TerrainMessage
 
 # The only frame that grids of this major version are in.

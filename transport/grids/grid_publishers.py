@@ -15,13 +15,11 @@ from transport.links.publisher import LARGE, LARGEST, SMALL, Publisher
 from transport.links.ros2 import Ros2Bridge
 from transport.links.session import Session
 from transport.messages.codec import encode
-from transport.messages.compact import encode_compact
-from transport.messages.encodings import cdr, compact
-from transport.messages.grids import grid_map_message, occupancy_message
-from transport.messages.regions_message import RegionsMessage, encode_regions
-from transport.messages.terrain_codec import encode_terrain
+from transport.messages.map_messages import RegionsMessage, encode_regions
+from transport.messages.standard import grid_map_message, occupancy_message
+from transport.messages.terrain_codec import encode_compact, encode_terrain
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage
-from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
 # Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
 # below 2^24 and so come through exactly.

@@ -11,8 +11,7 @@ from transport.links.outbox import Outbox
 from transport.links.publisher import LARGEST, Publisher
 from transport.links.session import Resource, Session
 from transport.messages.codec import encode
-from transport.messages.encodings import cdr
-from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
+from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, cdr
 
 
 class ViewSender(Resource):

@@ -11,9 +11,8 @@ from transport import zenoh_api
 from transport.exceptions import SessionClosed
 from transport.links.outbox import Outbox
 from transport.links.session import Resource, Session
-from transport.messages.encodings import cdr
 from transport.messages.scan_messages import Refusal, encode_refusal
-from transport.messages.typestore import REFUSAL
+from transport.messages.typestore import REFUSAL, cdr
 
 # Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
 MAXIMUM_PENDING = 64

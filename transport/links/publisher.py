@@ -47,7 +47,7 @@ class Publisher(Resource):
             key: where to publish.
             latched: whether late joiners get the last payload, and receivers notice losses.
             priority: priority on congested links, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
-            encoding: encoding of all payloads, as in `transport.messages.encodings`; None says nothing.
+            encoding: encoding of all payloads, as in `transport.messages.typestore`; None says nothing.
             answers: whether a query (`get`) of the key itself gets the last payload too.
             stamped: payloads carry timestamps in place of numbers, as replies can too: Zenoh's advanced subscribers
                 are handed each payload once, and `NewestReceiver` notices no loss.

@@ -11,8 +11,7 @@ from transport.keys import DEFAULT_ROBOT, check_name
 from transport.links.liveliness import AliveToken
 from transport.links.publisher import Publisher
 from transport.links.session import Resource, Session
-from transport.messages.encodings import cdr
-from transport.messages.typestore import GRID_MAP, OCCUPANCY, dds_type_name, type_hash
+from transport.messages.typestore import GRID_MAP, OCCUPANCY, cdr, dds_type_name, type_hash
 
 # Name of the node as ROS 2 tools show it.
 NODE_NAME = "guara_perception"

@@ -1,4 +1,4 @@
-"""Allowed range of every message field: one table, applied to each message that is decoded."""
+"""Allowed ranges of message fields: one table, applied to every message that is decoded."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ from transport.messages.typestore import (
 )
 
 GROUND_PATCH = "guara_msgs/msg/GroundPatch"
-# [m] From the origin of any frame; float64 resolves 0.1 nm there.
+# Largest coordinate in any frame [m]; float64 resolves 0.1 nm there.
 FURTHEST = 1e6
-# [s] No pause is announced, and no scan waited for, longer than an hour.
+# Longest announced pause and longest timeout of a scan [s].
 LONGEST_TIME = 3600.0
-# Numbers up to here are exact as float64.
+# Integers up to this one are exact as float64.
 LARGEST_COUNT = 2**53
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """Allowed values of one field; of a list, the values in it.
+    """Allowed values of one field, or of the elements of a list.
 
     Attributes:
-        low, high: limits of a number, both allowed; NaN never is unless `nan` says so.
+        low, high: limits of a number, inclusive.
         unit: unit of the number.
-        nan: whether NaN is allowed too.
-        entries: longest list.
-        characters: longest text.
-        names: field of the same message that names the entries of a list, for refusals.
+        nan: True if NaN is allowed too.
+        entries: largest length of a list.
+        characters: largest length of a text.
+        names: field of the same message that names the elements of a list, for error messages.
     """
 
     low: float = -math.inf
@@ -63,11 +63,11 @@ class Range:
     names: str = ""
 
     def cut(self, text: str) -> str:
-        """The text, no longer than allowed."""
+        """Truncate a text to the allowed length."""
         return text[: self.characters]
 
     def __str__(self) -> str:
-        """As documents and refusals say it."""
+        """Description for documents and error messages."""
         parts = [] if self.entries is None else [f"up to {self.entries:,} entries"]
         if self.characters is not None:
             parts.append(f"up to {self.characters:,} characters")
@@ -96,12 +96,12 @@ def _list(entries: int) -> Range:
 
 NAME, WORD, SENTENCE = _text(100), _text(200), _text(10_000)
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
-# Largest grid, cells; a list of what lies in it.
+# Cells of the largest grid; obstacles in it, or corners of one.
 CELLS, PARTS = _list(4_000_000), _list(100_000)
-# Bytes that are unpacked with a limit of their own.
+# Compressed bytes; decompression has a limit of its own.
 PACKED = _list(64 * 1024 * 1024)
 
-# By the name of the field, which means the same in every message.
+# Ranges by field name, which has the same meaning in every message but for EXCEPTIONS.
 FIELDS: Mapping[str, Range] = {
     **dict.fromkeys(("robot", "run", "epoch", "extent", "mode", "method", "attitude_source", "unit", "code"), NAME),
     **dict.fromkeys(("calibration_hash", "name", "hardware_id", "key", "id", "on_topic", "off_topic"), WORD),
@@ -145,20 +145,20 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
     "geometry_msgs/msg/Vector3": dict.fromkeys("xyz", Range(low=-FURTHEST, high=FURTHEST)),
     QUATERNION: dict.fromkeys("xyzw", Range(low=-1.000001, high=1.000001)),
 }
-# Types whose fields, with those of all types in them, are checked when decoded.
+# Types that are checked when decoded, including all submessages.
 TYPES: tuple[str, ...] = (STANCE_PAUSE, TERRAIN, SUMMARY, REGIONS, SCAN_REQUEST, SCAN_REPLY, REFUSAL, QUERY_REQUEST)
 TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME)
-# Length of a vector that points along gravity: in g, m/s^2, or counts of a sensor.
+# Length of a gravity vector, which may be in g, m/s^2 or sensor counts.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 
 Check = Callable[[Any], None]
 
 
 def check_ranges(message: Any) -> None:
-    """Check every field of a message object, and of those in it, if its type is one of `TYPES`.
+    """Check every field of a message object and its submessages, if its type is one of `TYPES`.
 
     Raises:
-        MessageError: a field is out of its range; the text names field, value and range.
+        MessageError: a field is out of its range; the message contains field, value and range.
     """
     if message.__msgtype__ in TYPES:
         _check_all(message)
@@ -171,7 +171,7 @@ def _check_all(message: Any) -> None:
 
 @cache
 def ranges(type_name: str) -> Mapping[str, Range]:
-    """Range of each field of a type; flags and single submessages have none, an integer that of its own type."""
+    """Range of each field of a type; integers without an entry have that of their type, submessages none."""
     own, found = EXCEPTIONS.get(type_name, {}), {}
     for name, (kind, details) in typestore().get_msgdef(type_name).fields:
         allowed = own.get(name, FIELDS.get(name))
@@ -184,18 +184,18 @@ def ranges(type_name: str) -> Mapping[str, Range]:
 
 
 def check_value(type_name: str, field: str, value: Any) -> None:
-    """Check the value of one field of a type; raises as `check_ranges` does."""
+    """Check the value of one field of a type; errors as in `check_ranges`."""
     _check(f"{field} of {type_name.rpartition('/')[2]}", ranges(type_name)[field], value)
 
 
 def check_gravity(vector: tuple[float, float, float]) -> None:
-    """Check the length of a vector that points along gravity; raises as `check_ranges` does."""
+    """Check the length of a gravity vector; errors as in `check_ranges`."""
     _check("length of gravity_in_base", GRAVITY_LENGTH, math.hypot(*vector))
 
 
 @cache
 def _checks(type_name: str) -> tuple[Check, ...]:
-    """Checks of the fields of one type, in the order of its definition."""
+    """Checks of the fields of a type, in the order of its definition."""
     made = []
     for field, (kind, details) in typestore().get_msgdef(type_name).fields:
         allowed = ranges(type_name).get(field)
@@ -207,7 +207,7 @@ def _checks(type_name: str) -> tuple[Check, ...]:
 
 
 def inner_type(kind: int, details: Any) -> str:
-    """Type of the submessages in a field, empty when it holds none."""
+    """Type of the submessages in a field; empty if it has none."""
     inner, name = details[0] if kind in ARRAYS else (kind, details)
     return name if inner == SUBMESSAGE else ""
 

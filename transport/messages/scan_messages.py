@@ -1,4 +1,4 @@
-"""Scan requests, queries and their replies: messages in Python, and their CDR payloads."""
+"""Scan requests, grid queries and their replies, and their CDR payloads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
 from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST
 
-# [characters] Longest id of a request.
+# Longest id of a request [characters].
 MAXIMUM_ID = 200
 LIMITS = ("x_min", "x_max", "y_min", "y_max")
 
@@ -32,9 +32,9 @@ class ScanRequest:
     """Request for a scan.
 
     Attributes:
-        id: unique per request; the same id again returns the same scan.
+        id: unique id; a request with the same id returns the same scan.
         mode: "coarse" or "standard".
-        timeout: [s] from the arrival of the request until the scanner drops the work.
+        timeout: time from arrival after which the scanner cancels the scan [s].
     """
 
     id: str
@@ -42,10 +42,10 @@ class ScanRequest:
     timeout: float
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the fields.
 
         Raises:
-            MessageError: a field is not what the message allows.
+            MessageError: a value is not allowed.
         """
         if not 0 < len(self.id) <= MAXIMUM_ID:
             raise MessageError(f"id of the request has {len(self.id)} characters; allowed: 1 to {MAXIMUM_ID}")
@@ -63,13 +63,13 @@ class ScanReply:
     Attributes:
         id: id of the request.
         state: ACCEPTED, PROGRESS, or one of the terminal DONE and FAILED.
-        stripes_done: stripes taken so far.
+        stripes_done: stripes scanned so far.
         stripes_total: stripes of the pattern.
-        step: DONE: number of the pause.
-        sequence: DONE: sequence of the terrain message, published before.
-        stamp: [ns] DONE: stamp of the terrain message.
-        code: FAILED: short name of the cause.
-        message: the cause as text, with FAILED.
+        step: with DONE, number of the pause.
+        sequence: with DONE, sequence of the terrain message, which was published before.
+        stamp: with DONE, stamp of the terrain message [ns].
+        code: with FAILED, short name of the cause.
+        message: with FAILED, the cause as text.
     """
 
     id: str
@@ -88,7 +88,7 @@ class Refusal:
     """Refusal of a request.
 
     Attributes:
-        id: id of the request, empty when it could not be read.
+        id: id of the request; empty if it could not be read.
         code: "busy", "denied", "bad_request", "not_stationary", "expired" or "no_terrain".
         message: the cause as text.
     """
@@ -104,17 +104,17 @@ class QueryRequest:
 
     Attributes:
         extent: "footprint" or "map".
-        region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
     """
 
     extent: str = "footprint"
     region: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the fields.
 
         Raises:
-            MessageError: a field is not what the message allows.
+            MessageError: a value is not allowed.
         """
         if self.extent not in EXTENTS:
             raise MessageError(f"extent is {self.extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
@@ -134,7 +134,7 @@ def encode_scan_request(request: ScanRequest) -> bytearray:
 
 
 def decode_scan_request(payload: bytes) -> ScanRequest:
-    """ScanRequest from its CDR payload; MessageError when it is damaged or not allowed."""
+    """Decode a ScanRequest; MessageError if it is damaged or a value is not allowed."""
     return from_ros(ScanRequest, decode(payload, SCAN_REQUEST))
 
 
@@ -144,7 +144,7 @@ def encode_scan_reply(reply: ScanReply) -> bytearray:
 
 
 def decode_scan_reply(payload: bytes) -> ScanReply:
-    """ScanReply from its CDR payload; MessageError when it is damaged or its state is unknown."""
+    """Decode a ScanReply; MessageError if it is damaged or its state is unknown."""
     message = decode(payload, SCAN_REPLY)
     return from_ros(ScanReply, message, state=ScanState(message.state))
 
@@ -155,7 +155,7 @@ def encode_refusal(refusal: Refusal) -> bytearray:
 
 
 def decode_refusal(payload: bytes) -> Refusal:
-    """Refusal from its CDR payload; MessageError when it is damaged."""
+    """Decode a Refusal; MessageError if it is damaged."""
     return from_ros(Refusal, decode(payload, REFUSAL))
 
 
@@ -166,7 +166,7 @@ def encode_query_request(request: QueryRequest) -> bytearray:
 
 
 def decode_query_request(payload: bytes) -> QueryRequest:
-    """QueryRequest from its CDR payload; MessageError when it is damaged or not allowed."""
+    """Decode a QueryRequest; MessageError if it is damaged or a value is not allowed."""
     message = decode(payload, QUERY_REQUEST)
     region = None if message.whole else tuple(getattr(message, name) for name in LIMITS)
     return from_ros(QueryRequest, message, region=region)

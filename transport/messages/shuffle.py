@@ -1,7 +1,7 @@
 """Compression of arrays for slow links: byte shuffle, then zstd.
 
-The shuffle is that of HDF5 and Blosc: of elements of `itemsize` bytes first all first bytes, then all second bytes, and
-so on; bytes beyond the last whole element stay at the end as they are.
+The shuffle is that of HDF5 and Blosc: the first bytes of all elements, then all second bytes, and so on; bytes after
+the last whole element are appended unchanged.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from transport.arrays import Bytes
 from transport.exceptions import MessageError
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
-# Every zstd frame begins with this, and no CDR payload does.
+# First bytes of every zstd frame, and of no CDR payload.
 FRAME_MAGIC = b"\x28\xb5\x2f\xfd"
-# A higher one gains a few per cent here and takes several times as long.
+# A higher level gains a few per cent and takes several times as long.
 ZSTD_LEVEL = 3
 
 
 def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
-    """Shuffle and compress; one zstd frame with its length and a checksum.
+    """Shuffle and compress into one zstd frame with content size and checksum.
 
     Args:
-        data: elements one after the other.
+        data: array of elements.
         itemsize: size of an element [byte].
     """
     import zstandard
@@ -39,19 +39,19 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
     """Decompress and unshuffle; inverse of `compress`.
 
     Args:
-        data: one zstd frame, whole.
-        itemsize: size of an element [byte], as `compress` was given it.
-        maximum: largest result [byte]; a frame that declares more is refused before anything is decompressed.
+        data: one complete zstd frame.
+        itemsize: size of an element, the same as in `compress` [byte].
+        maximum: largest result [byte]; a frame that declares more is rejected before decompression.
 
     Raises:
-        MessageError: the frame is damaged, cut, too large, does not tell its length, or bytes are left over.
+        MessageError: the frame is damaged, truncated, too large, does not state its length, or has trailing bytes.
     """
     import zstandard
 
     try:
         frame = zstandard.get_frame_parameters(data)
         if frame.content_size == zstandard.CONTENTSIZE_UNKNOWN:
-            raise MessageError("a zstd frame that does not tell its length refused")
+            raise MessageError("a zstd frame that does not state its length refused")
         if frame.content_size > maximum:
             raise MessageError(f"a compressed message of {frame.content_size} bytes refused; allowed: {maximum} bytes")
         plain = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
@@ -66,7 +66,7 @@ def _transposed(data: bytes | bytearray | memoryview, itemsize: int, *, encode: 
     count = len(flat) // itemsize
     whole = count * itemsize
     result = np.empty_like(flat)
-    # Strides in one argument of a copy: a transposed array takes numpy five times as long.
+    # Strided slices: numpy takes five times as long to copy a transposed array.
     for byte in range(itemsize):
         together, apart = slice(byte * count, (byte + 1) * count), slice(byte, whole, itemsize)
         here, there = (together, apart) if encode else (apart, together)

@@ -1,4 +1,4 @@
-"""Stance pause announced by the gait controller: message in Python, and its CDR payload."""
+"""Announcement of a stance pause by the gait controller, and its CDR payload."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from transport.messages.typestore import STANCE_PAUSE
 
 # [byte] A pause with sixteen patches of known ground has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024
-# Characters of the identity of a walk.
+# Longest identity of a walk [characters].
 MAXIMUM_EPOCH = 100
 
 
 class PausePhase(IntEnum):
-    """Event of an announcement: the pause begins, goes on (HOLD), or ends."""
+    """Event that is announced: the pause begins, continues (HOLD) or ends."""
 
     BEGIN = 1
     END = 2
@@ -30,18 +30,18 @@ class PausePhase(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StancePause:
-    """Announcement that a stance pause begins, goes on or ends.
+    """Announcement that a stance pause begins, continues or ends.
 
     Attributes:
         robot: instance name.
         step: number of the pause.
         phase: BEGIN, HOLD or END.
-        stamp: [ns] since the epoch; time of the joint state.
+        stamp: time of the joint state [ns since the epoch].
         stance: joints, support feet, gravity.
-        time_available: [s] from the stamp to the planned end of the pause; 0 when not known.
-        known_ground: what the gait declares safe, in `frame_id`.
+        time_available: time from the stamp to the planned end of the pause [s]; 0 if unknown.
+        known_ground: ground that the gait declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
-        epoch: identity of the walk, the same in all its pauses; empty when the gait gives none.
+        epoch: identity of the walk, the same in all its pauses; empty if the gait gives none.
     """
 
     robot: str
@@ -55,11 +55,11 @@ class StancePause:
     epoch: str = ""
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the fields.
 
         Raises:
             UnknownPhase: a phase that this version does not know.
-            MessageError: a field is not what the message allows.
+            MessageError: a value is not allowed.
             KeyNameError: the robot's name cannot be part of a key.
         """
         check_name(self.robot)
@@ -71,8 +71,8 @@ class StancePause:
             set_fields(self, phase=PausePhase(self.phase))
         except ValueError as error:
             raise UnknownPhase(
-                f"phase is {self.phase!r}; known: 1 (BEGIN), 2 (END) and 3 (HOLD). An announcement of a later version "
-                "changes nothing here"
+                f"phase is {self.phase!r}; known: 1 (BEGIN), 2 (END) and 3 (HOLD). Unknown phases of later versions "
+                "are ignored"
             ) from error
         available = finite(self.time_available, "time_available")
         check_value(STANCE_PAUSE, "time_available", available)
@@ -81,12 +81,12 @@ class StancePause:
 
 
 def make_stance_pause(pause: StancePause) -> Any:
-    """The guara_msgs/StancePause message object."""
+    """Make the guara_msgs/StancePause message object."""
     return to_ros(STANCE_PAUSE, pause)
 
 
 def encode_stance_pause(pause: StancePause) -> bytearray:
-    """The CDR payload of one stance pause.
+    """CDR payload of a stance pause.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -95,11 +95,11 @@ def encode_stance_pause(pause: StancePause) -> bytearray:
 
 
 def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
-    """Read and check the CDR payload of a guara_msgs/StancePause, with or without its last field.
+    """Decode and check the CDR payload of a guara_msgs/StancePause, with or without its last field.
 
     Raises:
-        UnknownPhase: the phase is one of a later version.
-        MessageError: the payload is damaged, or a field is not what the message allows.
+        UnknownPhase: the phase is not known to this version.
+        MessageError: the payload is damaged, or a value is not allowed.
     """
     if len(payload) > MAXIMUM_ANNOUNCEMENT:
         raise MessageError(f"stance pause of {len(payload)} bytes refused; allowed: {MAXIMUM_ANNOUNCEMENT} bytes")
@@ -107,11 +107,11 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
 
 
 def _decoded(payload: bytes | bytearray | memoryview) -> Any:
-    """The message object; a gait that was built before walks had an identity sends no `epoch`, which then is empty."""
+    """Decode the message object; gait controllers of earlier versions send no `epoch`, which then is empty."""
     try:
         return decode(payload, STANCE_PAUSE)
     except MessageError as error:
-        # Without `epoch` a message ends on a multiple of four bytes, so that one which was cut is not mistaken for it.
+        # Without `epoch` the length is a multiple of four bytes; any other payload was truncated.
         if len(payload) < 8 or len(payload) % 4 != 0:
             raise
         length = (1).to_bytes(4, "little" if payload[1] else "big")

@@ -1,4 +1,4 @@
-"""Status of the node: message in Python, and its CDR payload as diagnostic_msgs/DiagnosticArray."""
+"""Status of the node, and its CDR payload as diagnostic_msgs/DiagnosticArray."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.terrain_message import Health
 from transport.messages.typestore import STATUS, message_class
 
-# Name of the item that the transport itself adds; its values hold the number of the stance pause as `step`.
+# Name of the item that the transport itself adds; its values include `step`, the number of the stance pause.
 STATUS_NAME = "transport"
 ITEM = "diagnostic_msgs/msg/DiagnosticStatus"
 
@@ -25,9 +25,9 @@ class StatusItem:
     Attributes:
         name: name of the part, for example "scanner".
         level: OK, WARN, ERROR or STALE.
-        message: one line for a person.
-        hardware_id: device or robot, empty when none.
-        values: figures as text by name, with the unit in the name.
+        message: one line of text.
+        hardware_id: device or robot; may be empty.
+        values: values as text by name, with the unit in the name.
     """
 
     name: str
@@ -37,7 +37,7 @@ class StatusItem:
     values: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Freeze the figures as text; what is longer than a message may be is cut, so that the rest arrives."""
+        """Convert the values to read-only text; texts that are too long are truncated so that the message is valid."""
         for name, allowed in (("name", WORD), ("message", SENTENCE), ("hardware_id", WORD)):
             object.__setattr__(self, name, allowed.cut(getattr(self, name)))
         values = {WORD.cut(str(key)): SENTENCE.cut(str(value)) for key, value in self.values.items()}
@@ -58,16 +58,16 @@ class Status:
 
     @property
     def level(self) -> Health:
-        """The worst level of all items; STALE when there are none."""
+        """Worst level of all items; STALE if there are none."""
         return max((item.level for item in self.items), default=Health.STALE)
 
     def item(self, name: str) -> StatusItem | None:
-        """The item of one part, or None."""
+        """Item of one part, or None."""
         return next((item for item in self.items if item.name == name), None)
 
 
 def whole_number(text: str) -> int | None:
-    """A figure of a status as a whole number, None where it is no such number."""
+    """Value of a status as an integer; None if it is not one."""
     try:
         return int(text)
     except ValueError:
@@ -75,7 +75,7 @@ def whole_number(text: str) -> int | None:
 
 
 def number(text: str) -> float:
-    """A figure of a status as a number, NaN where it is none."""
+    """Value of a status as a float; NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -94,7 +94,7 @@ def encode_status(status: Status) -> bytearray:
 
 
 def decode_status(payload: bytes | bytearray | memoryview) -> Status:
-    """Status from its CDR payload.
+    """Decode and check the CDR payload of a status.
 
     Raises:
         MessageError: the payload is damaged or a field is out of its range.

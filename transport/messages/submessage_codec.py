@@ -1,4 +1,4 @@
-"""Messages in Python as ROS 2 message objects and back, field by field as the `.msg` definitions name them."""
+"""Conversion between dataclasses and ROS 2 message objects, field by field after the `.msg` definitions."""
 
 from __future__ import annotations
 
@@ -10,22 +10,64 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from transport.arrays import Float
 from transport.exceptions import MessageError, TransportError
 from transport.messages.codec import make_header, make_time, read_time
-from transport.messages.rotation import matrix_from_quaternion, quaternion_from_matrix
 from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
 from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, message_class, typestore
+
+Quaternion = tuple[float, float, float, float]
+# Signs of each diagonal element of a rotation in 4 x^2, 4 y^2, 4 z^2 and 4 w^2.
+SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0]])
+
+
+def quaternion_from_matrix(rotation: Float) -> Quaternion:
+    """Unit quaternion (x, y, z, w), w >= 0, of a (3, 3) rotation matrix.
+
+    The component of largest magnitude is computed first, which avoids division by a small number (Shepperd's method).
+    """
+    # 4 q q^T: off-diagonal elements of x, y, z; products with w; squares.
+    products = np.empty((4, 4))
+    products[:3, :3] = rotation + rotation.T
+    turn = rotation - rotation.T
+    products[3, :3] = products[:3, 3] = turn[2, 1], turn[0, 2], turn[1, 0]
+    a, b, c = np.diag(rotation)
+    np.fill_diagonal(products, 1.0 + a * SIGNS[0] + b * SIGNS[1] + c * SIGNS[2])
+    row = products[int(np.argmax(np.diag(products)))]
+    row = row / np.linalg.norm(row)
+    x, y, z, w = (row if row[3] >= 0.0 else -row).tolist()
+    return x, y, z, w
+
+
+def matrix_from_quaternion(quaternion: Quaternion, what: str = "rotation") -> Float:
+    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
+
+    Raises:
+        MessageError: the quaternion is not finite or its length is not 1 within 1e-6.
+    """
+    length = math.hypot(*quaternion)
+    if not math.isfinite(length) or abs(length - 1.0) > 1e-6:
+        raise MessageError(f"quaternion of {what} has length {length}; a unit quaternion is needed")
+    x, y, z, w = (component / length for component in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
 
 T = TypeVar("T")
 
 
 def to_ros(type_name: str, value: Any, **given: Any) -> Any:
-    """The ROS 2 message object of a message in Python.
+    """Make a ROS 2 message object from a dataclass.
 
     Args:
         type_name: for example `guara_msgs/msg/Refusal`.
-        value: has the fields of the type as attributes, but for those in `MADE`.
-        given: fields that are made otherwise.
+        value: object with the fields of the type as attributes, except those in `MADE`.
+        given: values of fields that are not converted from `value`.
 
     Raises:
         MessageError: a field does not fit its ROS 2 type.
@@ -37,12 +79,12 @@ def to_ros(type_name: str, value: Any, **given: Any) -> Any:
 
 
 def from_ros(cls: type[T], message: Any, **given: Any) -> T:
-    """The message in Python of a ROS 2 message object.
+    """Make a dataclass from a ROS 2 message object.
 
     Args:
-        cls: its dataclass.
-        message: the object.
-        given: attributes that are read otherwise.
+        cls: the dataclass.
+        message: the message object.
+        given: values of attributes that are not converted from `message`.
 
     Raises:
         MessageError: a value is not allowed.
@@ -89,12 +131,12 @@ def _read(value: Any, kind: int, details: Any) -> Any:
 
 
 def make_point(x: float, y: float, z: float) -> Any:
-    """A geometry_msgs/Point."""
+    """Make a geometry_msgs/Point."""
     return message_class("geometry_msgs/msg/Point")(float(x), float(y), float(z))
 
 
 def make_stance(stance: StanceMessage) -> Any:
-    """A guara_msgs/Stance."""
+    """Make a guara_msgs/Stance."""
     gravity = stance.gravity_in_base
     vector = message_class("geometry_msgs/msg/Vector3")(*(gravity or (0.0, 0.0, 0.0)))
     positions = np.array(list(stance.joint_positions.values()), dtype=np.float64)
@@ -104,10 +146,10 @@ def make_stance(stance: StanceMessage) -> Any:
 
 
 def read_stance(message: Any) -> StanceMessage:
-    """A StanceMessage from a guara_msgs/Stance.
+    """Read a guara_msgs/Stance.
 
     Raises:
-        MessageError: names and positions differ in number, a name comes twice, or a number is not finite.
+        MessageError: names and positions differ in number, a name occurs twice, or a number is not finite.
     """
     names, positions = message.joint_names, message.joint_positions.tolist()
     if len(names) != len(positions):
@@ -124,7 +166,7 @@ def read_stance(message: Any) -> StanceMessage:
 
 
 def make_transform(transform: TransformMessage) -> Any:
-    """A guara_msgs/FrameTransform."""
+    """Make a guara_msgs/FrameTransform."""
     x, y, z, w = quaternion_from_matrix(transform.matrix[:3, :3])
     translation = message_class("geometry_msgs/msg/Vector3")(*transform.matrix[:3, 3].tolist())
     rotation = message_class("geometry_msgs/msg/Quaternion")(x, y, z, w)
@@ -138,10 +180,11 @@ def make_transform(transform: TransformMessage) -> Any:
 
 
 def read_transform(message: Any) -> TransformMessage:
-    """A TransformMessage from a guara_msgs/FrameTransform.
+    """Read a guara_msgs/FrameTransform.
 
     Raises:
-        MessageError: no unit quaternion, a covariance of another length than 0 or 36, or numbers not finite.
+        MessageError: the quaternion is not of length 1, the covariance has a length other than 0 or 36, or a number is
+            not finite.
     """
     name = f"transform_{message.source_frame}_to_{message.destination_frame}"
     rotation, translation = message.transform.rotation, message.transform.translation
@@ -159,7 +202,7 @@ def read_transform(message: Any) -> TransformMessage:
 
 
 PLAIN: Mapping[str, Callable[[Any], Any]] = {"string": str, "bool": bool, "float64": float, "float32": float}
-# Submessages that are no dataclass with the fields of their type: how each is made, and read.
+# Functions that make and read the submessages whose Python form is not a dataclass with the same fields.
 SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     TIME: (make_time, read_time),
     "geometry_msgs/msg/Point": (lambda point: make_point(*point), lambda point: (point.x, point.y, point.z)),
@@ -167,7 +210,7 @@ SUBMESSAGES: Mapping[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "guara_msgs/msg/FrameTransform": (make_transform, read_transform),
 }
 CLASSES: Mapping[str, Any] = {"guara_msgs/msg/Obstacle": ObstacleMessage, "guara_msgs/msg/GroundPatch": GroundPatch}
-# Fields that go by another name or form in Python: how each is made of the whole message,
+# Functions that make fields with another name or form in Python from the whole dataclass,
 MADE: Mapping[str, Callable[[Any], Any]] = {
     "header": lambda value: make_header(value.stamp, value.frame_id),
     "version_major": lambda value: value.version[0],
@@ -179,7 +222,7 @@ MADE: Mapping[str, Callable[[Any], Any]] = {
     "outline": lambda value: [make_point(x, y, 0.0) for x, y in value.outline.tolist()],
     "scan_end_clock": lambda value: math.nan if value.scan_end_clock is None else value.scan_end_clock,
 }
-# and how each attribute is read.
+# and that read the attributes from the whole message.
 READ: Mapping[str, Callable[[Any], Any]] = {
     "stamp": lambda message: read_time(message.header.stamp if hasattr(message, "header") else message.stamp),
     "frame_id": lambda message: message.header.frame_id,

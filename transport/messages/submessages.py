@@ -1,4 +1,4 @@
-"""Parts shared by several messages, checked on construction: stance, transform, obstacle, declared ground."""
+"""Messages that are parts of others, checked on construction: stance, transform, obstacle, declared ground."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def set_fields(message: Any, **values: Any) -> None:
 
 
 def frozen(array: Array) -> Array:
-    """A read-only C-contiguous array: `array` itself if it is one already, else a copy."""
+    """Read-only C-contiguous array: `array` itself if it is one, else a copy."""
     is_frozen = array.flags.c_contiguous and array.flags.aligned and not array.flags.writeable
     result = array if is_frozen else np.array(array, order="C")
     result.setflags(write=False)
@@ -37,10 +37,10 @@ def frozen(array: Array) -> Array:
 
 
 def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
-    """`shape` as (ny, nx), if it is that of a grid.
+    """Check the shape of a grid and return it as (ny, nx).
 
     Raises:
-        MessageError: it is not.
+        MessageError: not two dimensions, empty, or too many cells.
     """
     if len(shape) != 2 or 0 in shape or shape[0] * shape[1] > MAXIMUM_CELLS:
         cells = " x ".join(map(str, shape))
@@ -49,10 +49,10 @@ def checked_shape(shape: Sequence[int], what: str) -> tuple[int, int]:
 
 
 def checked_origin(origin: Sequence[float]) -> tuple[float, float]:
-    """`origin` as two finite numbers, x and y.
+    """Check an origin and return it as (x, y).
 
     Raises:
-        MessageError: it is not.
+        MessageError: not two finite numbers.
     """
     if len(origin) != 2:
         raise MessageError(f"origin has {len(origin)} numbers; allowed: 2, x and y")
@@ -60,10 +60,10 @@ def checked_origin(origin: Sequence[float]) -> tuple[float, float]:
 
 
 def finite(value: float, what: str) -> float:
-    """`value` as a float if it is a finite number.
+    """Check a number and return it as float.
 
     Raises:
-        MessageError: it is not.
+        MessageError: not a finite number.
     """
     try:
         number = float(value)
@@ -75,7 +75,7 @@ def finite(value: float, what: str) -> float:
 
 
 def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> Float:
-    """A finite float64 copy of `array`, read-only; None in `shape` stands for any length.
+    """Read-only float64 copy of an array after checking shape and finite values; None in `shape` = any length.
 
     Raises:
         MessageError: another shape, or a value that is not finite.
@@ -94,7 +94,7 @@ def checked_array(array: npt.ArrayLike, shape: tuple[int | None, ...], what: str
 
 
 def _determinant(m: Float) -> float:
-    """Determinant of a 3 x 3 matrix; by hand, because this runs for every grid that arrives."""
+    """Determinant of a 3 x 3 matrix; written out, because it is computed for every grid received."""
     (a, b, c), (d, e, f), (g, h, i) = m.tolist()
     return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
@@ -106,8 +106,8 @@ class StanceMessage:
     Attributes:
         joint_positions: [rad] by joint name, read-only.
         support_feet: names of the legs that carry weight.
-        gravity_in_base: direction of gravity in `base_link`, pointing down, of a length that
-            `ranges.GRAVITY_LENGTH` allows; None when unknown.
+        gravity_in_base: direction of gravity in `base_link`, pointing down, with a length in `ranges.GRAVITY_LENGTH`;
+            None if unknown.
     """
 
     joint_positions: Mapping[str, float]
@@ -127,14 +127,13 @@ class StanceMessage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TransformMessage:
-    """A transform between two frames: `transform_<source_frame>_to_<destination_frame>`.
+    """Transform between two frames: `transform_<source_frame>_to_<destination_frame>`.
 
     Attributes:
         source_frame: for example `base_link`.
         destination_frame: for example `base_footprint`.
         matrix: (4, 4) float64, a rotation and a translation [m], read-only.
-        covariance: (6, 6) float64 in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if
-            unknown.
+        covariance: (6, 6) float64 in the order x, y, z, roll, pitch, yaw [m, rad], read-only; None if unknown.
     """
 
     source_frame: str
@@ -149,7 +148,7 @@ class TransformMessage:
         rotation = matrix[:3, :3]
         if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
             raise MessageError(f"{name} has the last row {matrix[3].tolist()}; allowed: [0, 0, 0, 1]")
-        # 1e-6: far above rounding, far below any angle that matters (1 um at 1 m).
+        # 1e-6 is far above rounding and far below any relevant angle (1 um at 1 m).
         error = np.abs(rotation @ rotation.T - IDENTITY).max()
         if error > 1e-6 or _determinant(rotation) < 0.0:
             raise MessageError(f"{name} does not hold a rotation in its upper left 3 x 3 part")
@@ -161,13 +160,13 @@ class TransformMessage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObstacleMessage:
-    """Obstacle or hole in the terrain, in the frame of its message.
+    """Obstacle or hole in the terrain, in the frame of the message that contains it.
 
     Attributes:
-        outline: (n, 2) float64 [m], corners seen from above, not closed, read-only.
-        height: [m] above its surroundings; negative for a hole.
-        position: [m] centre; z is its top, or the bottom of a hole.
-        sigma: [m] standard deviation of the height.
+        outline: (n, 2) float64, corners of the horizontal outline, not closed, read-only [m].
+        height: height above its surroundings, negative for a hole [m].
+        position: (x, y, z) of the centre; z is the top, or the bottom of a hole [m].
+        sigma: standard deviation of the height [m].
         hazard: union of the hazard flags of its cells, 0 ... 65535.
     """
 
@@ -192,9 +191,9 @@ class GroundPatch:
     """Ground declared safe by the gait controller.
 
     Attributes:
-        outline: (n, 2) float64 [m], at least 3 corners, not closed, read-only.
-        height: [m] in the frame of the message that carries it.
-        sigma: [m] standard deviation of the height.
+        outline: (n, 2) float64, at least 3 corners, not closed, read-only [m].
+        height: z in the frame of the message that contains it [m].
+        sigma: standard deviation of the height [m].
     """
 
     outline: Float
@@ -213,10 +212,10 @@ class GroundPatch:
 
 
 def texts(values: Sequence[str], what: str) -> tuple[str, ...]:
-    """The values as a tuple of text.
+    """Values as a tuple of texts.
 
     Raises:
-        MessageError: a single text was given where a list is needed.
+        MessageError: a single text was given instead of a list.
     """
     if isinstance(values, str):
         raise MessageError(f"{what} is the text {values!r}; a list of texts is needed")

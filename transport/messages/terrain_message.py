@@ -1,8 +1,9 @@
-"""Terrain message in Python: all layers of one scan with geometry, stance and validity."""
+"""Terrain message: all layers of a grid with geometry, stance and validity."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -33,7 +34,7 @@ VERSION_MINOR = 0
 EXTENTS = ("footprint", "map")
 MODES = ("coarse", "standard")
 ATTITUDE_SOURCES = ("imu", "odometry", "support_plane", "level")
-# Characters of the identity of a walk or of a run.
+# Longest identity of a walk or run [characters].
 MAXIMUM_IDENTITY = 100
 
 
@@ -45,7 +46,7 @@ class LayerKind(NamedTuple):
 
 
 FLOAT = np.dtype(np.float32)
-# Every layer of a Terrain message of this major version; all must be there, others are ignored.
+# Layers of a Terrain message of this major version; all are required, others are ignored.
 LAYERS: Mapping[str, LayerKind] = MappingProxyType(
     {
         "elevation": LayerKind(FLOAT, "m"),
@@ -64,7 +65,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
 )
 
 
-# Values of an unscanned cell, where they are not NaN: `hazard` is gp.Hazard.UNSCANNED.
+# Values of an unscanned cell other than NaN; `hazard` is gp.Hazard.UNSCANNED.
 EMPTY = {"clearance": 0.0, "traversability": 0.0, "hazard": 4, "age": 255, "looks": 0}
 
 
@@ -97,38 +98,37 @@ class TerrainMessage:
     Attributes:
         robot: instance name.
         extent: "footprint" or "map".
-        sequence: counts the messages of this extent since the node started, from 1.
+        sequence: number of the message of this extent since the node started, from 1.
         step: number of the stance pause.
-        stamp: [ns] since the epoch; the time for which the grid holds.
-        scan_start: [ns] first frame.
-        scan_end: [ns] last frame.
-        valid_for: [s] after `scan_end`; may be infinite.
-        valid_pauses: pauses after `step` for which the grid may be used.
+        stamp: time for which the grid is valid [ns since the epoch].
+        scan_start: time of the first frame [ns].
+        scan_end: time of the last frame [ns].
+        valid_for: validity after `scan_end` [s]; may be infinite.
+        valid_pauses: number of pauses after `step` for which the grid may be used.
         mode: "coarse" or "standard".
-        method: stripe extraction that was used.
-        calibration_hash: hash of the calibration that was used.
-        resolution: [m] edge of a cell.
-        origin: [m] (x, y) of the corner of cell (0, 0).
+        method: stripe extraction method.
+        calibration_hash: hash of the calibration.
+        resolution: edge length of a cell [m].
+        origin: (x, y) of the corner of cell (0, 0) [m].
         layers: read-only arrays of shape (ny, nx) with the dtype of `LAYERS`; NaN where unknown.
         stance: posture during the scan.
         attitude_source: "imu", "odometry", "support_plane" or "level".
         transforms: transforms at the time of the scan.
-        obstacles: what stands out of the terrain.
-        point_counts: points in, used, rejected by cause.
-        stage_ms: [ms] processing time by stage.
-        coverage: share of cells that are known, 0 ... 1.
+        obstacles: obstacles and holes.
+        point_counts: numbers of points measured, used, and rejected by cause.
+        stage_ms: processing time by stage [ms].
+        coverage: fraction of known cells, 0 ... 1.
         health: health of this scan.
-        health_reasons: why it is not OK.
+        health_reasons: reasons why it is not OK.
         metadata: JSON text of an object.
         frame_id: frame of the grid.
         version: (major, minor) of the message.
-        epoch: from the metadata: identity of the walk; empty when it does not say.
-        run: from the metadata: identity of the run of the node that sent it; empty when it does not say.
-        provisional: from the metadata: the pause has yet to confirm that the robot stood still.
-        refinement_follows: from the metadata: a finer grid of the same pause follows.
-        withdrawn: from the metadata: it withdraws another grid; all its cells are unknown.
-        scan_end_clock: from the metadata: the end of the scan by a clock of the node that never jumps [s]; None when
-            it does not say.
+        epoch: from the metadata, identity of the walk; may be empty.
+        run: from the metadata, identity of the run of the node that sent it; may be empty.
+        provisional: from the metadata, True until the pause has confirmed that the robot stood still.
+        refinement_follows: from the metadata, True if a finer grid of the same pause follows.
+        withdrawn: from the metadata, True if it withdraws another grid; all its cells are unknown.
+        scan_end_clock: from the metadata, end of the scan by the node's monotonic clock [s]; may be None.
         stale_because: set by the client, not sent: objections despite which the grid was returned.
     """
 
@@ -168,10 +168,10 @@ class TerrainMessage:
     scan_end_clock: float | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        """Check every field, and copy what could still be changed from outside.
+        """Check every field, and copy mutable values.
 
         Raises:
-            MessageError: a field is not what the message allows; the text names it.
+            MessageError: a value is not allowed; the message names the field.
         """
         check_name(self.robot)
         for name, allowed in (("extent", EXTENTS), ("mode", MODES), ("attitude_source", ATTITUDE_SOURCES)):
@@ -180,7 +180,7 @@ class TerrainMessage:
         for name in ("sequence", "valid_for", "valid_pauses", "coverage"):
             check_value(TERRAIN, name, getattr(self, name))
         if self.scan_end < self.scan_start:
-            raise MessageError(f"scan_end {self.scan_end} ns lies before scan_start {self.scan_start} ns")
+            raise MessageError(f"scan_end {self.scan_end} ns is before scan_start {self.scan_start} ns")
         self._check_grid()
         self._freeze_details()
 
@@ -216,7 +216,7 @@ class TerrainMessage:
         self._take_from(data)
 
     def _take_from(self, data: Mapping[str, Any]) -> None:
-        """Take the fields that travel in the metadata, where readers of earlier versions ignore them."""
+        """Set the fields that are sent in the metadata, where earlier versions ignore them."""
         for name in ("epoch", "run"):
             text = data.get(name, "")
             if not isinstance(text, str) or len(text) > MAXIMUM_IDENTITY:
@@ -230,22 +230,22 @@ class TerrainMessage:
                 raise MessageError(f"{name} in the metadata is {flag!r}; allowed: true and false")
             set_fields(self, **{name: flag})
         if self.withdrawn and (np.isfinite(self.layers["elevation"]).any() or self.layers["traversability"].any()):
-            raise MessageError("withdrawn, and yet cells are known; allowed: none")
+            raise MessageError("grid is withdrawn, but has known cells; allowed: none")
         if data.get("scan_end_clock") is not None:
             set_fields(self, scan_end_clock=finite(data["scan_end_clock"], "scan_end_clock in the metadata"))
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx) of every layer."""
+        """Shape (ny, nx) of every layer."""
         ny, nx = self.layers["elevation"].shape
         return ny, nx
 
     def emptied(self, stamp: int, reason: str) -> TerrainMessage:
-        """Copy with all cells unknown, for readers that do not see that the frame of a grid has ended.
+        """Copy with all cells unknown, for readers that cannot tell that the frame of a grid is no longer valid.
 
         Args:
-            stamp: [ns] since the epoch; time of the new grid.
-            reason: reason, given as health.
+            stamp: stamp of the copy [ns since the epoch].
+            reason: reason, used as `health_reasons`.
         """
         layers = {name: np.full(self.shape, EMPTY.get(name, np.nan), kind.dtype) for name, kind in LAYERS.items()}
         withdrawn = {**json.loads(self.metadata), "provisional": False, "withdrawn": True}
@@ -264,10 +264,38 @@ class TerrainMessage:
         """Transform between two frames at the time of the scan.
 
         Raises:
-            MessageError: the message does not hold it.
+            MessageError: the message does not contain it.
         """
         for transform in self.transforms:
             if (transform.source_frame, transform.destination_frame) == (source_frame, destination_frame):
                 return transform
         held = ", ".join(f"{t.source_frame} to {t.destination_frame}" for t in self.transforms) or "none"
         raise MessageError(f"no transform from {source_frame!r} to {destination_frame!r}; held are: {held}")
+
+
+def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, float]) -> TerrainMessage:
+    """Crop a grid to the cells that a region touches.
+
+    Values are those of the whole grid, for example of `clearance` to its border. All obstacles are kept.
+
+    Args:
+        terrain: the whole grid.
+        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m].
+
+    Raises:
+        MessageError: the region is outside the grid.
+    """
+    ny, nx = terrain.shape
+    x_min, x_max, y_min, y_max = region
+    edge, (x0, y0) = terrain.resolution, terrain.origin
+    # 1e-9 of a cell, so that rounding of a limit at a cell's border does not include the neighbour.
+    first_x, first_y = (max(0, math.floor((low - o) / edge + 1e-9)) for low, o in ((x_min, x0), (y_min, y0)))
+    last_x = min(nx, math.ceil((x_max - x0) / edge - 1e-9))
+    last_y = min(ny, math.ceil((y_max - y0) / edge - 1e-9))
+    if first_x >= last_x or first_y >= last_y:
+        raise MessageError(
+            f"region x {x_min:g} ... {x_max:g}, y {y_min:g} ... {y_max:g} m is outside the grid, which covers "
+            f"x {x0:g} ... {x0 + nx * edge:g}, y {y0:g} ... {y0 + ny * edge:g} m"
+        )
+    layers = {name: array[first_y:last_y, first_x:last_x].copy() for name, array in terrain.layers.items()}
+    return replace(terrain, layers=layers, origin=(x0 + first_x * edge, y0 + first_y * edge))

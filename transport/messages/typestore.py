@@ -1,4 +1,4 @@
-"""Message types of this package: those of ROS 2, of guara_msgs and of grid_map_msgs."""
+"""Message types of ROS 2, guara_msgs and grid_map_msgs, their classes, and the encodings that name them in Zenoh."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ TIME = "builtin_interfaces/msg/Time"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 QUATERNION = "geometry_msgs/msg/Quaternion"
 
-# Kinds of a field in a definition.
+# Kinds of fields in a definition of rosbags.
 SUBMESSAGE, ARRAYS = 2, (3, 4)
-# Zero of the types that are not whole numbers.
+# Default values of the types that are not integers.
 ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
 
 
@@ -56,7 +56,7 @@ def message_files() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """Type store of rosbags with all types of this package, read when first used."""
+    """Type store of rosbags with all types of this package, loaded at the first call."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -69,13 +69,13 @@ def typestore() -> Typestore:
 
 @cache
 def warm_up() -> None:
-    """Read the definitions of all messages, which would delay the first one by a tenth of a second."""
+    """Load the definitions of common messages, which would otherwise delay the first one by a tenth of a second."""
     for name in (TERRAIN, STANCE_PAUSE, SCAN_REQUEST, SCAN_REPLY, QUERY_REQUEST, OCCUPANCY, GRID_MAP, STATUS):
         typestore().get_msgdef(name)
 
 
 def message_class(type_name: str) -> Any:
-    """Class of the message objects of one type; its fields are those of the definition, in that order.
+    """Class of the message objects of a type; its fields are in the order of the definition.
 
     Raises:
         MessageError: the type is not known.
@@ -90,7 +90,7 @@ def message_class(type_name: str) -> Any:
 
 
 def make_message(type_name: str, **given: Any) -> Any:
-    """A message object of one type; fields that are not given are zero or empty, an orientation is the identity.
+    """Make a message object; fields that are not given are zero or empty, quaternions the identity.
 
     Raises:
         MessageError: the type is not known.
@@ -112,7 +112,7 @@ def _zero(kind: int, details: Any) -> Any:
 
 
 def message_definition(type_name: str) -> str:
-    """Definition of a type with all types that it uses, as `ros2msg` schemas of MCAP hold it."""
+    """Definition of a type with all types that it uses, in the form of `ros2msg` schemas in MCAP."""
     message_class(type_name)
     text, _ = typestore().generate_msgdef(type_name, ros_version=2)
     return text
@@ -129,3 +129,16 @@ def dds_type_name(type_name: str) -> str:
     message_class(type_name)
     package, kind, name = type_name.split("/")
     return f"{package}::{kind}::dds_::{name}_"
+
+
+def cdr(type_name: str) -> str:
+    """Zenoh encoding of a CDR payload: `application/cdr;nav_msgs/msg/OccupancyGrid`.
+
+    It tells other tools the type. Receivers of this package do not read it: earlier versions sent none.
+    """
+    return f"application/cdr;{type_name}"
+
+
+def compact(type_name: str) -> str:
+    """Zenoh encoding of a CDR payload that was compressed (`transport.messages.shuffle`)."""
+    return f"application/zstd;shuffle=4;{cdr(type_name)}"

@@ -59,7 +59,7 @@ def ask(
         timeout: time after which the caller no longer waits [s]; Ctrl-C ends the wait.
         is_alive: whether the other side still lives; called while waiting.
         priority: priority of the query and its replies on congested links.
-        encoding: encoding of the payload, as in `transport.messages.encodings`.
+        encoding: encoding of the payload, as in `transport.messages.typestore`.
 
     Raises:
         SessionClosed: the session is closed.

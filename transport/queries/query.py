@@ -9,18 +9,15 @@ from transport.exceptions import MessageError, ReceiveTimeout, ScannerUnavailabl
 from transport.keys import DEFAULT_ROBOT, check_encoding, query_key
 from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
-from transport.messages.compact import encode_compact
-from transport.messages.crop import crop_terrain
-from transport.messages.encodings import cdr, compact
 from transport.messages.scan_messages import (
     QueryRequest,
     decode_query_request,
     decode_refusal,
     encode_query_request,
 )
-from transport.messages.terrain_codec import decode_terrain, encode_terrain
-from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import QUERY_REQUEST, TERRAIN
+from transport.messages.terrain_codec import decode_terrain, encode_compact, encode_terrain
+from transport.messages.terrain_message import TerrainMessage, crop_terrain
+from transport.messages.typestore import QUERY_REQUEST, TERRAIN, cdr, compact
 from transport.queries.asking import ask
 
 # Questions that are answered at a time; more are dropped.

@@ -18,7 +18,6 @@ from transport.exceptions import (
 from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.links.received import Received
 from transport.links.session import Session
-from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
     Refusal,
     ScanReply,
@@ -29,7 +28,7 @@ from transport.messages.scan_messages import (
     encode_scan_request,
 )
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import SCAN_REQUEST
+from transport.messages.typestore import SCAN_REQUEST, cdr
 from transport.queries.asking import ask
 
 # [s] A process that died is known to be gone within this time.

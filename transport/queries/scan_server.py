@@ -14,7 +14,6 @@ from transport.keys import DEFAULT_ROBOT, scan_key
 from transport.links.answerer import Answerer, refuse
 from transport.links.recent import Recent
 from transport.links.session import Session
-from transport.messages.encodings import cdr
 from transport.messages.scan_messages import (
     ScanReply,
     ScanRequest,
@@ -23,7 +22,7 @@ from transport.messages.scan_messages import (
     encode_scan_reply,
 )
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import SCAN_REPLY
+from transport.messages.typestore import SCAN_REPLY, cdr
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)

@@ -13,9 +13,8 @@ from transport.keys import DEFAULT_ROBOT, status_key
 from transport.links.answerer import Answerer
 from transport.links.publisher import SMALL, Publisher
 from transport.links.session import Resource, Session
-from transport.messages.encodings import cdr
 from transport.messages.status_message import Status, StatusItem, encode_status
-from transport.messages.typestore import STATUS
+from transport.messages.typestore import STATUS, cdr
 
 logger = logging.getLogger(__name__)
 # Beats of the session's pulse, half a second each, between two messages without change.

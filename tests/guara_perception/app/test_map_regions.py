@@ -8,7 +8,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.app.map_summary import message_to_regions, regions_message
 from guara_perception.app.messages import terrain_to_message
-from transport.messages.regions_message import decode_regions, encode_regions
+from transport.messages.map_messages import decode_regions, encode_regions
 
 PATIENCE = 60.0
 

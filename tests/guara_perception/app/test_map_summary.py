@@ -15,7 +15,7 @@ from guara_perception.app.messages import terrain_to_message
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from tests.thorough import examples
 from transport import TerrainMessage
-from transport.messages.summary_message import decode_summary
+from transport.messages.map_messages import decode_summary
 
 PATIENCE = 60.0
 

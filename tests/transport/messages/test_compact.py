@@ -13,9 +13,9 @@ from hypothesis.extra import numpy as hnp
 
 import transport
 from transport import MessageError, keys
-from transport.messages.compact import ROUND, ROUNDING, encode_compact, rounded
 from transport.messages.scan_messages import encode_query_request
 from transport.messages.shuffle import compress
+from transport.messages.terrain_codec import ROUND, ROUNDING, encode_compact, rounded
 
 PATIENCE = 30.0
 DOWN, UP = ("elevation_min", "clearance", "traversability"), ("elevation_max", "variance", "slope", "step_height")

@@ -14,10 +14,17 @@ from tests.transport.messages.range_table import checked_types, range_rows
 from tests.transport.messages.samples import sample_pause
 from transport import MessageError
 from transport.messages.codec import decode, encode
+from transport.messages.map_messages import (
+    RegionMessage,
+    RegionsMessage,
+    SummaryMessage,
+    decode_regions,
+    decode_summary,
+    encode_regions,
+    encode_summary,
+)
 from transport.messages.ranges import EXCEPTIONS, FIELDS, Range, check_ranges, ranges
-from transport.messages.regions_message import RegionMessage, RegionsMessage, decode_regions, encode_regions
 from transport.messages.stance_pause import make_stance_pause
-from transport.messages.summary_message import SummaryMessage, decode_summary, encode_summary
 from transport.messages.typestore import message_files, typestore
 
 ROOT = Path(__file__).parents[3]

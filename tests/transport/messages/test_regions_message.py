@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.thorough import examples
 from transport import MessageError, VersionError
 from transport.messages.codec import decode, encode
-from transport.messages.regions_message import RegionMessage, RegionsMessage, decode_regions, encode_regions
+from transport.messages.map_messages import RegionMessage, RegionsMessage, decode_regions, encode_regions
 from transport.messages.typestore import REGIONS
 
 
@@ -92,12 +92,12 @@ def test_the_form_is_as_the_definition_says() -> None:
 @pytest.mark.parametrize(
     ("change", "expected_text"),
     [
-        ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "off its plane"),
-        ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside of one of its half-planes"),
-        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "enclose more than its corners do"),
-        ({"halfspaces": _region(1).halfspaces[:4]}, "enclose more than its corners do"),
-        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "enclose more than its corners do"),
-        ({"vertices": _region(1).vertices[::-1]}, "these run clockwise"),
+        ({"vertices": _region(1).vertices + [0, 0, 0.001]}, "not on its plane"),
+        ({"vertices": _region(1).vertices + [0.2, 0, 0.2 * _region(1).plane[0]]}, "outside one of its half-planes"),
+        ({"halfspaces": _region(1).halfspaces + [0, 0, 0.05]}, "enclose more than its corners"),
+        ({"halfspaces": _region(1).halfspaces[:4]}, "enclose more than its corners"),
+        ({"vertices": _region(1).vertices[[0, 1, 0]]}, "enclose more than its corners"),
+        ({"vertices": _region(1).vertices[::-1]}, "corners are clockwise"),
         ({"halfspaces": 2 * _region(1).halfspaces}, "whose length is not 1"),
         ({"halfspaces": _region(1).halfspaces[:2]}, "region of 2 half-planes"),
         ({"vertices": np.zeros((0, 3))}, "region of 0 corners"),
@@ -113,7 +113,7 @@ def test_a_region_that_contradicts_itself_is_refused(change: dict[str, object], 
 
 def test_impossible_messages_are_refused() -> None:
     """Those that cannot be made, and those that are cut, damaged or of another version where they arrive."""
-    with pytest.raises(MessageError, match="withdrawn, and yet 2 regions"):
+    with pytest.raises(MessageError, match="withdrawn, but has 2 regions"):
         _make(withdrawn=True)
     with pytest.raises(MessageError, match="1001 regions"):
         _make(regions=(_region(1),) * 1001)

@@ -50,7 +50,7 @@ def test_an_empty_cloud_takes_away_what_was_drawn() -> None:
 @pytest.mark.parametrize(
     ("change", "expected_text"),
     [
-        (lambda f: f.pop("z"), "a cloud needs x, y and z"),
+        (lambda f: f.pop("z"), "a point cloud needs x, y and z"),
         (lambda f: f.update(x=np.zeros(2, np.float32)), "one length"),
         (lambda f: f.update(x=np.zeros((3, 1), np.float32)), "one length"),
         (lambda f: f.update(hazard=np.zeros(3, np.complex64)), "field 'hazard' is complex64"),
@@ -75,7 +75,7 @@ def test_a_transform_has_its_destination_as_parent() -> None:
     moved, turned = found.transform.translation, found.transform.rotation
     assert (moved.x, moved.y, moved.z) == (1, 2, 3)
     np.testing.assert_allclose((turned.x, turned.y, turned.z, turned.w), (0, 0, np.sqrt(0.5), np.sqrt(0.5)))
-    with pytest.raises(MessageError, match="base_link stand twice"):
+    with pytest.raises(MessageError, match="base_link occur twice"):
         transport.frames_message([made, made], STAMP)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.thorough import examples
 from transport import MessageError, TransportError, VersionError
 from transport.messages.codec import decode, encode
-from transport.messages.summary_message import LAYERS, UNKNOWN_HEIGHT, SummaryMessage, decode_summary, encode_summary
+from transport.messages.map_messages import LAYERS, UNKNOWN_HEIGHT, SummaryMessage, decode_summary, encode_summary
 from transport.messages.typestore import SUMMARY
 
 
@@ -115,7 +115,7 @@ def test_a_withdrawn_summary_with_a_known_cell_is_refused(layer: str) -> None:
     payload = bytearray(encode_summary(_make(shape=(4, 6), **nothing)))
     message = decode(payload, SUMMARY)
     message.withdrawn = True
-    with pytest.raises(MessageError, match="withdrawn, and yet cells of the summary are known; allowed: none"):
+    with pytest.raises(MessageError, match="summary is withdrawn, but has known cells; allowed: none"):
         decode_summary(encode(message))
 
 

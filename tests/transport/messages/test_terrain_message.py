@@ -9,8 +9,8 @@ import pytest
 import transport
 from transport import MessageError, VersionError
 from transport.messages.codec import encode
-from transport.messages.crop import crop_terrain
 from transport.messages.terrain_codec import make_terrain
+from transport.messages.terrain_message import crop_terrain
 from transport.messages.typestore import message_class
 
 
@@ -23,7 +23,7 @@ from transport.messages.typestore import message_class
         ({"robot": "a/b"}, "cannot be part of a key"),
         ({"sequence": 2**64}, "sequence of Terrain is 18446744073709551616; allowed: 0 to 2\\^64 - 1"),
         ({"valid_pauses": 2**32}, "valid_pauses"),
-        ({"scan_end": 0}, "lies before scan_start"),
+        ({"scan_end": 0}, "is before scan_start"),
         ({"valid_for": math.nan}, "valid_for of Terrain is nan"),
         ({"valid_for": -1.0}, "valid_for of Terrain is -1"),
         ({"resolution": 0.0}, "resolution of Terrain is 0; allowed: 0.0001 to 10 m"),
@@ -72,7 +72,7 @@ def test_one_that_is_withdrawn_and_knows_a_cell_is_refused(peer, layer: str) -> 
     layers[layer] = np.array([[0, 0, 0], [0, 0.5, 0]], np.float32)
     message = make_terrain(peer.make_terrain(layers=layers))
     message.metadata = withdrawn
-    with pytest.raises(MessageError, match="withdrawn, and yet cells are known; allowed: none"):
+    with pytest.raises(MessageError, match="grid is withdrawn, but has known cells; allowed: none"):
         transport.decode_terrain(encode(message))
 
 
@@ -157,7 +157,7 @@ def _damage(message, what: str) -> None:
     ("what", "expected_text"),
     [
         ("short", "layer 'elevation' has .* values"),
-        ("twice", "comes twice"),
+        ("twice", "occurs twice"),
         ("type", "type 2 and unit 'm'; allowed: type 1"),
         ("unit", "unit 'mm'; allowed:"),
         ("other array", "none in the others"),
@@ -237,5 +237,5 @@ def test_crop_returns_the_cells_that_the_region_touches(peer) -> None:
 def test_crop_off_the_grid_is_refused(peer) -> None:
     """The message says what the grid covers."""
     terrain = peer.make_terrain(shape=(10, 20), resolution=0.1, origin=(1.0, -0.5))
-    with pytest.raises(MessageError, match=r"lies off the grid, which covers x 1 \.\.\. 3"):
+    with pytest.raises(MessageError, match=r"is outside the grid, which covers x 1 \.\.\. 3"):
         crop_terrain(terrain, (5, 6, 0, 1))

@@ -38,12 +38,10 @@ from transport import (
 from transport.keys import query_key, regions_key, scan_key, stance_key, status_key, summary_key, terrain_key
 from transport.links.publisher import URGENT
 from transport.messages.codec import decode
-from transport.messages.map_origin import origin_of
-from transport.messages.regions_message import RegionsMessage, encode_regions
+from transport.messages.map_messages import RegionsMessage, SummaryMessage, encode_regions, encode_summary, origin_of
 from transport.messages.scan_messages import encode_query_request, encode_scan_request
 from transport.messages.stance_pause import make_stance_pause
 from transport.messages.status_message import STATUS_NAME
-from transport.messages.summary_message import SummaryMessage, encode_summary
 from transport.messages.terrain_codec import make_terrain
 from transport.messages.typestore import QUERY_REQUEST, REGIONS, SCAN_REQUEST, STATUS, SUMMARY
 from transport.recording import open_recording
