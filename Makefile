@@ -31,11 +31,15 @@ $(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info[:2] < (3, 15) else "Python 3.11 to 3.14 is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); echo "Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 
+# The kernel of stripe extraction is compiled when the package is installed. With a compiler that takes nothing but the
+# packages of the lock; without one pip fetches Zig (100 MB) into an environment that it throws away.
+KERNEL := hatch_build.py $(wildcard guara_perception/stripes/kernel/*.[ch])
+
 # What pip does is printed: it takes minutes on a slow line.
-$(STAMP): requirements.lock pyproject.toml | $(BIN)/python
+$(STAMP): requirements.lock pyproject.toml $(KERNEL) | $(BIN)/python
 	@echo "installing $$(grep -c == requirements.lock) packages and this one into $(VENV), nowhere else"
 	$(BIN)/python -m pip install --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --no-deps $$(command -v $(CC) >/dev/null && echo --no-build-isolation) --editable .
 	@touch $@
 	@echo "installed, $$(du -sh $(VENV) | cut -f1): $(BIN)/guara --help"
 

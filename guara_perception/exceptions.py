@@ -54,6 +54,10 @@ class MirrorSlipped(PerceptionError, RuntimeError):
     """The mirror was not where it was commanded to be; the scan is not used."""
 
 
+class DamagedInstallation(PerceptionError, ImportError):
+    """A file of the installed package is missing or damaged; the message says how to install it anew."""
+
+
 class MissingExtra(PerceptionError, ImportError):
     """A library of an extra is not installed; the message says what to install."""
 

@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, settings
 os.environ.setdefault("OPENBLAS_CORETYPE", "Haswell")
 
 import guara_perception as gp
+import hatch_build
 from kinematics import RobotModel, load_robot
 from testbed.truth import truth_calibration
 from tests import forked, ports
@@ -26,6 +27,10 @@ from tests.mixed_order import mixed
 from tests.thorough import examples
 
 DATA = Path(__file__).parent / "data"
+
+# A checkout whose kernel has changed since `make install`, or was never installed by itself.
+if not hatch_build.is_current():
+    hatch_build.compile_kernel()
 
 # Tests that a shell starts in the background ignore Ctrl-C, and under `nohup` the end of a terminal; programs that they
 # start would inherit this. With a handler that does nothing only the tests ignore the signal: a new program gets the

@@ -2,11 +2,13 @@
 
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
 import tomllib
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,8 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
+
+import hatch_build
 
 pytestmark = pytest.mark.slow
 
@@ -31,9 +35,11 @@ def project(root: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from the checkout without any network."""
+    """The wheel, built from the checkout; without any network where there is a compiler."""
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    if not hatch_build.native_compiler() and not find_spec("ziglang"):
+        command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."]
     subprocess.run(command, cwd=root, check=True, capture_output=True)
     (built,) = folder.glob("*.whl")
     return built
@@ -72,6 +78,14 @@ def test_wheel_carries_every_file_of_the_packages(root: Path, wheel: Path):
     for name in ("robots/guara/robot.toml", "robots/guara/urdf/guara.urdf", "robots/guara/srdf/guara.srdf"):
         assert name in names
     assert "transport/msg/Terrain.msg" in names
+
+
+def test_wheel_is_for_this_machine_and_any_python(wheel: Path):
+    """Compiled, but not against Python; with a library for each kind of processor."""
+    machine = platform.machine()
+    assert wheel.name.endswith(f"-py3-none-linux_{machine}.whl")
+    names = {Path(name).name for name in zipfile.ZipFile(wheel).namelist()}
+    assert {f"{processor}.so" for processor in hatch_build.PROCESSORS[machine]} <= names
 
 
 def test_wheel_carries_nothing_else(wheel: Path):

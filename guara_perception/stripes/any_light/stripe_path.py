@@ -157,10 +157,7 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     pictures = Pictures(frame, None if remark else dark, light, details(light))
     firsts = _first_passes(pictures)
     seen = [_laser_of(pictures, first) for first in firsts]
-    # In one call: following several takes little longer than following one.
-    evidence = np.stack([each.found.evidence() for each in seen])
-    rows, is_stripe, _ = follow_stripe(evidence.transpose(0, 2, 1))
-    tried = [_path_of(pictures, *each) for each in zip(firsts, seen, evidence, rows, is_stripe, strict=True)]
+    tried = [_path_of(pictures, first, each) for first, each in zip(firsts, seen, strict=True)]
     best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
     return best if pictures.dark is None else _without_moved_edges(best, frame)
 
@@ -176,10 +173,10 @@ def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:
     return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, found)
 
 
-def _path_of(
-    pictures: Pictures, first: FirstPass, seen: LaserOfChannel, evidence: Float32, rows: Index, is_stripe: Mask
-) -> tuple[StripePath, float]:
+def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tuple[StripePath, float]:
     """The stripe of a laser of one channel, and its score."""
+    evidence = seen.found.evidence()
+    rows, is_stripe, _ = follow_stripe(evidence)
     channel, found = first.channel, seen.found
     columns = np.arange(rows.size)
     is_core = seen.core[rows, columns]
@@ -247,13 +244,14 @@ def _first_passes(pictures: Pictures) -> list[FirstPass]:
 def _follow(
     pictures: Pictures, away: list[Mask], colours: list[Float], *, is_texture_noise: bool
 ) -> tuple[Index, Mask, Float]:
-    """Paths of a laser of each channel, of these colours, as `follow_stripe` gives them."""
-    evidence, level = [], pictures.level()
+    """Rows and masks (channels, columns) and scores (channels,) of the paths of a laser of each of these colours."""
+    found, level = [], pictures.level()
     for channel, (elsewhere, colour) in enumerate(zip(away, colours, strict=True)):
         scene = covariance(pictures.detail, elsewhere)
         laser, _ = in_laser_colour(pictures.light, pictures.frame, scene, colour, channel)
-        evidence.append(ridges(laser, elsewhere if is_texture_noise else None, level).evidence())
-    return follow_stripe(np.stack(evidence).transpose(0, 2, 1))
+        found.append(follow_stripe(ridges(laser, elsewhere if is_texture_noise else None, level).evidence()))
+    rows, is_stripe, scores = (np.array(each) for each in zip(*found, strict=True))
+    return rows, is_stripe, scores
 
 
 def _purity(pictures: Pictures, rows: Index, is_stripe: Mask, channel: int) -> float:

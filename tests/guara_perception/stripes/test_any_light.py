@@ -93,37 +93,35 @@ NO_STRIPE = 3
 
 
 def value_of(states: tuple[int, ...], evidence: npt.NDArray[np.float32]) -> float:
-    """Evidence (columns, 3) along a path minus its costs; a state is the row in a column, or NO_STRIPE."""
+    """Evidence (3, columns) along a path minus its costs; a state is the row in a column, or NO_STRIPE."""
     value = 0.0
     for before, state in zip((NO_STRIPE, *states), (*states, NO_STRIPE), strict=True):
         if state != NO_STRIPE and before != NO_STRIPE:
             value -= min(0.7 * abs(state - before), 6.0)
         elif state != before:
             value -= 4.0
-    return value + sum(float(evidence[i, state]) for i, state in enumerate(states) if state != NO_STRIPE)
+    return value + sum(float(evidence[state, i]) for i, state in enumerate(states) if state != NO_STRIPE)
 
 
 @pytest.mark.parametrize("columns", [1, 2, 4, 5])
 def test_the_path_is_the_best_of_all(columns: int) -> None:
-    """In small pictures, two at once: as good as the best of all possible paths."""
+    """In small pictures: as good as the best of all possible paths."""
     rng = np.random.default_rng(6)
     for _ in range(12):
-        evidence = rng.normal(0, 4, (2, columns, NO_STRIPE)).astype(np.float32)
-        row, is_stripe, values = follow_stripe(evidence)
-        assert row.shape == is_stripe.shape == (2, columns)
-        for picture in range(2):
-            every = np.ndindex(*(NO_STRIPE + 1,) * columns)
-            best = max(value_of(states, evidence[picture]) for states in every)
-            found = tuple(np.where(is_stripe[picture], row[picture], NO_STRIPE).tolist())
-            assert values[picture] == pytest.approx(best, abs=1e-4)
-            assert value_of(found, evidence[picture]) == pytest.approx(best, abs=1e-4)
+        evidence = rng.normal(0, 4, (NO_STRIPE, columns)).astype(np.float32)
+        row, is_stripe, value = follow_stripe(evidence)
+        assert row.shape == is_stripe.shape == (columns,)
+        best = max(value_of(states, evidence) for states in np.ndindex(*(NO_STRIPE + 1,) * columns))
+        found = tuple(np.where(is_stripe, row, NO_STRIPE).tolist())
+        assert value == pytest.approx(best, abs=1e-4)
+        assert value_of(found, evidence) == pytest.approx(best, abs=1e-4)
 
 
 def test_without_a_stripe_the_row_is_that_of_the_nearest() -> None:
     """Between two pieces far apart each column has the row of the nearer one; a picture without any has no stripe."""
-    evidence = np.full((2, 40, 60), -5.0, np.float32)
-    evidence[0, :10, 7] = evidence[0, 30:, 50] = 9.0
+    evidence = np.full((60, 40), -5.0, np.float32)
+    assert not follow_stripe(evidence)[1].any()
+    evidence[7, :10] = evidence[50, 30:] = 9.0
     row, is_stripe, _ = follow_stripe(evidence)
-    np.testing.assert_array_equal(is_stripe[0], np.r_[np.ones(10), np.zeros(20), np.ones(10)])
-    np.testing.assert_array_equal(row[0], np.r_[np.full(20, 7), np.full(20, 50)])
-    assert not is_stripe[1].any()
+    np.testing.assert_array_equal(is_stripe, np.r_[np.ones(10), np.zeros(20), np.ones(10)])
+    np.testing.assert_array_equal(row, np.r_[np.full(20, 7), np.full(20, 50)])

@@ -1,0 +1,155 @@
+"""The compiled kernel: its installation, its memory, threads, and slow references of what it computes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+import hatch_build
+from guara_perception.exceptions import DamagedInstallation
+from guara_perception.stripes.kernel import library
+from testbed.synthetic_stripes import CASES, stripes
+
+HOSTILE = """
+import sys
+from pathlib import Path
+import cv2
+import numpy as np
+from guara_perception.stripes.kernel import library
+library.FOLDER = Path(sys.argv[1])
+import guara_perception as gp
+
+cv2.setNumThreads(1)
+random = np.random.default_rng(0)
+for number in range(60):
+    shape = tuple(random.integers(8, 70, 2)) + ((), (1,), (3,))[number % 3]
+    kind = (np.uint8, np.uint16)[number % 2]
+    most = np.iinfo(kind).max
+    on = random.integers(0, random.choice([2, most // 8, most]) + 1, shape).astype(kind)
+    on[shape[0] // 2 :][: number % 5] = most
+    off = (None, on // 2, random.integers(0, most, shape).astype(kind))[number // 3 % 3]
+    flipped = np.s_[:: random.choice([1, -1]), :: random.choice([1, -1])]
+    gp.extract_stripe(on[flipped], None if off is None else off[flipped], ("columns", "rows")[number // 2 % 2])
+print("done")
+"""
+
+
+@pytest.fixture
+def other_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder without libraries, from which the kernel is loaded meanwhile."""
+    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    library.kernel.cache_clear()
+    yield tmp_path
+    library.kernel.cache_clear()
+
+
+def copy_sources(folder: Path) -> Path:
+    """A checkout with the kernel alone; its hatch_build.py."""
+    shutil.copytree(
+        library.FOLDER, folder / "guara_perception/stripes/kernel", ignore=shutil.ignore_patterns("*.so", "*.py")
+    )
+    return Path(shutil.copy(hatch_build.__file__, folder))
+
+
+def test_a_missing_or_damaged_library_is_told_in_one_line(other_folder: Path) -> None:
+    """Its path, the reason and the way out."""
+    path = other_folder / f"{library.processor()}.so"
+    for damage in (None, b"", b"\x7fELF no library"):
+        if damage is not None:
+            path.write_bytes(damage)
+        with pytest.raises(DamagedInstallation, match=r"kernel .*\.so cannot be loaded: .*make install") as told:
+            library.kernel()
+        assert str(path) in str(told.value) and "\n" not in str(told.value)
+        assert ("it is missing" in str(told.value)) == (damage is None)
+
+
+@pytest.mark.slow
+def test_a_library_of_another_version_is_told(other_folder: Path) -> None:
+    """A function that it lacks is named."""
+    compiler = hatch_build.native_compiler()
+    if not compiler:
+        pytest.skip("no compiler")
+    source = other_folder / "other.c"
+    source.write_text("int other;")
+    path = other_folder / f"{library.processor()}.so"
+    subprocess.run([*compiler, "-shared", "-fPIC", "-o", path, source], check=True)
+    with pytest.raises(DamagedInstallation, match="undefined symbol: follow"):
+        library.kernel()
+
+
+@pytest.mark.slow
+def test_without_a_compiler_the_build_says_what_to_install(tmp_path: Path) -> None:
+    """One line, no traceback, nothing left behind."""
+    script = copy_sources(tmp_path)
+    environment = {"PATH": str(tmp_path)}
+    # Isolated and without site-packages, in which Zig may be.
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", script], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert "needs a compiler" in done.stderr and hatch_build.ZIG in done.stderr
+    assert not [*tmp_path.rglob("*.so"), *tmp_path.rglob(".build-*")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", hatch_build.PROCESSORS)
+def test_zig_compiles_for_every_machine(tmp_path: Path, machine: str) -> None:
+    """Without a compiler of the system; libraries of that machine."""
+    if not find_spec("ziglang"):
+        pytest.skip("ziglang is not installed")
+    script = copy_sources(tmp_path)
+    environment = os.environ | {"MACHINE": machine, "CC": "no-compiler"}
+    subprocess.run([sys.executable, script], env=environment, check=True)
+    code = {"x86_64": 62, "aarch64": 183}[machine]
+    made = sorted(tmp_path.rglob("*.so"))
+    assert [path.stem for path in made] == sorted(hatch_build.PROCESSORS[machine])
+    for path in made:
+        header = path.read_bytes()[:20]
+        assert header[:4] == b"\x7fELF" and int.from_bytes(header[18:20], "little") == code
+
+
+@pytest.mark.slow
+def test_hostile_frames_touch_no_foreign_memory(tmp_path: Path, root: Path) -> None:
+    """Any size, type, strides and levels under the address and undefined behaviour sanitizers of gcc."""
+    if not shutil.which("gcc"):
+        pytest.skip("no gcc")
+    runtimes = [
+        subprocess.run(["gcc", f"-print-file-name={name}"], capture_output=True, text=True, check=True).stdout.strip()
+        for name in ("libasan.so", "libubsan.so")
+    ]
+    if not all(os.path.isabs(runtime) for runtime in runtimes):
+        pytest.skip("gcc has no sanitizers")
+    flags = [*hatch_build.FLAGS, "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    path = tmp_path / f"{library.processor()}.so"
+    sources = sorted(library.FOLDER.glob("*.c"))
+    subprocess.run(["gcc", f"-march={path.stem}", *flags, "-o", path, *sources, "-lm"], check=True)
+    environment = os.environ | {
+        "LD_PRELOAD": ":".join(runtimes),
+        "ASAN_OPTIONS": "detect_leaks=0",
+        "PYTHONPATH": str(root),
+        "PYTHONMALLOC": "malloc",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", HOSTILE, tmp_path], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "done\n", done.stderr[-3000:]
+
+
+@pytest.mark.slow
+def test_threads_and_order_change_nothing() -> None:
+    """Frames in any light, with and without a laser-off picture, in two threads and in reverse order: the same bits."""
+    pairs = [(on, off) for case in CASES for on, off, _ in stripes(case, count=2)]
+    pairs += [(on, None) for on, _ in pairs[::2]]
+    one_by_one = [gp.extract_stripe(on, off) for on, off in pairs]
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda pair: gp.extract_stripe(*pair), pairs[::-1]))[::-1]
+    for one, other in zip(one_by_one, together, strict=True):
+        for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
