@@ -10,6 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float32, Index
 from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS, rows_from, sampled
+from guara_perception.stripes.kernel.library import address, kernel
 
 # Makes the median of absolute deviations the standard deviation of a normal distribution.
 SIGMA_PER_DEVIATION = 1.4826
@@ -270,9 +271,16 @@ def derivative_filters(sigma: float) -> Float32:
 
 
 def upper_median(values: Array) -> float:
-    """Upper median of one or more values; NaN must not be among them."""
-    half = values.size // 2
-    return float(np.partition(values, half, axis=None)[half])
+    """Upper median of one or more values, as float32; NaN must not be among them."""
+    return select(values, values.size // 2)
+
+
+def select(values: Array, rank: int) -> float:
+    """Value of this rank among values without NaN, as float32; the lowest has rank 0."""
+    copy = np.array(values, np.float32, order="C")
+    if not 0 <= rank < copy.size:
+        raise IndexError(f"rank {rank} of {copy.size} values")
+    return float(kernel().select_value(address(copy), copy.size, rank))
 
 
 def upper_medians(rows: Array) -> Array:

@@ -7,10 +7,10 @@ import numpy as np
 
 from guara_perception.arrays import Float32
 from guara_perception.stripes.any_light.laser_colour import CLIPPED
+from guara_perception.stripes.kernel.library import address, kernel
 
-# Iterations of the fit of the gain between laser off and on; number of median deviations beyond which a pixel is left
-# out; and the largest share of the plain difference that may remain after the fit if it is to be used.
-GAIN_ROUNDS, TRIM_DEVIATIONS, MOST_LEFT = 6, 2.5, 0.7
+# Largest share of the plain difference that may remain after a gain was fitted, if the gain is to be used.
+MOST_LEFT = 0.7
 # Bright pixels show a gain best, and may be few: this brightest share of all is looked at by itself too.
 BRIGHT_SHARE = 0.1
 # Beyond this ratio of exposures noise, clipping and the camera's own curve differ too: a gain cannot remove the scene.
@@ -31,54 +31,49 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
     Returns:
         The light, and the reason for which it is that of `on` alone; empty where `off` could be used.
     """
-    light = on - off
+    gains, offsets = np.ones(on.shape[2], np.float32), np.zeros(on.shape[2], np.float32)
+    on_blocks, off_blocks = (_blocks(picture) for picture in (on, off))
     for channel in range(on.shape[2]):
         dark, bright = (picture[::SAMPLE, ::SAMPLE, channel].ravel() for picture in (off, on))
         is_good = (dark < CLIPPED) & (bright < CLIPPED)
         dark, bright = dark[is_good], bright[is_good]
         if not dark.size:
             continue
-        is_bright = dark >= np.quantile(dark, 1 - BRIGHT_SHARE)
-        gain, offset = 1.0, float(np.median(bright - dark))
-        fitted_gain, fitted_offset = _fitted(dark, bright)
-        left, plain = (
-            float(np.median(deviation) + np.median(deviation[is_bright]))
-            for deviation in (
-                np.abs(bright - fitted_gain * dark - fitted_offset),
-                np.abs(bright - dark - offset),
-            )
-        )
+        fitted_gain, fitted_offset, offset, left, plain = _fitted(dark, bright)
+        gain = 1.0
         if left < MOST_LEFT * plain:
             gain, offset = fitted_gain, fitted_offset
-            light[:, :, channel] = on[:, :, channel] - np.float32(gain) * off[:, :, channel]
         if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
             return on, f"the laser-off picture is {1 / gain:.2f} times as bright as the laser-on one: expose both alike"
-        scene, unlike = (_contrast(picture) for picture in (on[:, :, channel], light[:, :, channel]))
+        gains[channel], offsets[channel] = gain, offset
+        blocks = on_blocks[:, :, channel]
+        scene, unlike = _contrast(blocks), _contrast(blocks - gains[channel] * off_blocks[:, :, channel])
         if unlike > max(MOST_SCENE_LEFT * scene, LEAST_SCENE_LEFT):
             return on, f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
-        light[:, :, channel] -= np.float32(offset)
+    light = np.empty_like(on)
+    pixels, channels = on.shape[0] * on.shape[1], on.shape[2]
+    given = (address(on), address(off), pixels, channels, address(gains), address(offsets))
+    kernel().subtract(*given, address(light))
     return light, ""
 
 
-def _contrast(picture: Float32) -> float:
-    """Median deviation from the median of the blocks of a picture (rows, columns): that of the scene, not of noise."""
+def _blocks(picture: Float32) -> Float32:
+    """Means (rows, columns, channels) of blocks of a picture."""
     blocks = cv2.resize(picture, None, fx=1 / BLOCK, fy=1 / BLOCK, interpolation=cv2.INTER_AREA)
+    return np.asarray(blocks, np.float32).reshape(*blocks.shape[:2], -1)
+
+
+def _contrast(blocks: Float32) -> float:
+    """Median deviation of blocks from their median: that of the scene, not of noise."""
     return float(np.median(np.abs(blocks - np.median(blocks))))
 
 
-def _fitted(dark: Float32, bright: Float32) -> tuple[float, float]:
-    """Gain and offset by which the bright values follow from the dark ones."""
-    use = np.ones(dark.size, dtype=bool)
-    gain, offset = 1.0, 0.0
-    for _ in range(GAIN_ROUNDS):
-        x, y = dark[use], bright[use]
-        from_mean = x - x.mean()
-        variance = float((from_mean**2).mean())
-        if variance < 1:
-            break
-        gain = float((from_mean * y).mean()) / variance
-        offset = float(y.mean() - gain * x.mean())
-        deviation = np.abs(bright - gain * dark - offset)
-        left = float(np.median(deviation))
-        use = deviation <= TRIM_DEVIATIONS * max(left, 0.5)
-    return gain, offset
+def _fitted(dark: Float32, bright: Float32) -> list[float]:
+    """Gain and offset by which the bright values follow from the dark ones; the offset without gain; what is left.
+
+    What either of the two leaves is the median deviation of all pixels plus that of the brightest.
+    """
+    work, found = np.empty(2 * dark.size, np.float32), np.empty(5)
+    bright_from = float(np.quantile(dark, 1 - BRIGHT_SHARE))
+    kernel().exposure(address(dark), address(bright), dark.size, bright_from, address(work), address(found))
+    return found.tolist()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Index, Mask
-from guara_perception.stripes.peaks import robust_sigma, upper_median, upper_medians
+from guara_perception.stripes.kernel.library import STRIP, address, kernel
+from guara_perception.stripes.peaks import robust_sigma, select, upper_median, upper_medians
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0
@@ -28,7 +30,8 @@ LEAST_DEVIATION, UNKNOWN_SHARE = 0.15, 1e-3
 SIGMAS_PX = (1.2, 2.4, 4.8)
 # Distance from the centre of a ridge to each of its sides, in sigmas.
 SIDE_SIGMAS = 2.5
-COLUMNS_MEAN = 3
+# Smoothing of details over columns and rows [px], the rows that it reaches, and the distance of what is subtracted.
+DETAIL_SIGMAS, DETAIL_REACH, DETAIL_SIDE = (0.8, 1.6), 4, 5
 # Noise of fewer grey levels than this cannot be separated from quantisation.
 LEAST_NOISE = 0.15
 # Texture counts as noise whose strongest hundredth begins at this number of sigmas.
@@ -42,12 +45,12 @@ LEVEL_PARTS = 8
 
 def details(picture: Float32) -> Float32:
     """The part of each channel (rows, columns, channels) that changes from row to row within a few pixels."""
-    smooth = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
-    padded = cv2.copyMakeBorder(smooth, 5, 5, 0, 0, cv2.BORDER_REPLICATE)
-    change = padded[:-10] + padded[10:]
-    change *= np.float32(-0.5)
-    change += smooth
-    return np.asarray(change).reshape(picture.shape)
+    rows, columns, channels = picture.shape
+    across, down = _half_gaussian(1, DETAIL_SIGMAS[0]), _half_gaussian(DETAIL_REACH, DETAIL_SIGMAS[1])
+    work, change = np.empty((2, rows + DETAIL_REACH, STRIP), np.float32), np.empty_like(picture)
+    taps = (address(across), address(down), DETAIL_REACH, DETAIL_SIDE)
+    kernel().details(address(picture), rows, columns, channels, *taps, address(work), address(change))
+    return change
 
 
 def covariance(detail: Float32, elsewhere: Mask) -> Float:
@@ -185,13 +188,10 @@ class Ridges:
 
     def evidence(self) -> Float32:
         """Evidence (rows, columns) for the stripe at each pixel, negative where it is more likely absent."""
-        evidence = np.minimum(self.strength, np.float32(LINEAR_SIGMAS))
-        evidence -= np.float32(ZERO_SIGMAS)
-        # Few pixels are that strong, and logarithms are dear.
-        strong = np.flatnonzero(self.strength > LINEAR_SIGMAS)
-        times = self.strength.reshape(-1).take(strong) / np.float32(LINEAR_SIGMAS)
-        evidence.reshape(-1)[strong] += np.float32(LOG_GAIN) * np.log(times)
-        return np.asarray(evidence)
+        evidence = np.empty_like(self.strength)
+        given = (address(self.strength), evidence.size, ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN)
+        kernel().evidence(*given, address(evidence))
+        return evidence
 
 
 def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None = None) -> Ridges:
@@ -206,9 +206,8 @@ def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None 
     """
     heights = tuple(ridge_of_width(light, sigma) for sigma in SIGMAS_PX)
     noises = tuple(_noise(height, elsewhere) for height in heights)
-    strength = heights[0] * np.float32(1 / noises[0])
-    for height, noise in zip(heights[1:], noises[1:], strict=True):
-        np.maximum(strength, height * np.float32(1 / noise), out=strength)
+    strength = np.empty_like(light)
+    kernel().strongest(*map(address, heights), strength.size, *noises, address(strength))
     if scene is not None:
         strength *= _quietness(heights[0], noises[0], scene)
     return Ridges(strength, heights, noises)
@@ -242,17 +241,24 @@ def _noise(height: Float32, elsewhere: Mask | None) -> float:
     if elsewhere is not None:
         some = height[::2, ::3][elsewhere[::2, ::3]]
         if some.size:
-            rank = int(TEXTURE_QUANTILE * some.size)
-            noise = max(noise, float(np.partition(some, rank)[rank]) / TEXTURE_SIGMAS)
+            noise = max(noise, select(some, int(TEXTURE_QUANTILE * some.size)) / TEXTURE_SIGMAS)
     return noise
 
 
 def ridge_of_width(light: Float32, sigma: float) -> Float32:
     """Height of the light, smoothed to this sigma [px] over rows, above the higher of its two sides."""
-    taps = cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma, cv2.CV_32F)
-    mean = np.full(COLUMNS_MEAN, 1 / COLUMNS_MEAN, np.float32)
-    side = max(round(SIDE_SIGMAS * sigma), 2)
-    smooth = cv2.sepFilter2D(light, cv2.CV_32F, mean, taps, borderType=cv2.BORDER_REPLICATE)
-    padded = cv2.copyMakeBorder(smooth, side, side, 0, 0, cv2.BORDER_REPLICATE)
-    higher = np.maximum(padded[: -2 * side], padded[2 * side :])
-    return np.asarray(np.subtract(smooth, higher, out=higher))
+    rows, columns = light.shape
+    reach, side = int(np.ceil(2 * sigma)), max(round(SIDE_SIGMAS * sigma), 2)
+    taps, work, heights = (
+        _half_gaussian(reach, sigma),
+        np.empty((2, rows + reach, STRIP), np.float32),
+        np.empty_like(light),
+    )
+    kernel().ridges(address(light), rows, columns, address(taps), reach, side, address(work), address(heights))
+    return heights
+
+
+@cache
+def _half_gaussian(reach: int, sigma: float) -> Float32:
+    """Weights (reach + 1,) of a Gaussian from its centre on."""
+    return np.ascontiguousarray(cv2.getGaussianKernel(2 * reach + 1, sigma, cv2.CV_32F)[reach:, 0])

@@ -11,4 +11,7 @@
 #define MIN(A, B) ((A) < (B) ? (A) : (B))
 // Numbers that are handled side by side, so that compilers use vector instructions.
 #define LANES 16
+
+float select_value(float *v, int64_t n, int64_t k);
+double median(float *v, int64_t n);
 #endif

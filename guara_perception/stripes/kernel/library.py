@@ -13,10 +13,17 @@ from guara_perception.exceptions import DamagedInstallation
 FOLDER = Path(__file__).parent
 # What `x86-64-v3` may use beyond older processors.
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
-P, N, D = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+P, N, D, F = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_float
 # Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[type], type | None]] = {
+    "details": ([P, N, N, N, P, P, N, N, P, P], None),
+    "evidence": ([P, N, D, D, D, P], None),
+    "exposure": ([P, P, N, D, P, P], None),
     "follow": ([P, N, N, P, P], D),
+    "ridges": ([P, N, N, P, N, N, P, P], None),
+    "select_value": ([P, N, N], F),
+    "strongest": ([P, P, P, N, D, D, D, P], None),
+    "subtract": ([P, P, N, N, P, P, P], None),
 }
 
 
@@ -47,6 +54,10 @@ def processor() -> str:
         return {"aarch64": "armv8-a"}.get(machine, machine)
     flags = Path("/proc/cpuinfo").read_text().partition("\nflags")[2].partition("\n")[0].split()
     return "x86-64-v3" if set(flags) >= V3_FLAGS else "x86-64-v2"
+
+
+# Columns that the kernel handles at a time.
+STRIP = 64
 
 
 def address(array: Array) -> int:

@@ -8,13 +8,17 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import guara_perception as gp
 import hatch_build
 from guara_perception.exceptions import DamagedInstallation
+from guara_perception.stripes.any_light.exposure import subtract
+from guara_perception.stripes.any_light.laser_colour import SIGMAS_PX, details, ridge_of_width
 from guara_perception.stripes.kernel import library
+from guara_perception.stripes.peaks import select
 from testbed.synthetic_stripes import CASES, stripes
 
 HOSTILE = """
@@ -80,7 +84,7 @@ def test_a_library_of_another_version_is_told(other_folder: Path) -> None:
     source.write_text("int other;")
     path = other_folder / f"{library.processor()}.so"
     subprocess.run([*compiler, "-shared", "-fPIC", "-o", path, source], check=True)
-    with pytest.raises(DamagedInstallation, match="undefined symbol: follow"):
+    with pytest.raises(DamagedInstallation, match="undefined symbol: "):
         library.kernel()
 
 
@@ -153,3 +157,56 @@ def test_threads_and_order_change_nothing() -> None:
     for one, other in zip(one_by_one, together, strict=True):
         for name in ("position_px", "sigma_px", "status", "peak", "doubtful_px"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_ridges_and_details_are_those_of_plain_loops() -> None:
+    """Beside slow references on pictures smaller and larger than what the kernel handles at a time."""
+    random = np.random.default_rng(2)
+    for rows, columns in ((9, 8), (40, 70), (30, 131)):
+        light = random.normal(50, 9, (rows, columns)).astype(np.float32)
+        for sigma in SIGMAS_PX:
+            np.testing.assert_allclose(ridge_of_width(light, sigma), plain_ridge(light, sigma), atol=1e-4)
+        picture = random.normal(50, 9, (rows, columns, 3)).astype(np.float32)
+        blurred = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
+        up, low = (blurred[np.clip(np.arange(rows) + side, 0, rows - 1)] for side in (-5, 5))
+        np.testing.assert_allclose(details(picture), blurred - 0.5 * (up + low), atol=1e-4)
+
+
+def plain_ridge(light: np.ndarray, sigma: float) -> np.ndarray:
+    """Height of a Gaussian mean over rows, of three columns, above the higher of its two sides."""
+    rows, columns = light.shape
+    reach, side = int(np.ceil(2 * sigma)), max(round(2.5 * sigma), 2)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    smooth = np.zeros(light.shape)
+    for row, column in np.ndindex(rows, columns):
+        for shift, weight in enumerate(weights / weights.sum(), -reach):
+            for beside in (-1, 0, 1):
+                seen = light[min(max(row + shift, 0), rows - 1), min(max(column + beside, 0), columns - 1)]
+                smooth[row, column] += weight * seen / 3
+    up, low = (smooth[np.clip(np.arange(rows) + shift, 0, rows - 1)] for shift in (-side, side))
+    return smooth - np.maximum(up, low)
+
+
+def test_exposure_of_a_pair_is_fitted_beside_outliers() -> None:
+    """Gain and offset of pictures of another exposure, of which a part is lit by the laser."""
+    random = np.random.default_rng(5)
+    off = random.uniform(20, 180, (80, 96, 3)).astype(np.float32)
+    gains, offsets = np.array([1.2, 0.8, 1.3], np.float32), np.array([3, 9, -4], np.float32)
+    on = gains * off + offsets
+    on[20:30] += 40
+    light, remark = subtract(on, off)
+    assert not remark
+    np.testing.assert_allclose(light[:20], 0, atol=1e-3)
+    np.testing.assert_allclose(light[20:30], 40, atol=1e-3)
+
+
+def test_selected_values_are_those_of_a_sorted_list() -> None:
+    """Few and many values, equal ones and both zeros, of any rank."""
+    random = np.random.default_rng(4)
+    for n in (1, 2, 7, 511, 512, 4000):
+        for values in (random.normal(0, 5, n), random.integers(-3, 3, n), np.zeros(n)):
+            rising = np.sort(values.astype(np.float32))
+            for rank in {0, n // 3, n // 2, n - 1}:
+                assert select(values, rank) == rising[rank]
+    with pytest.raises(IndexError, match="rank 0 of 0"):
+        select(np.zeros(0), 0)
