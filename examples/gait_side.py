@@ -6,16 +6,19 @@ Start a node in one terminal (`guara run -c calibration.json`) and this in anoth
 """
 
 import argparse
+import threading
 import time
 import uuid
 
 import numpy as np
 
 import guara_perception as gp
-from transport import PausePhase, StanceMessage, StancePause, StancePublisher, open_client
+from transport import PausePhase, StanceMessage, StancePause, StancePublisher, StanceStreamPublisher, open_client
 
 # Seconds between two HOLDs: many readings tell a motion of 1 mm from the encoders' noise.
 HOLD_PERIOD = 0.02
+# Seconds between two samples of the stream of joints.
+SAMPLE_PERIOD = 0.005
 # Seconds in which a real gait would swing a leg, to a foothold on the confirmed grid.
 SWING = 1.0
 
@@ -39,21 +42,32 @@ def main() -> None:
     with open_client(options.endpoint) as session, gp.TerrainClient(options.endpoint, robot=robot.name) as client:
         publisher = StancePublisher(session, robot=robot.name)
         client.on_terrain(take)
+        stream = StanceStreamPublisher(session, robot.legs, robot=robot.name, epoch=walk)
+        is_over = threading.Event()
+
+        def read() -> StanceMessage:
+            joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
+            return StanceMessage(joint_positions=joints, support_feet=robot.legs)
+
+        def sample() -> None:
+            while not is_over.wait(SAMPLE_PERIOD):
+                stream.add(time.time_ns(), read())
 
         def say(step: int, phase: PausePhase, time_available: float = 0.0) -> None:
-            joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
             publisher.publish(
                 StancePause(
                     robot=robot.name,
                     step=step,
                     phase=phase,
                     stamp=time.time_ns(),
-                    stance=StanceMessage(joint_positions=joints, support_feet=robot.legs),
+                    stance=read(),
                     time_available=time_available,
                     epoch=walk,
                 )
             )
 
+        sampling = threading.Thread(target=sample)
+        sampling.start()
         for step in range(options.pauses):
             begun = time.monotonic()
             say(step, PausePhase.BEGIN, options.seconds)
@@ -66,6 +80,9 @@ def main() -> None:
             time.sleep(SWING)
             found = "confirmed" if (walk, step) in confirmed else "not confirmed"
             print(f"step {step}: END after {stood:.1f} s, its grid is {found}")
+        is_over.set()
+        sampling.join()
+        stream.flush(5.0)
         publisher.flush(5.0)
 
 

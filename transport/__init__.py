@@ -44,6 +44,10 @@ from transport.messages.stance_pause import PausePhase as PausePhase
 from transport.messages.stance_pause import StancePause as StancePause
 from transport.messages.stance_pause import decode_stance_pause as decode_stance_pause
 from transport.messages.stance_pause import encode_stance_pause as encode_stance_pause
+from transport.messages.stance_stream import StanceStream as StanceStream
+from transport.messages.stance_stream import decode_stance_stream as decode_stance_stream
+from transport.messages.stance_stream import encode_stance_stream as encode_stance_stream
+from transport.messages.stance_stream import gravity_of_orientation as gravity_of_orientation
 from transport.messages.standard import camera_info_message as camera_info_message
 from transport.messages.standard import frames_message as frames_message
 from transport.messages.standard import grid_map_message as grid_map_message
@@ -77,3 +81,5 @@ from transport.security_check import format_matrix as format_matrix
 from transport.server import PerceptionServer as PerceptionServer
 from transport.stance_link import StancePublisher as StancePublisher
 from transport.stance_link import StanceReceiver as StanceReceiver
+from transport.stance_stream_link import StanceStreamPublisher as StanceStreamPublisher
+from transport.stance_stream_link import StanceStreamReceiver as StanceStreamReceiver

@@ -124,6 +124,11 @@ def stance_key(robot: str = DEFAULT_ROBOT) -> str:
     return f"{check_name(robot)}/gait/v1/stance"
 
 
+def stance_stream_key(robot: str = DEFAULT_ROBOT) -> str:
+    """Key of the joints that the gait controller publishes all the time."""
+    return f"{stance_key(robot)}_stream"
+
+
 def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
     """Key of the queryable that answers with the time now of the clock that stamps the stance pauses."""
     return f"{check_name(robot)}/gait/v1/clock"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -12,19 +11,15 @@ from transport import clock
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
 from transport.links.answerer import Answerer
+from transport.links.ordered_receiver import OrderedReceiver
 from transport.links.outbox import Outbox
 from transport.links.publisher import URGENT, Publisher
-from transport.links.receiver import NewestReceiver
 from transport.links.session import Resource, Session
 from transport.messages.codec import decode, encode, make_time, read_time
 from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
 from transport.messages.typestore import STANCE_PAUSE, TIME, cdr
 from transport.queries.remote_clock import ClockBound, RemoteClock
-from transport.supervision import report
 
-# Announcements that may wait for whoever follows them; then the oldest HOLD or unreadable one is dropped, else the
-# oldest.
-MAXIMUM_WAITING = 256
 # [s] Between two questions for the gait's clock. One that is set in between is noticed at the next answer.
 CLOCK_PERIOD = 2.0
 # [s] A gait whose clock answered once and then for so long not again is not heard: it may have begun the next pause.
@@ -119,10 +114,11 @@ class GaitClock(RemoteClock):
         return True
 
 
-class StanceReceiver(NewestReceiver[StancePause]):
+class StanceReceiver(OrderedReceiver[StancePause]):
     """Receiver of the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
 
-    `latest` and the waiting methods know only the newest, as in every receiver.
+    `latest` and the waiting methods know only the newest, as in every receiver. Of announcements that wait too long the
+    oldest HOLD or unreadable one is dropped, else the oldest.
     """
 
     def __init__(
@@ -142,55 +138,7 @@ class StanceReceiver(NewestReceiver[StancePause]):
             on_refused: called on that thread when an announcement is unreadable or holds a joint that is not finite:
                 what the robot does now is then not known. Several in a row are reported once.
         """
-        self._on_pause, self._on_refused = on_pause, on_refused
-        self._waiting: deque[StancePause | MessageError] = deque()
-        super().__init__(session, stance_key(robot), decode_stance_pause)
-        if on_pause is not None:
-            thread = session.thread(f"transport-{self.key}", self._follow)
-            self._threads.append(thread)
-            thread.start()
+        super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 
-    def _take(self, payload: bytes) -> None:
-        super()._take(payload)
-        if self._on_pause is None:
-            return
-        announcement: StancePause | MessageError
-        try:
-            announcement = decode_stance_pause(payload)
-        except MessageError as error:
-            announcement = error
-        with self._changed:
-            is_refused = isinstance(announcement, MessageError)
-            if is_refused and self._waiting and type(self._waiting[-1]) is type(announcement):
-                return
-            if len(self._waiting) >= MAXIMUM_WAITING:
-                self._drop_one()
-            self._waiting.append(announcement)
-            self._changed.notify_all()
-
-    def _drop_one(self) -> None:
-        for index, waiting in enumerate(self._waiting):
-            if isinstance(waiting, MessageError) or waiting.phase is PausePhase.HOLD:
-                del self._waiting[index]
-                return
-        self._waiting.popleft()
-
-    def _follow(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self.is_closed)
-                if self.is_closed:
-                    return
-                announcement = self._waiting.popleft()
-            try:
-                self._hand_on(announcement)
-            except Exception as error:
-                report(f"callback for {self.key}", error)
-
-    def _hand_on(self, announcement: StancePause | MessageError) -> None:
-        if isinstance(announcement, MessageError):
-            self._refusals.log("announcement on %s refused: %s", self.key, announcement)
-            if self._on_refused is not None:
-                self._on_refused(announcement)
-        elif self._on_pause is not None:
-            self._on_pause(announcement)
+    def _is_dispensable(self, message: StancePause) -> bool:
+        return message.phase is PausePhase.HOLD

@@ -1,5 +1,5 @@
 // A gait's side in C++ with guara_msgs: gait STANCE.txt PAUSES SECONDS, the file a line `JOINT ANGLE` for each joint and one `FOOT NAME`
-// for each foot that carries weight. It announces stance pauses and tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard
+// for each foot that carries weight. It announces stance pauses, streams the joints and tells the clock of the stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard
 // output are what is to be published there; to each line `clock` on standard input it answers with the time now. Here
 // examples/relay_gait.py carries them; a gait that has a Zenoh client puts and replies itself.
 #include <chrono>
@@ -15,15 +15,18 @@
 
 #include <builtin_interfaces/msg/time.hpp>
 #include <guara_msgs/msg/stance_pause.hpp>
+#include <guara_msgs/msg/stance_stream.hpp>
 #include <rmw/rmw.h>
 #include <rmw/serialized_message.h>
 #include <rosidl_typesupport_cpp/message_type_support.hpp>
 
 using builtin_interfaces::msg::Time;
 using guara_msgs::msg::StancePause;
+using guara_msgs::msg::StanceStream;
 
-// Between two HOLDs, and an encoder's noise [rad].
-constexpr auto HOLD_PERIOD = std::chrono::milliseconds(50);
+// Between two samples of the stream, of which ten lie between two HOLDs, and an encoder's noise [rad].
+constexpr auto SAMPLE_PERIOD = std::chrono::milliseconds(5);
+constexpr int SAMPLES = 10;
 constexpr double ENCODER_NOISE = 0.0002;
 std::mutex output;
 
@@ -92,6 +95,32 @@ int main(int count, char ** words)
       }
       send("guara/gait/v1/stance", pause);
     };
+  StanceStream batch;
+  batch.robot = pause.robot;
+  batch.epoch = pause.epoch;
+  batch.header.frame_id = "base_link";
+  batch.joint_names = pause.stance.joint_names;
+  batch.legs = pause.stance.support_feet;
+  const auto stream = [&] {
+      batch.times.clear();
+      batch.joint_positions.clear();
+      batch.supports.assign(SAMPLES * batch.legs.size(), 1);
+      for (int k = 0; k < SAMPLES; ++k) {
+        std::this_thread::sleep_for(SAMPLE_PERIOD);
+        const Time time = now();
+        if (k == 0) {
+          batch.header.stamp = time;
+        }
+        const Time & first = batch.header.stamp;
+        batch.times.push_back(
+          time.sec - first.sec + 1e-9 * (static_cast<double>(time.nanosec) - static_cast<double>(first.nanosec)));
+        for (const double angle : posture) {
+          batch.joint_positions.push_back(angle + noise(random));
+        }
+      }
+      send("guara/gait/v1/stance_stream", batch);
+      ++batch.sequence;
+    };
   std::thread([] {
       for (std::string line; std::getline(std::cin, line); ) {
         if (line == "clock") {
@@ -104,7 +133,7 @@ int main(int count, char ** words)
     say(StancePause::BEGIN, seconds);
     const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
     while (std::chrono::steady_clock::now() < end) {
-      std::this_thread::sleep_for(HOLD_PERIOD);
+      stream();
       say(StancePause::HOLD, 0.0);
     }
     say(StancePause::END, 0.0);

@@ -1,5 +1,5 @@
-// A gait's side in JavaScript: node gait.mjs STANCE.json PAUSES SECONDS. It announces stance pauses as `guara_msgs/StancePause` and
-// tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard output are what is to be published there; to each
+// A gait's side in JavaScript: node gait.mjs STANCE.json PAUSES SECONDS. It announces stance pauses as `guara_msgs/StancePause`, streams
+// the joints as `guara_msgs/StanceStream` and tells the clock of their stamps. Lines `KEY PAYLOAD` (hexadecimal) on standard output are what is to be published there; to each
 // line `clock` on standard input it answers with the time now. Here examples/relay_gait.py carries them; a gait that has a Zenoh
 // client puts and replies itself.
 import { randomUUID } from "node:crypto";
@@ -9,11 +9,11 @@ import { setTimeout as sleep } from "node:timers/promises";
 import { writer } from "./terrain.mjs";
 
 const BEGIN = 1, END = 2, HOLD = 3;
-// Seconds between two HOLDs, radians of an encoder's noise.
-const HOLD_PERIOD = 0.05, ENCODER_NOISE = 0.0002;
+// Seconds between two HOLDs and two samples of the stream, radians of an encoder's noise.
+const HOLD_PERIOD = 0.05, SAMPLE_PERIOD = 0.005, ENCODER_NOISE = 0.0002;
 const [file, pauses, seconds] = process.argv.slice(2);
 const { joint_positions: posture, support_feet: feet } = JSON.parse(readFileSync(file, "utf8"));
-const pauseWriter = writer("StancePause");
+const pauseWriter = writer("StancePause"), streamWriter = writer("StanceStream");
 const epoch = randomUUID();
 
 // The clock that stamps the joints; `builtin_interfaces/Time`.
@@ -36,12 +36,36 @@ function tellClock() {
 }
 
 // Joints are read anew for every message; here the posture with an encoder's noise.
-function say(step, phase, time_available = 0) {
+function joints() {
   const noise = () => ENCODER_NOISE * Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
+  return Object.values(posture).map((angle) => angle + noise());
+}
+
+// Samples since the last batch, each with its stamp: a batch is sent with every announcement.
+let samples = [], batches = 0;
+const seconds_of = ({ sec, nanosec }, since) => sec - since.sec + (nanosec - since.nanosec) * 1e-9;
+function sample() {
+  const stamp = now();
+  if (samples.length === 0 || seconds_of(stamp, samples.at(-1).stamp) > 0) samples.push({ stamp, joint_positions: joints() });
+}
+
+function stream() {
+  sample();
+  const stamp = samples[0].stamp;
+  const message = {
+    header: { stamp, frame_id: "base_link" }, robot: "guara", epoch, sequence: BigInt(batches++), joint_names: Object.keys(posture), legs: feet,
+    times: samples.map((each) => seconds_of(each.stamp, stamp)), joint_positions: samples.flatMap((each) => each.joint_positions),
+    supports: new Uint8Array(samples.length * feet.length).fill(1), gravity_in_base: [], angular_velocity: [],
+  };
+  samples = [];
+  send("guara/gait/v1/stance_stream", streamWriter.writeMessage(message));
+}
+
+function say(step, phase, time_available = 0) {
   const stamp = now();
   const stance = {
     joint_names: Object.keys(posture),
-    joint_positions: Object.values(posture).map((angle) => angle + noise()),
+    joint_positions: joints(),
     support_feet: feet,
     gravity_known: false,
     gravity_in_base: { x: 0, y: 0, z: 0 },
@@ -49,9 +73,11 @@ function say(step, phase, time_available = 0) {
   const header = { stamp, frame_id: "base_footprint" };
   const message = { header, robot: "guara", step: BigInt(step), phase, stance, time_available, known_ground: [], epoch };
   send("guara/gait/v1/stance", pauseWriter.writeMessage(message));
+  stream();
 }
 
 createInterface({ input: process.stdin }).on("line", (line) => line === "clock" && tellClock());
+setInterval(sample, 1000 * SAMPLE_PERIOD);
 for (let step = 0; step < Number(pauses); step++) {
   say(step, BEGIN, Number(seconds));
   for (const end = performance.now() + 1000 * Number(seconds); performance.now() < end; await sleep(1000 * HOLD_PERIOD)) say(step, HOLD);

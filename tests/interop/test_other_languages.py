@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,18 @@ from kinematics import RobotModel, Stance
 from tests.interop.conftest import INSTALL
 from tests.interop.ros_environment import environment
 from tests.ports import free_endpoint
-from transport import Health, PerceptionServer, Status, StatusItem, decode_terrain, encode_terrain, open_node
+from transport import (
+    Health,
+    PerceptionServer,
+    StanceStream,
+    StanceStreamReceiver,
+    Status,
+    StatusItem,
+    decode_terrain,
+    encode_terrain,
+    open_client,
+    open_node,
+)
 from transport.grids.evidence import objections, read_word
 from transport.messages.codec import encode
 from transport.messages.map_messages import decode_summary
@@ -222,7 +234,10 @@ def check_gait(program: list[object], root: Path, robot: RobotModel) -> None:
     try:
         assert node.stdout is not None
         assert any("waiting for your gait" in line for line in node.stdout)
-        with gp.TerrainClient(endpoint, timeout=180) as client:
+        with gp.TerrainClient(endpoint, timeout=180) as client, ExitStack() as stack:
+            streamed: list[StanceStream] = []
+            session = stack.enter_context(open_client(endpoint, timeout=180.0))
+            StanceStreamReceiver(session, on_batch=streamed.append)
             relay = subprocess.Popen(command)
             terrain = client.wait_for_step(0, timeout=180, confirmed_only=True)
             relay.terminate()
@@ -232,6 +247,12 @@ def check_gait(program: list[object], root: Path, robot: RobotModel) -> None:
     finally:
         node.kill()
     assert node.returncode == 0
+    assert len(streamed) > 20 and [batch.sequence for batch in streamed] == list(range(len(streamed)))
+    samples = sum(len(batch.stamps) for batch in streamed)
+    assert samples > 100 and all(batch.supports.all() and batch.legs == robot.legs for batch in streamed)
+    assert dict(zip(streamed[0].joint_names, streamed[0].joint_positions[0], strict=True)) == pytest.approx(
+        robot.posture(robot.config.scan_posture), abs=0.002
+    )
     assert not terrain.is_provisional and np.isfinite(terrain.elevation).mean() > 0.7
     received = terrain.record.stance
     assert received is not None and set(received.support_feet) == set(robot.legs)

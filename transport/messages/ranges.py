@@ -23,6 +23,7 @@ from transport.messages.typestore import (
     SCAN_REQUEST,
     SCAN_START,
     STANCE_PAUSE,
+    STANCE_STREAM,
     STATUS,
     STRIPE,
     SUBMESSAGE,
@@ -144,10 +145,19 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
     "guara_msgs/msg/Obstacle": {"outline": PARTS, "hazard": Range(low=0, high=2**16 - 1)},
     "geometry_msgs/msg/Vector3": dict.fromkeys("xyz", Range(low=-FURTHEST, high=FURTHEST)),
     QUATERNION: dict.fromkeys("xyzw", Range(low=-1.000001, high=1.000001)),
+    # One entry for each of up to 1,000 samples, and each of up to 256 joints or 64 legs.
+    STANCE_STREAM: {
+        "joint_positions": Range(entries=256_000, low=-1e6, high=1e6, unit="rad"),
+        "legs": Range(entries=64, characters=200),
+        "times": Range(entries=1000, low=0, high=10, unit="s"),
+        "supports": Range(entries=64_000, low=0, high=1),
+        "gravity_in_base": Range(entries=3000, low=-1e6, high=1e6),
+        "angular_velocity": Range(entries=3000, low=-1e3, high=1e3, unit="rad/s"),
+    },
 }
 # Types that are checked when decoded, including all submessages.
 TYPES: tuple[str, ...] = (STANCE_PAUSE, TERRAIN, SUMMARY, REGIONS, SCAN_REQUEST, SCAN_REPLY, REFUSAL, QUERY_REQUEST)
-TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME)
+TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME, STANCE_STREAM)
 # Length of a gravity vector, which may be in g, m/s^2 or sensor counts.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self, cast
 from transport.exceptions import RecordingError
 from transport.messages.codec import decode, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
+from transport.messages.stance_stream import StanceStream, decode_stance_stream
 from transport.messages.submessage_codec import from_ros, read_stance
 from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
@@ -100,6 +101,11 @@ class Recording:
         """The announcements of stance pauses, in order; MessageError for a damaged one."""
         for payload in self._payloads("stance"):
             yield decode_stance_pause(payload)
+
+    def stance_stream(self) -> Iterator[StanceStream]:
+        """The batches of stances, in order; MessageError for a damaged one."""
+        for payload in self._payloads("stance_stream"):
+            yield decode_stance_stream(payload)
 
     def messages(self, short: str) -> Iterator[Any]:
         """Message objects of one topic, by its short name (without the robot), in order.

@@ -15,6 +15,7 @@ from transport.messages.typestore import (
     SCAN_END,
     SCAN_START,
     STANCE_PAUSE,
+    STANCE_STREAM,
     STATUS,
     STRIPE,
     TERRAIN,
@@ -33,6 +34,7 @@ STREAMED = {
     "camera/on/compressed": COMPRESSED_IMAGE,
     "camera/off/compressed": COMPRESSED_IMAGE,
     "status": STATUS,
+    "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
 # to one of the others the last message too.

@@ -11,6 +11,7 @@ from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.messages.codec import encode, make_header, make_time
 from transport.messages.stance_pause import StancePause, encode_stance_pause
+from transport.messages.stance_stream import StanceStream, encode_stance_stream
 from transport.messages.submessage_codec import make_stance, to_ros
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_codec import encode_terrain
@@ -184,6 +185,11 @@ class RecordingWriter:
     def add_stance_pause(self, pause: StancePause) -> None:
         """Add the begin or end of a stance pause; when this returns it is safe."""
         self._put("stance", encode_stance_pause(pause))
+
+    def add_stance_stream(self, stream: StanceStream) -> None:
+        """Add a batch of stances; when this returns it is with the file, and safe with what is flushed next."""
+        with self._lock:
+            self._file.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
         """Add a message object of one of the other topics, such as "occupancy" or "/tf", by its name in `TYPES`.

@@ -16,6 +16,7 @@ from transport.keys import (
     query_key,
     scan_key,
     stance_key,
+    stance_stream_key,
     status_key,
     summary_key,
 )
@@ -161,9 +162,9 @@ def _perception(robot: str) -> list[str]:
 
 
 def _stance_keys(robot: str) -> list[str]:
-    """Keys of the stance pauses and of the clock of the gait."""
+    """Keys of the stance pauses, of the stream of joints and of the clock of the gait."""
     stance = stance_key(robot)
-    return [stance, f"{stance}/@adv/**", gait_clock_key(robot)]
+    return [stance, f"{stance}/@adv/**", stance_stream_key(robot), gait_clock_key(robot)]
 
 
 def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:

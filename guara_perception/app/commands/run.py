@@ -155,6 +155,7 @@ def command(
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
+    from transport.stance_stream_link import StanceStreamReceiver
     from transport.supervision import Failure, follow, forget
 
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
@@ -234,6 +235,7 @@ def command(
 
             on_pause = ExternalGait(rig.simulation, node, say).on_pause
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
+        StanceStreamReceiver(session, robot=instance, on_batch=node.on_stream, on_refused=node.on_stream_refused)
         say(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
             say(f"{instance}: uplink to {uplink}; reconnects after a loss")

@@ -14,6 +14,7 @@ from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
+from guara_perception.app.node.stream_watch import StreamWatch
 from guara_perception.app.node.sweep import SWEEPS
 from guara_perception.app.node.walks import Walks
 from guara_perception.app.scene.mirror import SceneMirror
@@ -31,6 +32,7 @@ from transport import (
     ScanFailed,
     ScanRequest,
     StancePause,
+    StanceStream,
     StatusItem,
     TerrainMessage,
     TransportError,
@@ -137,6 +139,8 @@ class PerceptionNode:
         self._progress_at = math.inf
         self.status.follow(self._thread_item)
         self.status.follow(self._pause_item)
+        self._stream = StreamWatch(robot, server.robot)
+        self._has_stream = False
         server.serve_scans(self._serve, admission=self._admit)
 
     def __enter__(self) -> Self:
@@ -183,6 +187,23 @@ class PerceptionNode:
             self._server.begin_step(announcement.step, UNKNOWN_WALK if is_recount else announcement.epoch)
         if last is None or last.ended.is_set():
             self._server.end_step()
+
+    def on_stream(self, batch: StanceStream) -> None:
+        """Handle a batch of the gait's joints: it is recorded, and the status tells rate and gaps; returns at once."""
+        self._tell_of_stream()
+        if self._stream.add(batch) and self._recorder is not None:
+            self._recorder.add_stream(batch)
+
+    def on_stream_refused(self, error: TransportError) -> None:
+        """Handle a batch that cannot be read."""
+        self._tell_of_stream()
+        self._stream.refuse(error)
+
+    def _tell_of_stream(self) -> None:
+        """Begin to tell of the stream: without one the status is as ever."""
+        if not self._has_stream:
+            self._has_stream = True
+            self.status.follow(self._stream.item)
 
     def _follow(self, announcement: StancePause, stance: Stance | None, now: float) -> Pause | None:
         """Apply an announcement to its pause; return the pause that it begins, if any."""

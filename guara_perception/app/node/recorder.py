@@ -21,7 +21,7 @@ from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
-from transport import Health, PausePhase, StanceMessage, StancePause, StatusItem, TerrainMessage
+from transport import Health, PausePhase, StanceMessage, StancePause, StanceStream, StatusItem, TerrainMessage
 from transport.exceptions import RecordingError
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
 
@@ -141,6 +141,10 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         if pause.phase is PausePhase.BEGIN:
             self.post(0, self._go_on)
         self._add_later("a stance", lambda: self.writer.add_stance_pause(pause))
+
+    def add_stream(self, batch: StanceStream) -> None:
+        """Add a batch of joints; returns at once."""
+        self._add_later("a batch of joints", lambda: self.writer.add_stance_stream(batch))
 
     def add_status(self, payload: bytes | bytearray) -> None:
         """Add a status of the node as it was sent; returns at once."""

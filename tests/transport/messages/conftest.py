@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import transport
-from tests.transport.messages.samples import sample_pause, sample_status
+from tests.transport.messages.samples import sample_pause, sample_status, sample_stream
 from transport.messages.scan_messages import (
     decode_query_request,
     decode_refusal,
@@ -32,6 +32,10 @@ def payloads(peer) -> dict[str, tuple[bytes, Callable[[bytes], object]]]:
         "guara_msgs/StancePause": (
             transport.encode_stance_pause(sample_pause(peer)),
             transport.decode_stance_pause,
+        ),
+        "guara_msgs/StanceStream": (
+            transport.encode_stance_stream(sample_stream(peer)),
+            transport.decode_stance_stream,
         ),
         "guara_msgs/ScanRequest": (
             encode_scan_request(transport.ScanRequest(id="a", mode="coarse", timeout=3.0)),

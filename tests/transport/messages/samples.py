@@ -21,6 +21,23 @@ def sample_pause(peer) -> transport.StancePause:
     )
 
 
+def sample_stream(peer) -> transport.StanceStream:
+    """Three samples of two joints and two legs, with an IMU."""
+    return transport.StanceStream(
+        robot="guara",
+        stamp=peer.STAMP + 11,
+        sequence=4,
+        joint_names=("a", "b"),
+        legs=("lf", "rf"),
+        times=[0.0, 0.005, 0.0101],
+        joint_positions=[[0.1, 0.2], [0.11, 0.19], [0.12, 0.18]],
+        supports=[[1, 1], [1, 0], [0, 1]],
+        gravity_in_base=[[0, 0, -9.81], [0.1, 0, -9.8], [0.2, 0, -9.8]],
+        angular_velocity=[[0.01, 0, 0], [0, 0.02, 0], [0, 0, 0.03]],
+        epoch="walk-7",
+    )
+
+
 def sample_status(peer) -> transport.Status:
     """One item that is well and one that is not."""
     items = (

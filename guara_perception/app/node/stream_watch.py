@@ -1,0 +1,130 @@
+"""Watch over the stream of the gait's joints: its rate, its gaps and what was refused, for the status."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+
+import numpy as np
+
+from kinematics import KinematicsError, RobotModel
+from kinematics.state import checked_positions
+from transport import Health, StanceStream, StatusItem, TransportError, clock
+
+# [1/s] Samples of a stream that is of use; more would cost the scans their time.
+LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
+# Rates are judged with this much slack: nothing is sampled to the microsecond.
+RATE_SLACK = 1.1
+# [s] Time without a sample that counts as a gap, and over which rates are measured.
+LONGEST_GAP, RATE_TIME = 0.1, 1.0
+# [s] How long trouble stays in the status; a stream that is silent for so long has ended.
+SILENT, FORGOTTEN = 1.0, 10.0
+
+
+class StreamWatch:
+    """Status item `stance_stream`; batches come on the receiver's thread, the status is asked for on another."""
+
+    def __init__(self, robot: RobotModel, name: str) -> None:
+        """Watch the stream of the instance `name`, none so far."""
+        self._robot, self._name = robot, name
+        self._lock = threading.Lock()
+        self._last: StanceStream | None = None
+        self._heard = -np.inf
+        self._arrivals: deque[tuple[float, int]] = deque()
+        self._gaps = self._lost = self._flooded = self._refused = 0
+        self._trouble = (-np.inf, "")
+
+    def add(self, batch: StanceStream) -> bool:
+        """Take a batch; False when none of it may be used: of another robot, with other joints, or in a flood."""
+        now = clock.now()
+        problem = self._problem(batch)
+        with self._lock:
+            if problem:
+                self._refused += 1
+                self._trouble = now, problem
+                return False
+            self._heard = now
+            self._arrivals.append((now, len(batch.stamps)))
+            while self._arrivals[0][0] < now - RATE_TIME:
+                self._arrivals.popleft()
+            if self._rate() > RATE_SLACK * HIGHEST_RATE:
+                self._flooded += 1
+                self._trouble = (
+                    now,
+                    f"more than {HIGHEST_RATE:g} samples a second: batches are dropped. Sample less often",
+                )
+                self._arrivals.pop()
+                return False
+            self._follow(batch, now)
+            self._last = batch
+            return True
+
+    def refuse(self, error: TransportError) -> None:
+        """Count a batch that cannot be read."""
+        with self._lock:
+            self._refused += 1
+            self._trouble = clock.now(), str(error)
+
+    def item(self) -> StatusItem:
+        """State of the stream; without one, all is as it was before there were any."""
+        now = clock.now()
+        with self._lock:
+            rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
+            values = {
+                "rate": f"{rate:.0f}",
+                "gaps": str(self._gaps),
+                "lost_batches": str(self._lost),
+                "flooded": str(self._flooded),
+                "refused": str(self._refused),
+            }
+            since, trouble = self._trouble
+            silence = now - self._heard
+        if now - since > FORGOTTEN:
+            trouble = ""
+        if not trouble and silence > FORGOTTEN:
+            message = "the gait sends no stream of joints: a scan needs the robot to stand still"
+            return StatusItem(name="stance_stream", level=Health.OK, message=message, values=values)
+        if not trouble and silence > SILENT:
+            trouble = f"no sample for {silence:.1f} s"
+        elif not trouble and rate * RATE_SLACK < LOWEST_RATE:
+            trouble = f"{rate:.0f} samples a second; {LOWEST_RATE:g} to {HIGHEST_RATE:g} are of use"
+        level = Health.WARN if trouble else Health.OK
+        return StatusItem(
+            name="stance_stream", level=level, message=trouble or f"{rate:.0f} samples a second", values=values
+        )
+
+    def _problem(self, batch: StanceStream) -> str:
+        """Why a batch is not of this robot, empty when it is."""
+        if batch.robot != self._name:
+            return f"a batch of robot {batch.robot!r} came on the key of {self._name!r}"
+        try:
+            for leg in batch.legs:
+                self._robot.tree.leg(leg)
+            first = np.asarray(batch.joint_positions)[0]
+            checked_positions(self._robot.tree, dict(zip(batch.joint_names, first.tolist(), strict=True)))
+        except KinematicsError as error:
+            return str(error)
+        return ""
+
+    def _rate(self) -> float:
+        """Samples a second, of those that came within `RATE_TIME`."""
+        if len(self._arrivals) < 2:
+            return 0.0
+        (first, own), (last, _) = self._arrivals[0], self._arrivals[-1]
+        # The samples of the first batch came before its arrival.
+        return (sum(count for _, count in self._arrivals) - own) / max(last - first, RATE_TIME / 4)
+
+    def _follow(self, batch: StanceStream, now: float) -> None:
+        """Count what is missing between the last batch and this one."""
+        last = self._last
+        if last is None or last.epoch != batch.epoch or batch.sequence <= last.sequence:
+            return
+        lost, pause = batch.sequence - last.sequence - 1, (batch.stamp - int(last.stamps[-1])) * 1e-9
+        longest = max(pause, float(np.diff(np.asarray(batch.times)).max(initial=0.0)))
+        self._lost += lost
+        if longest > LONGEST_GAP or pause <= 0.0 or lost:
+            self._gaps += 1
+            what = f"{lost} batches were lost" if lost else f"{longest:.2f} s without a sample"
+            if pause <= 0.0:
+                what = "stamps went back"
+            self._trouble = now, f"a gap in the stream: {what}"

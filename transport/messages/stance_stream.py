@@ -1,0 +1,150 @@
+"""Stream of stances of the gait controller: message in Python, and its CDR payload."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from transport.arrays import Float
+from transport.exceptions import MessageError
+from transport.keys import check_name
+from transport.messages.codec import decode, encode
+from transport.messages.ranges import GRAVITY_LENGTH, check_value
+from transport.messages.rotation import Quaternion, matrix_from_quaternion
+from transport.messages.submessage_codec import from_ros, to_ros
+from transport.messages.submessages import checked_array, set_fields, texts
+from transport.messages.typestore import STANCE_STREAM
+
+# Samples of one message: a second at 1 kHz.
+MAXIMUM_SAMPLES = 1000
+# [byte] A second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
+MAXIMUM_BATCH = 4 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StanceStream:
+    """Batch of n stances, one after the other; all arrays are read-only.
+
+    Attributes:
+        robot: instance name.
+        stamp: [ns] since the epoch, by the clock that stamps the pauses; time of the first sample.
+        sequence: number of the batch; a hole is a lost batch.
+        joint_names: names of j joints.
+        legs: names of l legs.
+        times: (n,) since the stamp, ascending from 0 [s].
+        joint_positions: (n, j) [rad].
+        supports: (n, l) True where the leg carries weight.
+        gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; (0, 3) without an IMU.
+        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; (0, 3) where it is not measured.
+        epoch: identity of the walk, as in `StancePause`.
+        frame_id: `base_link`.
+    """
+
+    robot: str
+    stamp: int
+    sequence: int
+    joint_names: tuple[str, ...]
+    legs: tuple[str, ...]
+    times: npt.ArrayLike
+    joint_positions: npt.ArrayLike
+    supports: npt.ArrayLike
+    gravity_in_base: npt.ArrayLike = ()
+    angular_velocity: npt.ArrayLike = ()
+    epoch: str = ""
+    frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        """Copy and check.
+
+        Raises:
+            MessageError: a field is not what the message allows, or the lengths do not fit.
+            KeyNameError: the robot's name cannot be part of a key.
+        """
+        check_name(self.robot)
+        names, legs = texts(self.joint_names, "joint_names"), texts(self.legs, "legs")
+        for what, given in (("joint_names", names), ("legs", legs)):
+            if len(set(given)) != len(given):
+                raise MessageError(f"{what} names one twice: {', '.join(given)}")
+        times = checked_array(self.times, (None,), "times")
+        n = len(times)
+        if not 1 <= n <= MAXIMUM_SAMPLES:
+            raise MessageError(f"times has {n} entries; allowed: 1 to {MAXIMUM_SAMPLES}")
+        if times[0] != 0.0 or (np.diff(times) <= 0.0).any():
+            raise MessageError("times must begin with 0 and ascend: each sample is later than the one before")
+        check_value(STANCE_STREAM, "times", times)
+        joints = _rows(self.joint_positions, n, len(names), "joint_positions")
+        check_value(STANCE_STREAM, "joint_positions", joints.ravel())
+        supports = _rows(self.supports, n, len(legs), "supports")
+        check_value(STANCE_STREAM, "supports", supports.ravel())
+        gravity = _vectors(self.gravity_in_base, n, "gravity_in_base")
+        lengths = np.linalg.norm(gravity, axis=1)
+        if ((lengths < GRAVITY_LENGTH.low) | (lengths > GRAVITY_LENGTH.high)).any():
+            raise MessageError(f"length of gravity_in_base is {lengths.min():g}; allowed: {GRAVITY_LENGTH}")
+        turning = _vectors(self.angular_velocity, n, "angular_velocity")
+        check_value(STANCE_STREAM, "angular_velocity", turning.ravel())
+        carries = supports > 0.5
+        carries.setflags(write=False)
+        set_fields(
+            self,
+            joint_names=names,
+            legs=legs,
+            times=times,
+            joint_positions=joints,
+            supports=carries,
+            gravity_in_base=gravity,
+            angular_velocity=turning,
+        )
+
+    @property
+    def stamps(self) -> npt.NDArray[np.int64]:
+        """(n,) time of each sample [ns since the epoch]."""
+        return self.stamp + np.rint(1e9 * np.asarray(self.times)).astype(np.int64)
+
+
+def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
+    """The values (rows, columns), given so or one row after the other."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 1 and array.size == rows * columns:
+        array = array.reshape(rows, columns)
+    return checked_array(array, (rows, columns), what)
+
+
+def _vectors(values: npt.ArrayLike, rows: int, what: str) -> Float:
+    return _rows(values, rows if np.size(values) else 0, 3, what)
+
+
+def encode_stance_stream(stream: StanceStream) -> bytearray:
+    """The CDR payload of one batch.
+
+    Raises:
+        MessageError: a field does not fit its ROS 2 type.
+    """
+    flat = {
+        name: np.asarray(getattr(stream, name), np.float64).ravel()
+        for name in ("joint_positions", "gravity_in_base", "angular_velocity")
+    }
+    supports = np.asarray(stream.supports).ravel().astype(np.uint8)
+    return encode(to_ros(STANCE_STREAM, stream, supports=supports, **flat))
+
+
+def decode_stance_stream(payload: bytes | bytearray | memoryview) -> StanceStream:
+    """Read and check the CDR payload of a guara_msgs/StanceStream.
+
+    Raises:
+        MessageError: the payload is damaged, or a field is not what the message allows.
+    """
+    if len(payload) > MAXIMUM_BATCH:
+        raise MessageError(f"stance stream of {len(payload)} bytes refused; allowed: {MAXIMUM_BATCH} bytes")
+    return from_ros(StanceStream, decode(payload, STANCE_STREAM))
+
+
+def gravity_of_orientation(quaternion: Quaternion) -> tuple[float, float, float]:
+    """Direction of gravity in `base_link`, pointing down, of an IMU's orientation (x, y, z, w), z up in its world.
+
+    Raises:
+        MessageError: no unit quaternion.
+    """
+    x, y, z = (-matrix_from_quaternion(quaternion, "orientation")[2]).tolist()
+    return x, y, z

@@ -1,0 +1,149 @@
+"""Stream of the gait's joints, from the gait controller to the node."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from transport.exceptions import MessageError
+from transport.keys import DEFAULT_ROBOT, stance_stream_key
+from transport.links.ordered_receiver import OrderedReceiver
+from transport.links.outbox import Outbox
+from transport.links.publisher import SMALL, Publisher
+from transport.links.session import Resource, Session
+from transport.messages.encodings import cdr
+from transport.messages.stance_stream import (
+    MAXIMUM_SAMPLES,
+    StanceStream,
+    decode_stance_stream,
+    encode_stance_stream,
+)
+from transport.messages.submessages import Point, StanceMessage
+from transport.messages.typestore import STANCE_STREAM
+
+# [s] Time that one batch holds: the node waits for the sample after its last stripe, and the gait must not be slowed.
+BATCH_PERIOD = 0.02
+# Batches that wait to be sent; on a link that is stuck the oldest are dropped, and the receiver notices the hole.
+MAXIMUM_WAITING = 64
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    stamp: int
+    stance: StanceMessage
+    angular_velocity: Point | None
+
+    @property
+    def form(self) -> tuple[object, ...]:
+        """What all samples of one batch have in common."""
+        return tuple(self.stance.joint_positions), self.stance.gravity_in_base is None, self.angular_velocity is None
+
+
+class StanceStreamPublisher(Resource):
+    """Publisher of the joints, sample by sample, which are sent in batches; never waits for a receiver.
+
+    Args:
+        session: open session.
+        legs: legs of the robot, whose load each sample tells.
+        robot: instance name.
+        epoch: identity of the walk, as in `StancePause`.
+    """
+
+    def __init__(self, session: Session, legs: tuple[str, ...], *, robot: str = DEFAULT_ROBOT, epoch: str = "") -> None:
+        """Declare the key."""
+        self.epoch = epoch
+        self._robot, self._legs = robot, tuple(legs)
+        self._publisher = Publisher(
+            session, stance_stream_key(robot), latched=False, priority=SMALL, encoding=cdr(STANCE_STREAM)
+        )
+        self._outbox = Outbox()
+        self._lock = threading.Lock()
+        self._samples: list[_Sample] = []
+        self._sequence = 0
+        super().__init__(session)
+
+    def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
+        """Take one sample; returns at once. It is sent with those of `BATCH_PERIOD`.
+
+        Args:
+            stamp: time of the joints [ns], by the clock that stamps the pauses.
+            stance: joints, support feet and, where there is an IMU, gravity.
+            angular_velocity: of the body in `base_link` [rad/s], where it is measured.
+
+        Raises:
+            MessageError: a foot that is none of the legs, or a stamp that is not later than the one before.
+            SessionClosed: the session is closed.
+        """
+        if unknown := set(stance.support_feet) - set(self._legs):
+            raise MessageError(f"support_feet names {', '.join(sorted(unknown))}; allowed: {', '.join(self._legs)}")
+        sample = _Sample(int(stamp), stance, angular_velocity)
+        with self._lock:
+            if self._samples:
+                last = self._samples[-1]
+                if sample.stamp <= last.stamp:
+                    raise MessageError(f"stamp is {stamp} ns; allowed: later than {last.stamp} ns of the sample before")
+                is_full = len(self._samples) >= MAXIMUM_SAMPLES or sample.form != last.form
+                if is_full or sample.stamp - self._samples[0].stamp >= BATCH_PERIOD * 1e9:
+                    self._send()
+            self._samples.append(sample)
+
+    def flush(self, timeout: float) -> None:
+        """Send what was taken and wait until it is; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        with self._lock:
+            self._send()
+        self._outbox.flush(timeout)
+
+    def _send(self) -> None:
+        samples, self._samples = self._samples, []
+        if not samples:
+            return
+        stances = [sample.stance for sample in samples]
+        batch = StanceStream(
+            robot=self._robot,
+            stamp=samples[0].stamp,
+            sequence=self._sequence,
+            joint_names=tuple(stances[0].joint_positions),
+            legs=self._legs,
+            times=np.array([sample.stamp - samples[0].stamp for sample in samples]) * 1e-9,
+            joint_positions=[list(stance.joint_positions.values()) for stance in stances],
+            supports=[[leg in stance.support_feet for leg in self._legs] for stance in stances],
+            gravity_in_base=[each.gravity_in_base for each in stances if each.gravity_in_base is not None],
+            angular_velocity=[each.angular_velocity for each in samples if each.angular_velocity is not None],
+            epoch=self.epoch,
+        )
+        self._sequence += 1
+        key = f"{self._publisher.key} {self._sequence % MAXIMUM_WAITING}"
+        self._outbox.post(key, lambda: self._publisher.put(encode_stance_stream(batch)))
+
+    def _release(self) -> None:
+        self._outbox.close()
+        self._publisher.close()
+
+
+class StanceStreamReceiver(OrderedReceiver[StanceStream]):
+    """Receiver of the joints of one robot: `on_batch` gets every batch, in the order of arrival."""
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        robot: str = DEFAULT_ROBOT,
+        on_batch: Callable[[StanceStream], None] | None = None,
+        on_refused: Callable[[MessageError], None] | None = None,
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            session: open session.
+            robot: instance name.
+            on_batch: called with each batch, on a thread of its own.
+            on_refused: called on that thread when a batch is not valid; several in a row are reported once.
+        """
+        key = stance_stream_key(robot)
+        super().__init__(session, key, decode_stance_stream, on_batch, on_refused, latched=False)
+
+    def _is_dispensable(self, message: StanceStream) -> bool:
+        return True
