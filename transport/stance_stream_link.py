@@ -14,7 +14,6 @@ from transport.links.ordered_receiver import OrderedReceiver
 from transport.links.outbox import Outbox
 from transport.links.publisher import SMALL, Publisher
 from transport.links.session import Resource, Session
-from transport.messages.encodings import cdr
 from transport.messages.stance_stream import (
     MAXIMUM_SAMPLES,
     StanceStream,
@@ -22,7 +21,7 @@ from transport.messages.stance_stream import (
     encode_stance_stream,
 )
 from transport.messages.submessages import Point, StanceMessage
-from transport.messages.typestore import STANCE_STREAM
+from transport.messages.typestore import STANCE_STREAM, cdr
 
 # [s] Time that one batch holds: the node waits for the sample after its last stripe, and the gait must not be slowed.
 BATCH_PERIOD = 0.02
