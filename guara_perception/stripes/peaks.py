@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float32, Index
 from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS, rows_from, sampled
-from guara_perception.stripes.kernel.library import address, kernel
+from guara_perception.stripes.kernel.library import LANES, address, kernel
 
 # Makes the median of absolute deviations the standard deviation of a normal distribution.
 SIGMA_PER_DEVIATION = 1.4826
@@ -31,17 +31,14 @@ THRESHOLD_SIGMAS = 5.0
 THRESHOLD_OF_MEDIAN_PEAK = 0.05
 # Distance of the columns in which the stripe's width is measured.
 WIDTH_COLUMNS = 32
-# Maxima of blocks of rows are quick to take; the argmax is then taken within one block only.
+# A second peak is at least one block of rows away from the block of the highest. As in peaks.c.
 BLOCK_ROWS = 8
 MAX_CANDIDATES = 4
 # How far from the top the crossing may be, and the grid of shifts from the top at which the filter answers: so fine
-# that a straight line in between is exact enough.
+# that a straight line in between is exact enough. As in measure.c.
 SEARCH_PX = 1.5
 GRID_PX = 0.5
-# Intervals of the grid ranked by their distance from the top, the nearest last.
-INTERVALS = round(2 * SEARCH_PX / GRID_PX)
-INTERVAL_OF_RANK = np.argsort(-np.abs(2 * np.arange(INTERVALS) - (INTERVALS - 1)), kind="stable")
-RANK_OF_INTERVAL = np.argsort(INTERVAL_OF_RANK).astype(np.int8)
+SHIFTS = 7
 # The filter is cut where it has fallen to 4 %.
 FILTER_SIGMAS = 2.5
 # Widths of stripes that make sense: the lens never images a line sharper than the first.
@@ -111,30 +108,14 @@ def _strong(searched: Array) -> tuple[Peaks, float, Index]:
 
 
 def highest_peaks(smooth: Array) -> Peaks:
-    """Highest value per column of a band (rows, columns)."""
-    blocks = _block_maxima(smooth)
-    best = _row_of_maximum(blocks)
-    first = best * BLOCK_ROWS
-    window = rows_from(smooth, first, BLOCK_ROWS, np.arange(smooth.shape[1]))
-    height = window.max(axis=0).astype(np.float32)
-    apart = np.abs(np.arange(len(blocks), dtype=np.int16)[:, None] - best.astype(np.int16)) > 1
-    second = (blocks * apart).max(axis=0).astype(np.float32)
-    return Peaks(first + _row_of_maximum(window), height, np.minimum(second, height))
-
-
-def _block_maxima(smooth: Array) -> Array:
-    """Maxima (blocks, columns) of every BLOCK_ROWS rows; the last block may be shorter."""
-    whole = smooth.shape[0] // BLOCK_ROWS * BLOCK_ROWS
-    blocks = smooth[:whole].reshape(-1, BLOCK_ROWS, smooth.shape[1]).max(axis=1)
-    if whole == smooth.shape[0]:
-        return np.asarray(blocks)
-    return np.concatenate((blocks, smooth[whole:].max(axis=0, keepdims=True)))
-
-
-def _row_of_maximum(values: Array) -> Index:
-    """First row of the highest value per column; numpy's argmax along the columns takes twice as long."""
-    count = np.arange(len(values), 0, -1, dtype=np.int16)[:, None]
-    return np.asarray(len(values) - (count * (values == values.max(axis=0))).max(axis=0), dtype=np.intp)
+    """Highest value per column of a band (rows, columns) of int16 or float32."""
+    smooth = np.ascontiguousarray(smooth)
+    rows, columns = smooth.shape
+    top, (height, second) = np.empty(columns, np.int64), np.empty((2, columns), np.float32)
+    work = np.empty((rows // BLOCK_ROWS + 1, LANES), smooth.dtype)
+    find = {np.int16: kernel().highest_peaks_int16, np.float32: kernel().highest_peaks_float}[smooth.dtype.type]
+    find(address(smooth), rows, columns, *map(address, (top, height, second, work)))
+    return Peaks(top, height, second)
 
 
 def candidates(smooth: Array, columns: Index, threshold: float, distance: int) -> tuple[Index, Float32]:
@@ -211,36 +192,11 @@ def responses(light: Array, top: Index, columns: Index, sigma: float) -> Float32
         sigma: sigma of the filter [px], that of the stripe.
 
     Returns:
-        (shifts, n), to be given to `centres`.
+        (SHIFTS, n), from which the kernel measures the centre.
     """
     filters = derivative_filters(sigma)
     size = filters.shape[1]
     return np.asarray(filters @ rows_from(light, top - size // 2, size, columns).astype(np.float32))
-
-
-def centres(response: Float32) -> tuple[Float32, Float32]:
-    """Sub-pixel peaks of the filtered light: zero crossings of the response.
-
-    Args:
-        response: (shifts, ...) responses of the filters.
-
-    Returns:
-        (...) rows from the top on, NaN where there is no crossing near it, and (...) by how much the response falls
-        there from one shift to the next.
-    """
-    others = response.shape[1:]
-    response = response.reshape(len(response), -1)
-    is_above = response > 0
-    falling = is_above[:-1] > is_above[1:]
-    # Of several crossings the one nearest to the top.
-    interval = INTERVAL_OF_RANK.take((falling * RANK_OF_INTERVAL[:, None]).max(axis=0))
-    flat = interval * response.shape[1] + np.arange(response.shape[1])
-    before, after = response.take(flat), response.take(flat + response.shape[1])
-    slope = np.maximum(before - after, np.float32(1e-9))
-    crossing = (interval + before / slope).astype(np.float32)
-    row = crossing * np.float32(GRID_PX) - np.float32(SEARCH_PX)
-    row[~falling.take(flat)] = np.nan
-    return row.reshape(others), slope.reshape(others)
 
 
 @lru_cache(maxsize=64)

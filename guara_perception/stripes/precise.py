@@ -58,7 +58,7 @@ GAP_COST = 1.0
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
     """Find the stripe in each band.
 
-    Bands are independent of each other; several in one call share the overhead of numpy's calls.
+    Bands are independent of each other.
 
     Args:
         bands: one band per stripe, all of the same width.
@@ -66,13 +66,13 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
     Returns:
         Profile of each band: one position per column, in rows of the full picture.
     """
-    detected = [detect(band) for band in bands]
-    stripes = [stripe for stripe in detected if not isinstance(stripe, str)]
-    measured = iter(measure(stripes) if stripes else [])
-    return [
-        bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else next(measured)
-        for band, stripe in zip(bands, detected, strict=True)
-    ]
+    return [_extract(band) for band in bands]
+
+
+def _extract(band: Band) -> StripeProfile:
+    """Profile of one band."""
+    stripe = detect(band)
+    return bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else measure(stripe)
 
 
 def detect(band: Band) -> DetectedStripe | str:

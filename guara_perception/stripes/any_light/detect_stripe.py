@@ -13,9 +13,9 @@ from guara_perception.stripes.band import Band
 from guara_perception.stripes.laser_light import clipped_columns, opening
 from guara_perception.stripes.measure import DetectedStripe, sigma_of_filter
 from guara_perception.stripes.peaks import (
-    INTERVALS,
     ROW_MEAN_PX,
     ROW_SMOOTHING_SIGMA_PX,
+    SHIFTS,
     WIDE_SIGMA_PX,
     noise_gain,
     noise_of_columns,
@@ -47,7 +47,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
     n = path.row.size
     columns = np.arange(n)
     top, height, sigma = path.row.copy(), np.zeros(n, np.float32), 1.0
-    every_response, noise = np.zeros((INTERVALS + 1, n), np.float32), 0.0
+    every_response, noise = np.zeros((SHIFTS, n), np.float32), 0.0
     for where, light in _lights(path):
         light = (light - opening(light)) * scale
         smooth = smooth_light(light)

@@ -17,11 +17,16 @@ P, N, D, F = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_float
 # Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[type], type | None]] = {
     "details": ([P, N, N, N, P, P, N, N, P, P], None),
+    "centres": ([P, N, P, P], None),
     "evidence": ([P, N, D, D, D, P], None),
     "exposure": ([P, P, N, D, P, P], None),
     "follow": ([P, N, N, P, P], D),
+    "highest_peaks_float": ([P, N, N, P, P, P, P], None),
+    "highest_peaks_int16": ([P, N, N, P, P, P, P], None),
+    "measure": ([P] * 8 + [N] * 3 + [D] * 3 + [P] * 5, N),
     "ridges": ([P, N, N, P, N, N, P, P], None),
     "select_value": ([P, N, N], F),
+    "smooth_line": ([P, P, N, P, P], None),
     "strongest": ([P, P, P, N, D, D, D, P], None),
     "subtract": ([P, P, N, N, P, P, P], None),
 }
@@ -56,8 +61,8 @@ def processor() -> str:
     return "x86-64-v3" if set(flags) >= V3_FLAGS else "x86-64-v2"
 
 
-# Columns that the kernel handles at a time.
-STRIP = 64
+# Columns that the kernel handles at a time, as in kernel.h and ridges.c.
+LANES, STRIP = 16, 64
 
 
 def address(array: Array) -> int:

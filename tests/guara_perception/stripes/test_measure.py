@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.stripes.measure import smooth_line
+from guara_perception.stripes.kernel.library import address, kernel
 from tests.thorough import examples
+
+
+def smooth_line(position: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The smoothed positions (n,) of a stripe, and the factors by which independent noise shrinks."""
+    position, weight = (np.ascontiguousarray(array, np.float32) for array in (position, weight))
+    smooth, shrink = np.empty((2, position.size), np.float32)
+    kernel().smooth_line(*map(address, (position, weight)), position.size, *map(address, (smooth, shrink)))
+    return smooth, shrink
 
 
 @given(slope=st.floats(-0.4, 0.4), offset=st.floats(0, 100), seed=st.integers(0, 99))
@@ -34,13 +42,36 @@ def test_smoothing_never_bridges_a_gap_or_a_jump() -> None:
     assert np.std(smooth[5:-5]) == pytest.approx(0.1 * float(np.median(shrink)), rel=0.15)
 
 
-def test_lines_are_smoothed_each_by_itself() -> None:
-    """Several lines at once give what each gives alone: nothing is averaged from one line into the next."""
+def plain_line(position: np.ndarray, weight: np.ndarray) -> tuple[list[float], list[float]]:
+    """The same by plain Python."""
+    smooth, shrink, n = [], [], len(position)
+    for column in range(n):
+        pairs = []
+        for far in (1, 2, 3):
+            if not (far <= column < n - far):
+                break
+            left, right = position[column - far], position[column + far]
+            steepest = 0.5 * far
+            pair = min(weight[column - far], weight[column + far])
+            if not (abs(left - position[column]) < steepest and abs(right - position[column]) < steepest and pair > 0):
+                break
+            pairs.append((pair, left + right))
+        own = weight[column]
+        total = own + 2 * sum(pair for pair, _ in pairs)
+        smooth.append((own * position[column] + sum(pair * both for pair, both in pairs)) / total)
+        shrink.append((own**2 + 2 * sum(pair**2 for pair, _ in pairs)) ** 0.5 / total)
+    return smooth, shrink
+
+
+def test_lines_are_smoothed_as_by_plain_python() -> None:
+    """With noise, gaps, jumps and weights of any size."""
     random = np.random.default_rng(3)
-    lines = random.normal(20, 0.2, (4, 50)).astype(np.float32)
-    lines[1, 10:20] = np.nan
-    weights = random.uniform(1, 9, (4, 50)).astype(np.float32)
-    together = smooth_line(lines, weights)
-    for index in range(4):
-        for one, several in zip(smooth_line(lines[index], weights[index]), together, strict=True):
-            np.testing.assert_array_equal(one, several[index])
+    for n in (1, 2, 5, 60):
+        line = (20 + random.normal(0, 0.4, n) + 9 * (np.arange(n) > 30)).astype(np.float32)
+        line[10:14] = np.nan
+        weight = random.uniform(1, 9, n).astype(np.float32)
+        smooth, shrink = smooth_line(line, weight)
+        expected, factor = plain_line(line.astype(float), weight.astype(float))
+        np.testing.assert_allclose(smooth, expected, rtol=1e-6)
+        known = np.isfinite(line)
+        np.testing.assert_allclose(shrink[known], np.array(factor)[known], rtol=1e-6)

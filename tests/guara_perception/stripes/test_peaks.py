@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from guara_perception.stripes.kernel.library import address, kernel
 from guara_perception.stripes.peaks import (
     SCALE,
     candidates,
-    centres,
     highest_peaks,
     noise_gain,
     noise_of_columns,
@@ -60,7 +60,9 @@ def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
 
 def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the centres about these tops, and their standard deviation for noise of one grey level."""
-    from_top, slope = centres(responses(light, top, np.arange(top.size), sigma))
+    response = responses(light, top, np.arange(top.size), sigma)
+    from_top, slope = np.empty((2, top.size), np.float32)
+    kernel().centres(address(response), top.size, address(from_top), address(slope))
     return top + from_top, noise_gain(sigma) / slope
 
 
