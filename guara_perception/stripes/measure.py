@@ -8,7 +8,7 @@ import numpy as np
 
 from guara_perception.arrays import Float32, Image, Index, Mask
 from guara_perception.stripes.band import StripeProfile, at_rows, nothing
-from guara_perception.stripes.kernel.library import address, kernel
+from guara_perception.stripes.kernel.library import addresses, kernel
 from guara_perception.stripes.peaks import ROW_SMOOTHING_SIGMA_PX, SCALE
 
 NAN = np.float32(np.nan)
@@ -64,19 +64,17 @@ def measure(stripe: DetectedStripe) -> StripeProfile:
     """Measure the profile of a stripe."""
     columns = stripe.top.size
     beside_px = max(round(BESIDE_SIGMAS * stripe.sigma), LEAST_BESIDE_PX)
-    top, height, responses = (
-        np.ascontiguousarray(array, kind)
-        for array, kind in ((stripe.top, np.int64), (stripe.height, np.float32), (stripe.responses, np.float32))
-    )
-    masks = (np.ascontiguousarray(mask, np.bool_) for mask in (stripe.is_peak, stripe.is_clipped, stripe.is_unsure))
+    top, height = np.ascontiguousarray(stripe.top, np.int64), np.ascontiguousarray(stripe.height, np.float32)
+    masks = [np.ascontiguousarray(mask, np.bool_) for mask in (stripe.is_peak, stripe.is_clipped, stripe.is_unsure)]
+    responses = np.ascontiguousarray(stripe.responses, np.float32)
     sides = _beside(stripe, beside_px)
     position, sigma, doubtful = np.empty((3, columns), np.float32)
     work, status = np.empty(3 * columns, np.float32), np.empty(columns, np.uint8)
     doubts = kernel().measure(
-        *map(address, (top, height, *masks, responses)),
-        *(map(address, sides) if sides else (None, None)),
+        *addresses(top, height, *masks, responses),
+        *(addresses(*sides) if sides else (None, None)),
         *(columns, stripe.rows, stripe.first_row, stripe.sigma, stripe.noise, beside_px),
-        *map(address, (work, position, sigma, status, doubtful)),
+        *addresses(work, position, sigma, status, doubtful),
     )
     peak = height / np.float32(SCALE)
     for array in (position, sigma, status, peak, doubtful):

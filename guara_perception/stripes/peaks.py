@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float32, Index
 from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS, rows_from, sampled
-from guara_perception.stripes.kernel.library import LANES, address, kernel
+from guara_perception.stripes.kernel.library import LANES, address, addresses, kernel
 
 # Makes the median of absolute deviations the standard deviation of a normal distribution.
 SIGMA_PER_DEVIATION = 1.4826
@@ -114,7 +114,7 @@ def highest_peaks(smooth: Array) -> Peaks:
     top, (height, second) = np.empty(columns, np.int64), np.empty((2, columns), np.float32)
     work = np.empty((rows // BLOCK_ROWS + 1, LANES), smooth.dtype)
     find = {np.int16: kernel().highest_peaks_int16, np.float32: kernel().highest_peaks_float}[smooth.dtype.type]
-    find(address(smooth), rows, columns, *map(address, (top, height, second, work)))
+    find(address(smooth), rows, columns, *addresses(top, height, second, work))
     return Peaks(top, height, second)
 
 

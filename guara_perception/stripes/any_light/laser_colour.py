@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Index, Mask
-from guara_perception.stripes.kernel.library import STRIP, address, kernel
+from guara_perception.stripes.kernel.library import STRIP, address, addresses, kernel
 from guara_perception.stripes.peaks import robust_sigma, select, upper_median, upper_medians
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
@@ -207,7 +207,7 @@ def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None 
     heights = tuple(ridge_of_width(light, sigma) for sigma in SIGMAS_PX)
     noises = tuple(_noise(height, elsewhere) for height in heights)
     strength = np.empty_like(light)
-    kernel().strongest(*map(address, heights), strength.size, *noises, address(strength))
+    kernel().strongest(*addresses(*heights), strength.size, *noises, address(strength))
     if scene is not None:
         strength *= _quietness(heights[0], noises[0], scene)
     return Ridges(strength, heights, noises)

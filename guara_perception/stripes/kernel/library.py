@@ -6,6 +6,7 @@ import ctypes
 import platform
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from guara_perception.arrays import Array
 from guara_perception.exceptions import DamagedInstallation
@@ -15,7 +16,7 @@ FOLDER = Path(__file__).parent
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
 P, N, D, F = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_float
 # Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
-FUNCTIONS: dict[str, tuple[list[type], type | None]] = {
+FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "details": ([P, N, N, N, P, P, N, N, P, P], None),
     "centres": ([P, N, P, P], None),
     "evidence": ([P, N, D, D, D, P], None),
@@ -70,3 +71,8 @@ def address(array: Array) -> int:
     if not array.flags.c_contiguous:
         raise ValueError(f"an array with strides {array.strides} was given to the kernel")
     return array.ctypes.data
+
+
+def addresses(*arrays: Array) -> list[int]:
+    """Address of each array."""
+    return [address(array) for array in arrays]
