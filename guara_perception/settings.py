@@ -17,7 +17,7 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# A larger limit is a slip of units (degrees, millimetres), not a robot; lengths have this one [m].
+# Largest limits: a larger value is a mistake of units (degrees, millimetres). Lengths have this one [m].
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path
@@ -28,7 +28,7 @@ class TraversabilityLimits:
     """Traversability limits of the robot's feet. A cell that exceeds any of them is a hazard.
 
     A limit that is added later needs a default that excludes nothing, since grids of older versions lack it. It sets
-    the nearest existing flag of `Hazard`, which the records of its grids name under `limit_flags`.
+    the existing flag of `Hazard` that fits best, which the records of its grids name under `limit_flags`.
 
     Attributes:
         slope: largest angle to the horizontal [rad].
@@ -95,7 +95,7 @@ class Settings:
     @staticmethod
     @lru_cache(maxsize=16)
     def of(robot: RobotModel) -> Settings:
-        """Read and check the perception tables of a robot, once: every scan asks for them.
+        """Read and check the perception tables of a robot; cached, since every scan needs them.
 
         Raises:
             FileFormatError: values are missing or impossible; all are reported at once, each with table and field.

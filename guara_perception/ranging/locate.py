@@ -15,8 +15,8 @@ MIN_SINE_TO_PLANE = 0.05
 # Numbers of polynomial coefficients, tried in this order. A usual lens needs 16; one whose distortion is not monotonic
 # near a corner of the picture needs more.
 COUNTS = (16, 24)
-# Largest error of a ray at the points where it is checked, projected into the picture [px]: a triangulated point is
-# then right to a few nm.
+# Largest error of a ray at the points where it is checked, projected into the picture [px]: triangulated points are
+# then accurate to a few nm.
 TOLERANCE_PX = 1e-6
 
 

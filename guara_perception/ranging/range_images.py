@@ -9,18 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Float32, Index
+from guara_perception.ranging.lines import shares
+from guara_perception.ranging.links import EVERYWHERE, surface_keys
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import EVERYWHERE, shares, surface_keys, surface_lines
+from guara_perception.ranging.surface import surface_lines
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics.arrays import FrozenArrays
 
 # Picture size of the paper: rows along x, columns along y.
 ROWS, COLUMNS = 512, 640
-# Between samples of neighbouring image columns a surface this much nearer to the camera than the floor leaves no pixel
-# of the perspective image out.
+# Largest stretch by the central projection for which samples of neighbouring image columns leave no pixel of the
+# perspective image empty.
 LARGEST_STRETCH = 1.25
-# As many for columns 4 mm apart, which only ground far away has.
+# Largest number of lines between neighbouring image columns: enough for columns 4 mm apart, as on distant ground.
 MOST_BETWEEN = 5
 
 
@@ -31,8 +33,8 @@ class RangeImages(FrozenArrays):
     Pixel (r, c) is x = x_min + (r + 0.5) * depth / 512, y = y_min + (c + 0.5) * width / 640 in base_footprint.
 
     Attributes:
-        ortho_image_mm: orthorectified: every height at its true position.
-        range_image_mm: perspective: every height where the camera's ray through it meets the floor.
+        ortho_image_mm: orthorectified image: every height at its true position.
+        range_image_mm: perspective image: every height where the camera's ray through it meets the floor.
     """
 
     ortho_image_mm: Float32
@@ -58,7 +60,7 @@ def range_images(
     """
     size = np.array([(x[1] - x[0]) / ROWS, (y[1] - y[0]) / COLUMNS])
     nadir, above = camera_position[:2], float(camera_position[2])
-    # Number of the nadir's row and column, as the pictures count them.
+    # Row and column of the nadir, counted from 1.
     nadir_px = (nadir - (x[0], y[0])) / size + 1 + ROUNDING
     ortho, perspective = _Picture(), _Picture()
     between = _lines_between(points, size[1])
@@ -69,8 +71,7 @@ def range_images(
                 continue
             lines = found.filled(followed, between) if between else found
             share, _, _ = shares(lines.number)
-            # In pixels from the nadir: these are only stretched by the central projection onto the floor, which eqs. 20
-            # and 21 undo.
+            # In pixels from the nadir: about it, the central projection that eqs. 20 and 21 undo is a pure stretch.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (
                 share * along + start
@@ -86,7 +87,7 @@ def range_images(
 
 
 def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
-    """Number of lines between neighbouring image columns that leaves no pixel of this width [m] out."""
+    """Number of lines between neighbouring image columns that leaves no pixel of this width [m] empty."""
     apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
     return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
 
@@ -103,9 +104,9 @@ def _useful_y(
 
 
 class _Picture:
-    """Sums samples per pixel: the top layer of each, apart from what lies below it (see `assessment.raster`).
+    """Mean of the samples in the top layer of each pixel (see `assessment.raster`).
 
-    Only the samples' pixels and heights are kept until all are there, since each may raise the top of its pixel.
+    Pixels and heights of all samples are kept to the end, since each sample may raise the top of its pixel.
     """
 
     def __init__(self) -> None:
@@ -113,12 +114,12 @@ class _Picture:
         self._samples: list[tuple[int, Array, Float]] = []
 
     def add(self, row: Float, column: Float, height: Float, cut: Index) -> None:
-        """Take samples.
+        """Add samples.
 
         Args:
-            row, column: (n, c) row and column of each sample, counted from 1 where the picture begins.
+            row, column: (n, c) row and column of each sample, counted from 1.
             height: (n, c) height of each sample; not copied.
-            cut: flat indices of the samples that are not to be taken.
+            cut: flat indices of the samples to omit.
         """
         pixel = row.astype(np.int32)
         np.clip(pixel, np.int32(0), np.int32(ROWS + 1), out=pixel)
@@ -129,9 +130,9 @@ class _Picture:
         columns = column.astype(np.int32)
         pixel += np.clip(columns, np.int32(0), np.int32(COLUMNS + 1), out=columns)
         pixel, height, first = pixel.reshape(-1), height.reshape(-1), first * (COLUMNS + 2)
-        # This pixel is beside the picture.
+        # Pixel 0 is outside the picture.
         pixel[cut] = 0
-        # The type of numpy's own indices: with any other `at` is many times slower.
+        # np.intp: with any other type of index `ufunc.at` is many times slower.
         np.maximum.at(self._highest[first:], pixel.astype(np.intp), height)
         self._samples.append((first, pixel, height))
 
@@ -139,7 +140,7 @@ class _Picture:
         """Mean height (ROWS, COLUMNS) of the top layer of each pixel [mm], NaN where no sample fell."""
         total, count = np.zeros((2, self._highest.size))
         bottom = self._highest - TOP_LAYER_M
-        # Beside the picture no layer is above another.
+        # Outside the picture the top layer does not matter.
         bottom[:: COLUMNS + 2] = -np.inf
         for first, pixel, heights in self._samples:
             is_top = heights > bottom[first:].take(pixel)

@@ -1,4 +1,4 @@
-"""The geometry of a scan, known before its first frame: rows and laser plane of each stripe, and its points by them."""
+"""Geometry of a scan, known before its first frame: image rows and laser plane of each stripe; points of stripes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile
 
-# Bands reach this far beyond the height limits, so that a stripe just outside of these is seen as such.
+# Bands extend this far beyond the height limits, so that a stripe just outside of these is still detected.
 LIMIT_MARGIN_M = 0.025
 # Rows added at the edges of a band, for smoothing and for the window about the centre.
 ROW_MARGIN_PX = 8
-Item = TypeVar("Item")
-# With more of them their arrays no longer stay in the processor's cache.
+# Number of stripes processed together: the arrays of more do not fit the processor's cache.
 TOGETHER = 8
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class ScanGeometry:
     Attributes:
         calibration: calibration of the rangefinder.
         transform_camera_to_footprint: (4, 4).
-        stripes: those stripes of the pattern that are calibrated, by index and in its order.
+        stripes: calibrated stripes of the pattern by index, in the order of the pattern.
         planes_in_footprint: (s, 4) their laser planes in base_footprint, in the same order.
         sensor_origins: positions (3,) of the camera and (3,) of the laser, the point of the mirror axis nearest to the
             camera [m].
@@ -81,7 +81,7 @@ def scan_geometry(
 
 
 def laser_origin(planes: Float, near: Float) -> Float:
-    """The point of the mirror axis nearest to `near`: all laser planes pass (almost) through that line.
+    """Point of the mirror axis nearest to `near`; all laser planes pass almost through that axis.
 
     Args:
         planes: (s, 4) planes of all stripes in one frame.
@@ -97,7 +97,7 @@ def laser_origin(planes: Float, near: Float) -> Float:
 
 
 class StripeRanger:
-    """Turns the profiles of a scan's stripes into points."""
+    """Converts the profiles of a scan's stripes to points."""
 
     def __init__(
         self,
@@ -107,14 +107,14 @@ class StripeRanger:
         on_robot: Callable[[Float], Mask],
         motion_covariance: Float | None = None,
     ) -> None:
-        """Keep what does not depend on the frames.
+        """Prepare what does not depend on the frames.
 
         Args:
             geometry: geometry of the scan.
-            locator: makes points of rows.
+            locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
-            on_robot: says which points (n, 3) in base_footprint lie on the robot itself.
-            motion_covariance: (6, 6) of what the camera may have moved in the scan, in `base_link`; None = nothing.
+            on_robot: mask of the points (n, 3) in base_footprint that lie on the robot itself.
+            motion_covariance: (6, 6) covariance in `base_link` of camera motion during the scan; None = it stood.
 
         Raises:
             FileFormatError: the covariance of the calibration is not as documented.
@@ -123,7 +123,7 @@ class StripeRanger:
         self._height_limits, self._on_robot = height_limits, on_robot
         calibration = geometry.calibration
         self._uncertainty = HeightUncertainty.of(calibration)
-        # Of the motions in base_footprint those that move heights: z, and turns about x and y.
+        # Components of the motion in base_footprint that change heights: z, and rotations about x and y.
         self._motion: Float | None = None
         if motion_covariance is not None:
             turn = geometry.transform_camera_to_footprint[:3, :3] @ calibration.transform_camera_to_base[:3, :3].T
@@ -131,7 +131,7 @@ class StripeRanger:
             self._motion = rows @ motion_covariance @ rows.T
 
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
-        """Points of stripes by index; their frames must not be bad."""
+        """Points of stripes by index, for profiles of good frames."""
         found: dict[int, StripePoints] = {}
         for group in in_groups(list(profiles)):
             points = stripe_points(
@@ -146,9 +146,9 @@ class StripeRanger:
         return found
 
     def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
-        """Variances (s, n) [m^2] of heights at points (3, s, n) by the calibration and by motions of the camera.
+        """Variances (s, n) [m^2] of heights at points (3, s, n) due to the calibration and to motion of the camera.
 
-        None for a calibration without covariance (one made from a drawing) and a camera that is known to have stood.
+        None for a camera that stood and a calibration without covariance, which is one made from a drawing.
         """
         uncertainty, geometry = self._uncertainty, self._geometry
         if uncertainty is None:
@@ -167,10 +167,10 @@ class StripeRanger:
         assert self._motion is not None
         x, y = points[:2] - self._geometry.transform_camera_to_footprint[:2, 3, None, None]
         (zz, zx, zy), (_, xx, xy), (_, _, yy) = self._motion
-        # Element by element: rounding does not depend on what other stripes there are.
+        # Element by element, so that rounding does not depend on the other stripes.
         return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
 
 
 def in_groups(items: list[Item], size: int = TOGETHER) -> Iterator[list[Item]]:
-    """The items in their order, TOGETHER at a time; the last group may have fewer."""
+    """Split items into groups of `size`, in order; the last group may be smaller."""
     return (items[begin : begin + size] for begin in range(0, len(items), size))

@@ -1,4 +1,4 @@
-"""The points of one stripe in the robot's frame; those not to be trusted, as at ends of runs, set apart."""
+"""Points of stripes in the robot's frame; unreliable returns, such as those at the ends of runs, are set apart."""
 
 from __future__ import annotations
 
@@ -17,24 +17,25 @@ from kinematics.arrays import read_only
 MIXED_EDGE, OUT_OF_BAND = np.uint8(StripeStatus.MIXED_EDGE), np.uint8(StripeStatus.OUT_OF_BAND)
 # A larger difference of height between neighbouring columns is a jump from one surface to another.
 JUMP_M = 0.004
-# Columns beside a jump or a gap: they hold light of both sides, or light spread by the lens and by the mean of columns.
+# Number of unusable columns next to a jump or a gap: they contain light of both sides, or light that the lens and the
+# mean over columns spread there.
 END_COLUMNS = 2
-# A run of at most this many columns, in all of which the light is weaker than this share of the stripe's median, is
-# what an edge leaves of a stripe that it cuts.
+# A run of fewer than this many columns, all weaker than this share of the stripe's median, is the remnant of a stripe
+# that an edge cuts.
 SHORT_RUN_COLUMNS = 12
 WEAK_OF_STRIPE = 0.5
-# A run that fades towards its end is cut by a shadow's edge; the rest of the stripe there gives a wrong position. The
-# run has faded where a column is weaker than this share of the mean of the next LEVEL_COLUMNS.
+# A run that fades towards its end is cut by the edge of a shadow; what remains of the stripe there gives a wrong
+# position. A column is faded if it is weaker than this share of the mean of the next LEVEL_COLUMNS.
 FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # This many columns in a row must be bright to end a fade: speckle makes single columns bright within a shadow.
 SOUND_COLUMNS = 2
-# A fade is sought in this many columns from the end of a run, in more only where it does not end in these.
+# A fade is searched in this many columns from the end of a run, in more only if it does not end there.
 FADE_WINDOW = 24
 
 
 def _stored(values: npt.ArrayLike, kind: npt.DTypeLike) -> Array:
-    """A read-only array of this type; no copy when the values are one already."""
+    """Read-only array of a type, without a copy if the values are one already."""
     array = np.asarray(values, dtype=kind)
     if array is not values and array.base is None:
         # No other reference to this one exists.
@@ -66,10 +67,10 @@ class StripePoints:
     Attributes:
         points: (w, 3) in base_footprint [m], NaN where there is no trusted return within the height limits.
         variance: (w,) variance of the height from the stripe position [m^2], NaN likewise.
-        strength: (w,) height of the return above background [grey levels]; of use only where there is a point.
+        strength: (w,) height of the return above background [grey levels]; meaningful only where there is a point.
         status: (w,) uint8 StripeStatus.
-        out_of_range: points seen below or above the height limits.
-        doubtful: points of returns that may not be used.
+        out_of_range: points below or above the height limits.
+        doubtful: points of unusable returns.
     """
 
     points: Array
@@ -97,16 +98,18 @@ def stripe_points(
     on_robot: Callable[[Float], Mask] | None = None,
     added_variance: Callable[[Float], Float] | None = None,
 ) -> list[StripePoints]:
-    """Locate the points of profiles and sort them; each stripe by itself, but all in one go, which is faster.
+    """Convert profiles to points and set unreliable returns apart.
+
+    Stripes do not influence each other; several in one call take less time.
 
     Args:
         profiles: s stripes along the columns of the whole picture, one or more.
-        locator: makes points of rows.
+        locator: converts image rows to points.
         planes_in_camera: (s, 4) calibrated laser planes.
         height_limits: lowest and highest height that counts as terrain [m].
-        on_robot: says which points (n, 3) in base_footprint lie on the robot itself; None = none does.
-        added_variance: gives variances (s, w) of the heights of points (3, s, w), which are added to those that follow
-            from the stripe position; None = nothing is added.
+        on_robot: mask of the points (n, 3) in base_footprint that lie on the robot itself; None = no such test.
+        added_variance: variances (s, w) of the heights of points (3, s, w), added to those due to the stripe position;
+            None = nothing is added.
     """
     position, sigma = _rows(profiles, "position_px"), _rows(profiles, "sigma_px")
     points, sigma = locator.measure(planes_in_camera, position, sigma)
@@ -129,7 +132,7 @@ def stripe_points(
     np.copyto(kept, np.nan, where=unusable)
     single = variance.astype(np.float32)
     for array in (kept, single, status):
-        # No other references to these exist: what is cut out of them need not be copied.
+        # No other references to these exist, so their parts need not be copied.
         array.setflags(write=False)
     return [
         StripePoints(kept[:, k].T, single[k], profile.peak, status[k], out_of_range[k], doubtful[k])
@@ -143,10 +146,10 @@ def _rows(profiles: Sequence[StripeProfile], name: str) -> Float:
 
 
 def _drop(points: Float, on_robot: Callable[[Float], Mask]) -> None:
-    """Make points (3, ..., n) on the robot NaN."""
+    """Set points (3, ..., n) on the robot to NaN."""
     own = on_robot(points.reshape(3, -1).T)
     if own.any():
-        # In the points themselves: reshaped they may be a copy.
+        # Not in the reshaped points, which may be a copy.
         points[:, own.reshape(points.shape[1:])] = np.nan
 
 
@@ -159,7 +162,7 @@ def _doubtful(
     points: Float,
     mixed: Mask,
 ) -> list[ColumnPoints]:
-    """Returns within the height limits that may not be used: doubted by the extraction, or at the ends of runs."""
+    """Unusable returns within the height limits: doubted by the extraction, or at the ends of runs."""
     rows = _rows(profiles, "doubtful_px")
     indices = np.flatnonzero(mixed | np.isfinite(rows))
     if not indices.size:
@@ -178,7 +181,7 @@ def _doubtful(
 
 
 def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> list[ColumnPoints]:
-    """Points (3, s, w) at ascending indices, counted through all stripes, or what was found there (3, n), by stripe."""
+    """Points (3, s, w) at ascending flat indices (n,), by stripe; `found` (3, n) replaces them."""
     _, count, width = points.shape
     if not indices.size:
         return [NO_POINTS] * count
@@ -192,9 +195,9 @@ def _by_stripe(points: Float, indices: Index, found: Float | None = None) -> lis
 
 
 def run_ends(height: Float, strength: Float) -> Mask:
-    """Columns of returns that may not be used because a run of returns ends there.
+    """Mask of the returns that are unusable because a run of returns ends there.
 
-    The picture's own borders end no run.
+    The borders of the picture do not end a run.
 
     Args:
         height: (s, w) heights of stripes [m], NaN where there is no return.
@@ -268,10 +271,10 @@ def _fade_lengths(strength: Float, first: Index, last: Index, window: int = FADE
     Args:
         strength: (s, w).
         first, last: (n,) indices of the first and last column of each run, into the flat array.
-        window: number of columns that are looked at, from the first; more only where these do not decide.
+        window: number of columns that are tested first; more only where these do not decide.
 
     Returns:
-        Pairs of first index and number; runs that do not fade may be left out.
+        Pairs of first index and number; runs that do not fade may be missing.
     """
     if not first.size:
         return []

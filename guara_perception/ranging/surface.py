@@ -1,54 +1,16 @@
-"""Surface between neighbouring stripes: ground counts as seen only where two of them confirm each other.
-
-Two neighbouring stripes of the pattern confirm each other in an image column if their heights differ by less than
-`join_height`. A stripe can confirm returns of another, never create them: fewer stripes give less surface.
-"""
+"""Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree."""
 
 from __future__ import annotations
 
-import functools
-import itertools
-import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Index, Mask
-from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
+from guara_perception.arrays import Array, Index, Mask
+from guara_perception.ranging.lines import Lines, sample_count, shares
+from guara_perception.ranging.links import EVERYWHERE, Key, links_of
+from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
-
-# Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
-Key = tuple[int, int]
-# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow ...
-WEAK_RATIO = 0.4
-# ... so that the two are joined only if their heights differ by less than this.
-WEAK_JOIN_HEIGHT_M = 0.0015
-EVERYWHERE = (-math.inf, math.inf)
-# Samples along a joining line are at most a third of a cell apart, so that no crossed cell is missed.
-SAMPLES_PER_CELL = 3
-# At the end of a surface its last stripe may extend beyond the edge by part of the stripe's width on the ground.
-OPEN_END_M = 0.0005
-
-
-def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
-    """Columns in which two neighbouring stripes lie on one surface.
-
-    A stripe that is cut by an edge or a shadow is weak and displaced: where one of the two returns is much weaker than
-    the other, their heights must agree more closely.
-
-    Args:
-        heights: two (..., w), of neighbouring stripes [m].
-        strengths: two (..., w), strengths of their returns [grey levels].
-        join_height: largest height difference of one surface [m].
-
-    Returns:
-        (..., w) bool, True where both have a point and the heights differ by less than the difference allowed.
-    """
-    with np.errstate(invalid="ignore"):
-        weaker, stronger = np.minimum(*strengths), np.maximum(*strengths)
-        allowed = np.where(weaker < WEAK_RATIO * stronger, min(WEAK_JOIN_HEIGHT_M, join_height), join_height)
-        return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
 
 
 def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Sequence[int]) -> SurfaceSamples:
@@ -131,11 +93,6 @@ def _lines(
         yield alike_lines, indices, [run for n, run in runs if n == number]
 
 
-def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
-    """(index, index) of every stripe and (index, next index) of every pair of neighbours of the pattern, in order."""
-    return [key for k in sorted(stripes) for key in ((k, k), (k, k + pattern.step)) if key[1] in stripes]
-
-
 def surface_of(
     stripes: Mapping[int, StripePoints],
     keys: Sequence[Key],
@@ -152,9 +109,9 @@ def surface_of(
         pattern: indices of the stripes of the scan's mode.
         join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
-        y_range: points and lines wholly on one side of it are left out [m].
+        y_range: range of y outside which points and lines are omitted [m].
     """
-    seen = _seen(stripes, keys, pattern, join_height, y_range)
+    seen = links_of(stripes, keys, pattern, join_height, y_range)
     variance = np.array([stripes[index].variance for index in seen.indices])
     found = [
         confirmed_points(seen.points, variance, seen.confirmed, seen.own),
@@ -177,9 +134,9 @@ def surface_lines(
 ) -> Iterator[tuple[Lines, Index]]:
     """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
 
-    Yields lines, and the positions of those lines after which the line of the next image column follows.
+    Yields lines, and the positions of the lines that are followed by that of the next image column.
     """
-    seen = _seen(stripes, keys, pattern, join_height, y_range)
+    seen = links_of(stripes, keys, pattern, join_height, y_range)
     indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
     points = seen.points.reshape(3, -1).take(indices, axis=1)
     is_open = np.zeros(indices.size, dtype=bool)
@@ -192,161 +149,3 @@ def surface_lines(
 def _neighbours(indices: Index, width: int) -> Index:
     """Positions of those flat indices (stripe, image column) that the next column of the same stripe follows."""
     return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
-
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """Points of some stripes and their links to neighbouring ones.
-
-    Attributes:
-        indices: indices of s stripes.
-        points: (3, s, w) float32 points of these stripes.
-        confirmed: (s, w) requested points that the stripes on both sides confirm.
-        own: s numbers of swaths of the stripes, -1 for those not requested.
-        links: see `joined_surface`.
-        wanted: (s - 1, w) columns in which lines are requested.
-        pairs: s - 1 numbers of swaths of the pairs, -1 for those not requested.
-    """
-
-    indices: list[int]
-    points: Array
-    confirmed: Mask
-    own: list[int]
-    links: tuple[Mask, Mask, Mask]
-    wanted: Mask
-    pairs: list[int]
-
-
-def _seen(
-    stripes: Mapping[int, StripePoints],
-    keys: Sequence[Key],
-    pattern: range,
-    join_height: float,
-    y_range: tuple[float, float],
-) -> _Seen:
-    """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
-    numbers = {key: number for number, key in enumerate(keys)}
-    indices = sorted({index for key in keys for index in key})
-    # Each coordinate contiguous in memory: several times faster than one point after the other.
-    points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
-    for row, index in enumerate(indices):
-        points[:, row] = stripes[index].points.T
-    before, after = _links(stripes, indices, pattern, join_height)
-    low, high = points[1] < y_range[0], points[1] > y_range[1]
-    own = [numbers.get((index, index), -1) for index in indices]
-    pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
-    return _Seen(
-        indices,
-        points,
-        before & after & ~(low | high) & _is_requested(own),
-        own,
-        (before[:-1], after[:-1] & _is_requested(pairs), after[1:]),
-        ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
-        pairs,
-    )
-
-
-def _links(
-    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float
-) -> tuple[Mask, Mask]:
-    """Masks (s, w) of the columns in which each stripe is linked to the previous one, and to the next one.
-
-    No column if that stripe was lost. All columns at an end of the pattern: no stripe is fired there that could
-    contradict the surface.
-    """
-    stride = pattern.step
-    around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
-    heights = np.array([stripes[index].points[:, 2] for index in around])
-    strengths = np.array([stripes[index].strength for index in around])
-    linked = np.empty((len(around) + 1, heights.shape[1]), dtype=bool)
-    linked[1:-1] = linked_columns((heights[:-1], heights[1:]), (strengths[:-1], strengths[1:]), join_height)
-    rows = [around.index(index) for index in indices]
-    before, after = linked[rows], linked[[row + 1 for row in rows]]
-    for row, index in enumerate(indices):
-        for link, other in ((before, index - stride), (after, index + stride)):
-            if other not in stripes:
-                link[row] = index not in pattern or other not in pattern
-    return before, after
-
-
-def _is_requested(numbers: list[int]) -> Mask:
-    """Mask (n, 1) of the requested swaths, whose numbers are not -1."""
-    return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
-
-
-@dataclass(frozen=True, slots=True)
-class Lines:
-    """Straight lines of the surface, from a stripe to the next, all with the same number of samples.
-
-    Attributes:
-        first: (3, c) point at which each begins, in base_footprint [m].
-        difference: (3, c) vector from there to the point at which it ends [m].
-        opens, closes: (c,) whether the surface ends at the first, or at the last point of the line.
-        number: number of samples on each.
-    """
-
-    first: Float
-    difference: Float
-    opens: Mask
-    closes: Mask
-    number: int
-
-    def filled(self, followed: Index, between: int) -> Lines:
-        """Lines with interpolated ones added between those of neighbouring image columns.
-
-        Args:
-            followed: positions of the lines that are followed by that of the next image column.
-            between: number of lines between two neighbours.
-        """
-        ways = np.arange(1, between + 1) / (between + 1)
-
-        def vectors(own: Float) -> Float:
-            first, second = own[:, followed], own[:, followed + 1]
-            return np.concatenate([own, *(first * (1 - way) + second * way for way in ways)], axis=1)
-
-        def masks(own: Mask) -> Mask:
-            return np.concatenate([own, np.tile(own[followed] | own[followed + 1], between)])
-
-        return Lines(vectors(self.first), vectors(self.difference), masks(self.opens), masks(self.closes), self.number)
-
-    def cut(self) -> Index:
-        """Flat indices of the samples, (number, c), that are cut off at open ends."""
-        share, _, _ = shares(self.number)
-        at_ends = np.flatnonzero(self.opens | self.closes)
-        run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
-        length = np.minimum(OPEN_END_M / run, 0.5)
-        # Usually the cut ends before the nearest sample.
-        if length.max(initial=0.0) <= min(share[0], 1 - share[-1]):
-            return np.empty(0, np.intp)
-        start, end = np.where(self.opens[at_ends], length, 0.0), 1 - np.where(self.closes[at_ends], length, 0.0)
-        row, line = np.nonzero((share < start) | (share > end))
-        return np.asarray(row * self.opens.size + at_ends[line])
-
-
-@functools.cache
-def shares(n: int) -> tuple[Float, Float, Float]:
-    """Share of the line before each of n samples (n, 1), and the samples' weights for the variances of its two ends.
-
-    The positions never depend on other stripes: cutting samples off does not move the others.
-    """
-    share = ((np.arange(n) + 0.5) / n)[:, None]
-    return share, (1 - share) ** 2, share**2
-
-
-def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
-    """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
-    _, in_first, in_second = np.intersect1d(ends[0].columns, ends[1].columns, assume_unique=True, return_indices=True)
-    if not in_first.size:
-        return np.empty((0, 3))
-    first = ends[0].points[in_first]
-    difference = ends[1].points[in_second] - first
-    (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
-    share, _, _ = shares(n)
-    return np.asarray((first + share[..., None] * difference).reshape(-1, 3))
-
-
-def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line so that no crossed cell is missed, at most 64, for each of s sets of lines (3, s, w)."""
-    squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
-    longest = np.sqrt(squares.max(axis=1)).tolist()
-    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

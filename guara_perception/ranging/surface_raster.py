@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from guara_perception.arrays import Flags
+from guara_perception.ranging.lines import line_samples
+from guara_perception.ranging.links import Key
 from guara_perception.ranging.scan_geometry import TOGETHER, in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import Key, line_samples, surface_of
+from guara_perception.ranging.surface import surface_of
 from guara_perception.terrain.assessment.columns import runs
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
@@ -38,10 +40,10 @@ class SurfaceRaster:
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
         self._join_height = join_height
-        # By swath, and the columns in which each has samples.
+        # Samples by swath, and the columns that contain them.
         self._swaths: dict[Key, CellSamples] = {}
         self._columns: dict[Key, slice] = {}
-        # Swaths to be made, since a stripe that they depend on was added, and columns to be merged.
+        # Swaths to be rasterised because a stripe that they depend on was added, and columns to be merged.
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
@@ -64,8 +66,8 @@ class SurfaceRaster:
     def raster(self) -> Raster:
         """Heights of all stripes added so far; a cell with a return above the height limits is unknown.
 
-        A return below them only marks the cause of an unknown cell: from below a surface that was seen nothing can
-        return, so there it is a stray reflection. Only the columns of swaths made since the last call are merged again.
+        A return below them only marks the cause of an unknown cell: below a surface that was seen it is a stray
+        reflection. Only the columns of swaths made since the last call are merged again.
         """
         self._make(list(self._to_make))
         for columns in runs(self._to_merge):
@@ -79,8 +81,8 @@ class SurfaceRaster:
         return without_cells(self._raster, self._too_high)
 
     def marks(self) -> Flags:
-        """Flags of the cells with returns that may not be used."""
-        # Few of each stripe: those of many stripes in one go.
+        """Flags of the cells with unusable returns."""
+        # A stripe has few doubtful points: those of all new stripes are located at once.
         fresh = [stripe.doubtful.points for index, stripe in self._stripes.items() if index not in self._with_doubts]
         if fresh:
             cell, _ = cells_of(np.concatenate(fresh), self._geometry)
@@ -127,7 +129,7 @@ class SurfaceRaster:
             return
         stride, cell = self._pattern.step, self._geometry.resolution
         firsts = {first for index in beyond for first in (index - stride, index)}
-        # Between two stripes that both saw something too low or too high the ground is out of range too.
+        # The ground between two stripes that are both out of range there is out of range too.
         ends = [(first, first + stride) for first in firsts if self._is_there((first, first + stride))]
         lines = [line_samples((self._stripes[i].out_of_range, self._stripes[j].out_of_range), cell) for i, j in ends]
         points = np.concatenate([*(self._stripes[index].out_of_range.points for index in beyond), *lines])

@@ -20,13 +20,13 @@ OTHER_INSTANT = "frames are not of their flash"
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
 # [grey levels of 255] and sigmas of the noise by which averaged light stands out.
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
-# Light in more columns than this share is a line; in fewer, as of a lamp, only its place is not used.
+# Light in at least this share of the columns or rows is a line. In fewer, as of a lamp, only its pixels are not used.
 LINE_SHARE = 0.08
-# Share of the columns that a spot must have to be compared with that of the dark frame before.
+# Least share of the columns or rows of a spot that is compared with that of the dark frame before.
 SPOT_SHARE = 0.01
 # Spots of two dark frames that share less than this of the smaller one are light that moves.
 LEAST_OVERLAP = 0.3
-# A frame with returns in fewer columns than this share shows no line; its neighbours do with more than the second.
+# A frame with returns in less than the first share of its columns shows no line, with more than the second it does.
 NO_LINE, PLAIN_LINE = 0.02, 0.1
 # Largest shift of frames that is looked for, in frames.
 MOST_SHIFT = 6
@@ -36,13 +36,13 @@ BESIDE_PX = 6
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Outcome for a scan.
+    """Result of the comparison for a scan.
 
     Attributes:
-        refused: why nothing of the scan may be used, beginning with its cause; empty when it may.
+        refused: reason why nothing of the scan may be used, beginning with its cause; empty if it may.
         unproved: stripes that no dark flash follows: their frames may be of another instant.
-        spoilt: (h, w) mask of pixels that are lit while the laser is dark, or lie beside such, as of `lit_pixels`; None
-            where there are none.
+        spoilt: (h, w) mask of pixels that are lit while the laser is dark, and of those beside them, in the resolution
+            of `lit_pixels`; None if there are none.
         doubled: stripes that are not used because their picture shows two lines.
         darks: number of dark flashes whose frames are known; None for a sweep without any.
     """
@@ -98,7 +98,7 @@ class FlashProof:
 
     def _keep(self, index: int, dark: Image, reference: Image) -> None:
         if dark.shape != reference.shape or dark.dtype != reference.dtype:
-            # No proof of anything.
+            # Frames of different cameras or formats cannot be compared: this dark flash proves nothing.
             return
         lit = lit_pixels(dark, reference)
         self._darks[index] = max(float(lit.any(axis=0).mean()), float(lit.any(axis=1).mean())), lit

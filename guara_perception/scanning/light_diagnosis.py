@@ -15,31 +15,31 @@ SAMPLED_FRAMES = 12
 PIXELS_APART, COLUMNS_APART = 16, 48
 # Columns of a frame, evenly distributed, in which the brightest row is sought.
 GLANCED = 12
-# Light counts when it stands this far above what is usual in its column.
+# Light counts if it exceeds the background of its column by this [grey levels of 255] and by this many sigmas.
 LEAST_LEVEL = 12.0
 LEAST_SIGMAS = 8.0
 ROWS_APART = 2
-# What is usual in a column shows in every eighth of those rows.
+# The background of a column is estimated from every eighth of those rows.
 USUAL_ROWS_APART = 8
 # Largest share of the laser-off picture that may be clipped; beyond it there is too much light.
 MOST_CLIPPED = 0.15
-# Share by which the brightness changes between laser off and on, or from frame to frame.
+# Largest relative change of the brightness between laser off and on, or from frame to frame.
 MOST_CHANGE = 0.06
-# [grey levels of 255] Changes are shares of this level in a darker picture: there they are too small to harm a stripe.
+# In darker pictures changes are relative to this level [grey levels of 255]: they are too small to harm a stripe.
 DARKEST_LEVEL = 32.0
 # Share of the pixels, the brightest ones, that the mean level leaves out: the stripe is among them.
 STRIPE_SHARE = 0.05
 # Widest clipped core, as a share of the picture's height: a wider one has no shoulders to measure. 8 px of 512.
 WIDEST_CORE_OF_HEIGHT = 8 / 512
-# Distance of the rows in which the core is sought, as a share of the picture's height: 2 px of 512.
+# Distance of the rows in which the core is searched, as a share of the picture's height: 2 px of 512.
 CORE_ROWS_OF_HEIGHT = 1 / 256
-# A stripe that stands less than this above its surroundings [grey levels of 255] drowns in texture and noise.
+# A stripe less than this above its surroundings [grey levels of 255] is lost in texture and noise.
 WEAKEST_LINE = 50.0
-# A scene without laser-off picture whose own light differs by this many times what the stripe adds hides it.
+# Without laser-off pictures, a scene hides the stripe if its own light varies by this many times the stripe's.
 MOST_TEXTURE = 3.0
 # [%] Percentiles that bound the darkest and the brightest tenth of a scene.
 TENTHS = (10, 90)
-# Share of the columns in which something of the laser must have been seen to call it weak.
+# Least share of the columns in which the laser must have been seen to call it weak.
 LEAST_SEEN = 0.01
 
 
@@ -50,14 +50,13 @@ class FrameSample:
     Attributes:
         clipped: share of the pixels that are clipped without the laser.
         level: mean level of the picture without its brightest pixels [grey levels of 255].
-        change: share by which it is brighter or darker than the laser-off picture, 0 without that.
+        change: relative difference in brightness from the laser-off picture, 0 without one.
         core: number of clipped rows of the stripe, median over the columns that have any; 0 where none has.
-        seen: share of the columns in which there was something of the laser.
+        seen: share of the columns in which the laser was seen.
         peak: height of the stripe, median over these columns [grey levels of 255].
-        contrast: difference between the brightest and the darkest tenth of the picture, 0 where there is a laser-off
-            picture, which takes the scene away [grey levels of 255].
-        rows: (GLANCED,) row of the brightest light in some columns, wherever the stripe should be; NaN where none
-            stands out.
+        contrast: difference between the brightest and the darkest tenth of the picture, 0 with a laser-off picture,
+            which removes the scene [grey levels of 255].
+        rows: (GLANCED,) row of the brightest light in some columns of the whole picture; NaN where none stands out.
     """
 
     clipped: float
@@ -91,14 +90,14 @@ class FrameSamples:
         self._unused: dict[int, str] = {}
 
     def add(self, pair: FramePair, profile: StripeProfile) -> None:
-        """Sample a frame, where it is one of those chosen, and note why its laser-off picture was not used."""
+        """Sample a frame if it is one of those chosen, and note why its laser-off picture was not used."""
         if profile.remark and pair.off is not None:
             self._unused[pair.index] = profile.remark
         if pair.index in self._chosen:
             self._samples[pair.index] = _sample(pair, profile, _brightest_rows(pair.on, pair.off, self.columns))
 
     def take_over(self, other: FrameSamples, indices: Collection[int]) -> None:
-        """Add the samples of some stripes that were processed elsewhere."""
+        """Add the samples of some stripes of another scan."""
         self._samples.update({index: sample for index, sample in other._samples.items() if index in indices})
         self._unused.update({index: why for index, why in other._unused.items() if index in indices})
 
@@ -169,7 +168,7 @@ STEADY = 'lock exposure and white balance, keep lamps steady, or take laser-off 
 def _sample(pair: FramePair, profile: StripeProfile, rows: Float) -> FrameSample:
     on, off = pair.on, pair.off
     scale = 255.0 / float(np.iinfo(on.dtype).max)
-    # Copied, since reading pixels so far apart is most of what a sample costs.
+    # Copied: reading pixels so far apart takes most of the time of a sample.
     thin = on[::PIXELS_APART, ::PIXELS_APART].copy()
     dark = thin if off is None else off[::PIXELS_APART, ::PIXELS_APART].copy()
     level, without = (scale * _level(picture) for picture in (thin, dark))

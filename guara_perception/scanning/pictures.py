@@ -1,4 +1,4 @@
-"""Range images of a scan's grid: heights, why pixels are unknown, and how sure the heights are."""
+"""Range images of a scan's grid: heights, causes of unknown pixels, standard deviations."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 
 def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) -> TerrainGrid:
-    """The same grid with the range images of the scan it was made from; None = of a scan that saw nothing.
+    """Copy of a grid with the range images of its scan; without a processor they are all unknown.
 
-    The orthorectified image is unknown wherever the grid is, which leaves out returns that contradict each other.
+    The orthorectified image is unknown wherever the grid is, which excludes returns that contradict each other.
     """
     if processor is None:
         nothing = np.full((ROWS, COLUMNS), np.nan, np.float32)
@@ -35,7 +35,7 @@ def with_pictures(terrain: TerrainGrid, processor: ScanProcessor | None = None) 
 
 
 def cause_image(terrain: TerrainGrid) -> Image:
-    """(512, 640) flags: why the cell under each pixel of the orthorectified image is unknown; 0 where it is known."""
+    """(512, 640) flags of the causes of unknown pixels of the orthorectified image, by cell; 0 where it is known."""
     flags = (_under_pixels(terrain, terrain.hazard) & UNKNOWN_MASK).astype(np.uint8)
     return np.where(np.isnan(terrain.pictures["ortho_image_mm"]), flags, 0).astype(np.uint8)
 

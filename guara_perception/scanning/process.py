@@ -18,8 +18,9 @@ from kinematics.stillness import check_camera_still
 
 logger = logging.getLogger(__name__)
 
-NO_CODE = "no dark flashes were recorded: foreign laser light, and frames of another instant, cannot be told"
-# [rad] Commanded angles of one rangefinder repeat to 2e-5 rad; this much turns the light by 1 mrad, half a millimetre.
+NO_CODE = "no dark flashes were recorded: foreign laser light and frames of another instant cannot be detected"
+# Largest difference of a mirror angle from the calibration's [rad]: commanded angles of one rangefinder repeat to
+# 2e-5 rad; this difference turns the light by 1 mrad, half a millimetre.
 MIRROR_TOLERANCE = 5e-4
 
 
@@ -96,7 +97,7 @@ def run_scan(
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     """Reject a scan that the node withdrew, or during which the camera moved by more than robot.toml allows."""
     if scan.withdrawn:
-        raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot, none is made of it ({scan.withdrawn})")
+        raise InvalidInput(f"{scan.source}: not processed, since the node withdrew its grid ({scan.withdrawn})")
     if scan.stance_end is None:
         return
     try:
@@ -108,7 +109,7 @@ def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> Non
 
 
 def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan of another robot or rangefinder; warn where it only looks like one."""
+    """Reject a scan of another robot or rangefinder; warn where it may be one."""
     if scan.robot != robot.name:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, the model given is of {robot.name!r}: use the scan's own"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Proof, without_spoilt
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
-from guara_perception.scanning.scan_surface import ScanSurface
+from guara_perception.scanning.scan_surface import ScanSurface, sway_variance
 from guara_perception.scanning.second_line import SECOND_LINE, has_second_line
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.settings import RobotLike, Settings, robot_model
@@ -68,7 +69,7 @@ class ScanProcessor:
             stance: joint positions, support feet and gravity at this pause.
             mode: "coarse" or "standard".
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
-            threshold: of the binarisation of the paper's methods [grey levels of 8 bits]; None = chosen by each frame.
+            threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = set for each frame.
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
@@ -114,11 +115,13 @@ class ScanProcessor:
         self._ranger = StripeRanger(
             self._geometry, self._locator, height_limits, self._body.contains, self._undetectable_motion()
         )
+        sway = sway_variance(robot, self.pose)
+        self._new_surface = partial(ScanSurface, cell, self._geometry, settings, self._pattern, self._body, sway)
         self._profiles: dict[int, StripeProfile] = {}
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
-        self._surface = ScanSurface(cell, self._geometry, settings, self._pattern, self._body, self._sway_variance())
+        self._surface = self._new_surface()
         self._proof = FlashProof()
-        # What the proof leaves of the scan, with what was added to it by then.
+        # Result of the last `_prove`, and what had been added by then.
         self._proved: tuple[tuple[int, ...], _Proved] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
@@ -132,21 +135,6 @@ class ScanProcessor:
             return Stillness(self._robot, self._stance, 0.0, transform_camera_to_base=camera).covariance
         except StanceError:
             return None
-
-    def _sway_variance(self) -> Callable[[GridGeometry], Float] | None:
-        """Variance of heights by the sway of robot.toml [m^2], None where there is none.
-
-        A turn w about the middle of the feet lifts what is seen at (x, y) from there by w_x y - w_y x. The amplitude is
-        taken as the sigma of w: a height that it can make wrong by more than the limit of sigma is UNCERTAIN.
-        """
-        sway = self._robot.pause_limits.stance_sway
-        middle = self.pose.soles_in_footprint[:, :2].mean(axis=0)
-
-        def variance(grid: GridGeometry) -> Float:
-            x, y = (axis - centre for axis, centre in zip(grid.centres(), middle, strict=True))
-            return np.asarray(sway**2 * (x[None, :] ** 2 + y[:, None] ** 2))
-
-        return variance if sway else None
 
     @property
     def grid(self) -> GridGeometry:
@@ -173,23 +161,23 @@ class ScanProcessor:
 
     @property
     def refused(self) -> str:
-        """Why nothing of this scan may be used, by its dark flashes; empty when it may."""
+        """Reason, by the dark flashes, why nothing of this scan may be used; empty if it may."""
         return self._what_is_proved().proof.refused
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
-        """Expect dark flashes after these stripes: what none of them follows is not used.
+        """Expect dark flashes after some stripes. Stripes that no dark flash follows are not used.
 
         Args:
-            dark_after: indices of stripes that are to be added, their pictures with `FramePair.dark`.
+            dark_after: indices of stripes still to be added, each with `FramePair.dark`.
         """
         self._proof.expect(dark_after)
 
     def add_dark(self, index: int, dark: Image, *, off: Image | None = None) -> None:
-        """Take the picture of the dark flash that came after a stripe whose own pictures cannot be used."""
+        """Add the picture of the dark flash after a stripe whose own pictures cannot be used."""
         self._proof.add_dark(index, dark, off)
 
     def _what_is_proved(self) -> _Proved:
-        """Profiles and surface without what the dark flashes forbid."""
+        """Profiles and surface of what the dark flashes confirm; cached until something is added."""
         version = (*self._proof.version, len(self._profiles))
         if self._proved is None or self._proved[0] != version:
             self._proved = version, self._prove(self._proof.judge())
@@ -211,14 +199,7 @@ class ScanProcessor:
                 changed[index] = new
         if not changed:
             return _Proved(proof, self._profiles, self._surface)
-        surface = ScanSurface(
-            self.grid.resolution,
-            self._geometry,
-            self.settings,
-            self._pattern,
-            self._body,
-            self._sway_variance(),
-        )
+        surface = self._new_surface()
         surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
         surface.add(self._ranger.points({i: each for i, each in changed.items() if not each.is_frame_bad}))
         return _Proved(proof, {**self._profiles, **changed}, surface)
@@ -354,7 +335,7 @@ class ScanProcessor:
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
         other._samples.take_over(self._samples, indices)
         other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})
-        # The same object: what is found later forbids what was taken before.
+        # The same object: a finding on later frames also applies to the stripes copied now.
         other._proof = self._proof
         other._seconds.update(self._seconds)
         return other
@@ -419,7 +400,7 @@ class ScanProcessor:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Proved:
-    """What the dark flashes leave of a scan."""
+    """Profiles and surface of a scan that its dark flashes confirm."""
 
     proof: Proof
     profiles: Mapping[int, StripeProfile]

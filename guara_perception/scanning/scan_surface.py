@@ -21,17 +21,18 @@ from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record_fields import Run
+from kinematics import RobotModel, StancePose
 from kinematics.self_filter import SelfFilter
 
 # Coarsest raster; coarser grids are pooled from it, so that a lost stripe always leaves a gap.
 FINEST_CELL_M = 0.005
 AREAS = ("footprint", "wide")
-# Share of a cell that rounding may take.
+# Tolerance to rounding [cells].
 ROUNDING = 1e-6
 
 
 class ScanSurface:
-    """Ground seen by a scan; only what has changed since the last call is computed again.
+    """Ground seen by a scan; each call recomputes only what has changed since the last one.
 
     Attributes:
         grids: cells of each of AREAS.
@@ -54,8 +55,8 @@ class ScanSurface:
             settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
             body: body of the robot at the stance of the scan, in base_footprint.
-            sway_variance: variance (ny, nx) that the body's sway adds to the height of every cell of a grid [m^2]: no
-                mean over samples lessens it. None = none.
+            sway_variance: variance (ny, nx) of the heights of a grid by the body's sway [m^2], which the mean over
+                samples does not reduce; None = none.
 
         Raises:
             InvalidInput: the resolution does not divide the footprint.
@@ -94,11 +95,11 @@ class ScanSurface:
         return np.append(self._order, -1)[pairs].reshape(footprint.grid.shape)
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
-        """Take stripes by index, one or several: faster, with the same result."""
+        """Add stripes by index; several in one call take less time, with the same result."""
         self._raster.add(stripes)
 
     def layers(self, area: str) -> dict[str, Array]:
-        """All layers of an area's grid by name, read-only, of what was added so far.
+        """All layers of an area's grid by name, read-only, from the stripes added so far.
 
         Raises:
             InvalidInput: no such area.
@@ -111,22 +112,28 @@ class ScanSurface:
         return self._area(area).layers(raster, marks, pair_usable)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
-        """Cells over which stripes were fired whose frames were lost; see `terrain.assessment.lost_cells`.
+        """Cells over which stripes were fired whose frames were lost; see the function `lost_cells`.
 
         Args:
             layers: layers of the area.
-            is_lost: (s,) whether a stripe of the pattern was fired and has no usable frame.
+            is_lost: (s,) mask of the stripes of the pattern that were fired and have no usable frame.
             area: "footprint" or "wide".
         """
-        return self._area(area).lost(layers, is_lost)
+        if not is_lost.any():
+            return ()
+        plan, grid = self._area(area).plan, self.grids[area]
+        in_view = plan.in_view(np.arange(grid.size)).reshape(grid.shape)
+        elevation = np.asarray(layers["elevation"], np.float64)
+        hazard = np.asarray(layers["hazard"], np.uint16)
+        return lost_cells(elevation, hazard, in_view, plan.planes_in_footprint, is_lost, grid)
 
 
 class ScanArea:
-    """One area of a scan; only what has changed since the last call is computed again.
+    """One area of a scan; each call recomputes only what has changed since the last one.
 
     Attributes:
         grid: cells of the area.
-        plan: stripes that should observe each cell.
+        plan: expected observations of the cells.
     """
 
     def __init__(
@@ -143,7 +150,7 @@ class ScanArea:
         Args:
             grid: the cells.
             rows: rows of the widest area's raster that belong to this area.
-            plan: plan of the looks at the cells.
+            plan: expected observations of the cells.
             causes: causes of its unknown cells.
             limits: traversability limits of the feet.
             sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
@@ -160,21 +167,12 @@ class ScanArea:
             own = replace(own, variance=own.variance + self._sway_variance)
         return self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
 
-    def lost(self, layers: Mapping[str, Array], is_lost: Mask) -> tuple[Run, ...]:
-        """Cells over which stripes without a usable frame (s,) passed, as `lost_cells` gives them."""
-        if not is_lost.any():
-            return ()
-        in_view = self.plan.in_view(np.arange(self.grid.size)).reshape(self.grid.shape)
-        planes = self.plan.planes_in_footprint
-        elevation = np.asarray(layers["elevation"], np.float64)
-        return lost_cells(elevation, np.asarray(layers["hazard"], np.uint16), in_view, planes, is_lost, self.grid)
-
 
 def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:
     """The grid of each of AREAS, and its rows within the widest one.
 
-    The wide one has the footprint's x and reaches along y as far as the map, in whole cells: the camera sees more of
-    the ground the farther that is, and what it saw there the map can use when the robot has come to it.
+    The wide area has the x range of the footprint and the y range of the map, in whole cells: the camera sees a wider
+    strip of ground farther away, which the map uses when the robot gets there.
 
     Args:
         settings: settings of the robot.
@@ -190,6 +188,22 @@ def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, 
     wide = GridGeometry((footprint.origin[0], footprint.origin[1] - right * cell), cell, (right + ny + left, nx))
     rows = slice(right, right + ny), slice(0, right + ny + left)
     return dict(zip(AREAS, zip((footprint, wide), rows, strict=True), strict=True))
+
+
+def sway_variance(robot: RobotModel, pose: StancePose) -> Callable[[GridGeometry], Float] | None:
+    """Variance (ny, nx) of the heights of a grid by the sway that robot.toml states [m^2], None if it states none.
+
+    A rotation w about the middle of the feet lifts the ground seen at (x, y) from there by w_x y - w_y x. The amplitude
+    of the sway is the sigma of w: a height that it can falsify by more than the limit of sigma is UNCERTAIN.
+    """
+    sway = robot.pause_limits.stance_sway
+    middle = pose.soles_in_footprint[:, :2].mean(axis=0)
+
+    def variance(grid: GridGeometry) -> Float:
+        x, y = (axis - centre for axis, centre in zip(grid.centres(), middle, strict=True))
+        return np.asarray(sway**2 * (x[None, :] ** 2 + y[:, None] ** 2))
+
+    return variance if sway else None
 
 
 def check_area(area: str) -> None:
@@ -210,17 +224,17 @@ def lost_cells(
     is_lost: Mask,
     geometry: GridGeometry,
 ) -> tuple[Run, ...]:
-    """Unknown cells that lie between the neighbours of a lost stripe, at any height that this scan saw.
+    """Unknown cells between the neighbours of a lost stripe, for ground at any height that this scan measured.
 
     Args:
         elevation, hazard: (ny, nx) layers of the scan.
         in_view: (ny, nx) cells that the camera sees if their ground is at z = 0.
         planes_in_footprint: (s, 4) laser planes in the order of the pattern.
-        is_lost: (s,) whether a stripe was fired and has no usable frame.
+        is_lost: (s,) mask of the stripes that were fired and have no usable frame.
         geometry: the grid.
 
     Returns:
-        Runs [ix, first iy, end iy] of cells, in order: short, as stripes run along y.
+        Runs [ix, first iy, end iy] of cells, in order; stripes run along y, so there are few.
     """
     known = np.isfinite(elevation)
     heights = np.append(elevation[known], 0.0)

@@ -13,7 +13,7 @@ SECOND_LINE = "two lines in one picture"
 COLUMNS, LEAST_COLUMNS = 96, 12
 # Largest distance of the second line, as a share of the picture's height: 16 px of 512, about three stripes.
 REACH_OF_HEIGHT = 1 / 32
-# A line has the same light on both sides of its top; a second one nearly as bright as this share of it moves the row.
+# Largest asymmetry of a single line, as a share of its top: a second line of this brightness shifts the measured row.
 LEAST_SHARE = 0.45
 # Two lines that merge have a flat top. The width at a quarter of the height is 2.2 times that at three quarters for a
 # Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is
@@ -21,7 +21,7 @@ LEAST_SHARE = 0.45
 LEAST_WIDTHS = 1.62
 LEVELS = 0.25, 0.75
 BIN_PX = 0.5
-# Share of clipped tops from which on every top is flat.
+# Above this share of clipped tops, a flat top is no sign of a second line.
 MOST_CLIPPED = 0.1
 # Least height of a top above its surroundings [grey levels of 255].
 LEAST_TOP = 12.0
@@ -32,7 +32,7 @@ REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
     """Test that most of a stripe has a line of comparable brightness beside it, by the asymmetry of its cross-section.
 
-    Without a laser-off picture a bright edge of the scene looks like a line, and the answer is False.
+    False without a laser-off picture, where a bright edge of the scene would look like a line.
 
     Args:
         pair: the pictures.
@@ -50,7 +50,7 @@ def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
         return False
     light = _around(pair.on, tops, columns, reach) - _around(pair.off, tops, columns, reach)
     scale = 255.0 / float(np.iinfo(pair.on.dtype).max)
-    # The highest pixel, which rounding may have put beside the row found; the sides are compared about it.
+    # The highest pixel, which may be one beside the rounded row.
     level = light[reach - 1 : reach + 2].max(axis=0)
     seen = level * scale > LEAST_TOP
     if np.count_nonzero(seen) < LEAST_COLUMNS:

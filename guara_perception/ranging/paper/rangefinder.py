@@ -69,7 +69,7 @@ class PaperRangefinder:
             camera: intrinsic model; of its distortion only one radial coefficient is kept, as in eq. 8.
             transform_camera_to_footprint: (4, 4).
             area: x and y range of the surface [m], in which the four marks lie.
-            literal: what is taken as printed.
+            literal: equations that are taken as printed.
         """
         self._camera = camera
         self._transform = transform_camera_to_footprint
@@ -92,7 +92,7 @@ class PaperRangefinder:
         Args:
             plane_in_camera: (..., 4) calibrated laser planes.
         """
-        # One by one: a product of matrices may round a plane differently when there are more of them.
+        # One by one: the rounding of a matrix product may depend on the number of planes.
         planes = [plane_in_frame(plane, self._transform) for plane in plane_in_camera.reshape(-1, 4)]
         nx, ny, nz, d = np.reshape(planes, plane_in_camera.shape).transpose(-1, *range(plane_in_camera.ndim - 1))
         steepness = np.hypot(nx, ny)
@@ -136,9 +136,9 @@ class PaperRangefinder:
         return self.points(plane_in_camera, rows), sigma
 
     def _undistorted_marks(self, marks: Float) -> Float:
-        """Image coordinates (n, 2) of floor marks (n, 2), undistorted by eq. 8 from where the camera sees them.
+        """Image coordinates (n, 2) of floor marks (n, 2) as the camera sees them, undistorted by eq. 8.
 
-        So the surface map takes up what one radial coefficient leaves of the lens at the marks.
+        The surface map thus compensates the distortion at the marks that one radial coefficient leaves.
         """
         rotation, translation = self._transform[:3, :3], self._transform[:3, 3]
         in_camera = (np.column_stack((marks, np.zeros(len(marks)))) - translation) @ rotation

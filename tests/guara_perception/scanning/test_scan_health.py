@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.scanning.scan_report import advice, regional_coverage
+from guara_perception.scanning.coverage_diagnosis import advice
+from guara_perception.scanning.scan_report import regional_coverage
 from guara_perception.scanning.stripe_finder import METHODS
 from kinematics import Stance
 from testbed.grid_truth import figures, load_truth

@@ -13,7 +13,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.files.scan_folder import read_picture
-from guara_perception.scanning.scan_report import advice
+from guara_perception.scanning.coverage_diagnosis import advice
 from guara_perception.simulation.specimen import rotation
 from kinematics import RobotModel
 from tests.thorough import IS_THOROUGH

@@ -1,0 +1,185 @@
+"""Diagnosis of a scan with few returns: orientation, order and pattern of its frames, and advice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from guara_perception.arrays import Float, Index, Mask
+from guara_perception.ranging.scan_geometry import ScanGeometry
+from guara_perception.scanning.light_diagnosis import FrameSamples
+from guara_perception.stripes.band import StripeStatus
+
+# Below this share of columns with any light the laser was practically off.
+NO_LIGHT = 0.01
+# With fewer stripes, every second one missing says nothing about the pattern.
+FEWEST_OF_PATTERN = 8
+# Half length of the lines of the stripes on z = 0 [m].
+HALF_LENGTH_M = 0.6
+# A frame fits a stripe if half of its light is within this distance of it, as a share of the height of the picture:
+# less than half the pitch of neighbouring stripes.
+FIT_PX_OF_HEIGHT = 0.008
+# Frames that must fit for a cause to be named, as a share and in number.
+FITTING_SHARE = 0.6
+FEWEST_FRAMES = 4
+# Frames that fit turned or flipped, while others fit upright, are reported from this share on.
+MIXED_SHARE = 0.15
+# Frames show other stripes than expected if this share of the light near those stripes is close to them: 0.98 in such
+# frames, less than 0.65 by chance.
+FINE_SHARE = 0.8
+# Stripes are nearly symmetric from left to right: fits that differ by less than this factor do not tell turned frames
+# from flipped ones. They differ by 1.08 for a camera that is centred to a quarter of a pixel, by 2 for most.
+ALIKE = 1.03
+WHERE_NONE_CAN_BE = (
+    "a stripe where none can be, too high or too low: the calibration is of another rangefinder, camera or mirror "
+    "moved, or the stance is wrong"
+)
+TURNED, FLIPPED, UPRIGHT = "turned by 180 degrees", "flipped top to bottom", ""
+
+
+def advice(coverage: float, counts: Index, wrong: str = "", weak: str = "") -> str:
+    """Cause and remedy of few returns in one sentence, including the paper's remedies.
+
+    Order of precedence: too much light, or wrong orientation, order or pattern; stripes where none can be; weak
+    stripes; unusable stripes; stripes that were not found.
+
+    Args:
+        coverage: share of the expected ground that was seen.
+        counts: image columns of all stripes per StripeStatus.
+        wrong: fault of the light, the frames or the pattern as a whole; empty for none.
+        weak: text on a weak line; empty if the line is not weak.
+    """
+    found = f"only {100 * coverage:.0f} % of the expected ground returned the laser"
+    if wrong:
+        return f"{found}: {wrong}"
+    columns = max(int(counts.sum()), 1)
+    used = int(counts[StripeStatus.OK] + counts[StripeStatus.SATURATED])
+    bright = int(counts[StripeStatus.SATURATED] + counts[StripeStatus.AMBIGUOUS])
+    beyond = int(counts[StripeStatus.OUT_OF_BAND])
+    if columns - counts[StripeStatus.DROPOUT] < NO_LIGHT * columns:
+        return (
+            f"{found}, hardly any light came back: check that the laser is on, the mirror turns and the lens is clean"
+        )
+    if beyond > max(used, bright):
+        return f"{found}, {beyond} columns show {WHERE_NONE_CAN_BE}"
+    if weak:
+        return f"{found}: {weak}"
+    if bright > counts[StripeStatus.OK]:
+        return f"{found}, most of what came back is too bright or double: expose less, or put a polarised lens on"
+    return f"{found}, the rest is too dark or a hole: put a narrow band-pass filter on the lens or use a stronger laser"
+
+
+def wrong_pattern(fired: Iterable[int], stride: int) -> str:
+    """Text for a scan in which no two neighbours of its pattern were fired; empty otherwise."""
+    indices = sorted(fired)
+    if len(indices) < FEWEST_OF_PATTERN or np.diff(indices).min() <= stride:
+        return ""
+    return (
+        "no two neighbours of the pattern were fired, and only ground between two such stripes counts as seen: every "
+        'second stripe is missing, or a coarse scan was given mode "standard"'
+    )
+
+
+def wrong_frames(samples: FrameSamples, geometry: ScanGeometry) -> str:
+    """Text on frames that are turned, flipped or out of order; empty if none are found."""
+    rows = samples.rows
+    if len(rows) < FEWEST_FRAMES:
+        return ""
+    indices, seen = list(rows), np.array(list(rows.values()))
+    width, height = geometry.calibration.camera.size
+    order = list(geometry.stripes)
+    expected = _expected(geometry, samples.columns)
+    mirrored = _expected(geometry, width - 1 - samples.columns)
+    within = FIT_PX_OF_HEIGHT * height
+    upright = _Fit.of(UPRIGHT, seen, expected, order, within)
+    turned = _Fit.of(TURNED, seen, height - 1 - mirrored, order, within)
+    flipped = _Fit.of(FLIPPED, seen, height - 1 - expected, order, within)
+    likelier = min(turned, flipped, key=lambda fit: fit.distance)
+    doubtful = max(turned.distance, flipped.distance) < ALIKE * likelier.distance
+    turn = f"{TURNED} or {FLIPPED}" if doubtful else likelier.name
+    own, other = (fit.fits & (np.array(fit.stripe) == indices) for fit in (upright, likelier))
+    if own.mean() + other.mean() >= FITTING_SHARE and other.mean() >= MIXED_SHARE:
+        which = (
+            "the frames are"
+            if own.mean() < MIXED_SHARE
+            else f"{int(other.sum())} of {len(indices)} frames looked at are"
+        )
+        return f"{which} {turn}: give them as the camera had them when it was calibrated"
+    if own.mean() >= FITTING_SHARE:
+        return ""
+    for fit in (upright, likelier):
+        if fit.fits.mean() >= FITTING_SHARE and fit.fine >= FINE_SHARE:
+            order_text = _order_words(np.array(indices)[fit.fits], np.array(fit.stripe)[fit.fits])
+            return f"{order_text} and {turn}" if fit is likelier else order_text
+    return _elsewhere(geometry, indices, seen)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Fit of the light of some frames to the lines of stripes, for one orientation.
+
+    Attributes:
+        name: the orientation, in words.
+        stripe: index of the stripe that each frame fits best.
+        fits: (f,) mask of the frames that fit their stripe.
+        fine: share of the light near those stripes that is within a third of `within`; a third by chance.
+        distance: mean distance of the light from the best stripes [px], capped at `within`.
+    """
+
+    name: str
+    stripe: Sequence[int]
+    fits: Mask
+    fine: float
+    distance: float
+
+    @classmethod
+    def of(cls, name: str, seen: Float, rows: Float, order: Sequence[int], within: float) -> Self:
+        """Fit rows of light (f, n) to rows of stripes (s, n), NaN for none, within a distance of a stripe [px]."""
+        apart = np.abs(seen[:, None, :] - rows[None])
+        capped = np.where(apart < within, apart, within)
+        best = np.argmin(capped.sum(axis=2), axis=1)
+        distance = capped[np.arange(len(seen)), best]
+        near = distance < within
+        return cls(
+            name,
+            [order[k] for k in best],
+            near.sum(axis=1) >= 0.5 * np.isfinite(seen).sum(axis=1),
+            float((distance < within / 3).sum() / max(int(near.sum()), 1)),
+            float(distance.mean()),
+        )
+
+
+def _elsewhere(geometry: ScanGeometry, indices: Sequence[int], seen: Float) -> str:
+    """Text on frames most of which show light where no stripe can be; empty otherwise."""
+    bands = np.array([geometry.stripes[index].band for index in indices], np.float64)
+    outside = ((seen < bands[:, :1]) | (seen >= bands[:, 1:])).sum(axis=1) > 0.5 * np.isfinite(seen).sum(axis=1)
+    if outside.mean() < FITTING_SHARE:
+        return ""
+    return f"{int(outside.sum())} of {len(indices)} frames looked at show {WHERE_NONE_CAN_BE}"
+
+
+def _expected(geometry: ScanGeometry, columns: Index) -> Float:
+    """(s, n) row in which each stripe crosses some columns on ground at z = 0, NaN outside the picture."""
+    y = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, 41)
+    rows = []
+    for plane in geometry.planes_in_footprint:
+        x = -(plane[1] * y + plane[3]) / plane[0]
+        pixels = geometry.pixels(np.column_stack((x, y, np.zeros_like(y))))
+        ordered = pixels[np.argsort(pixels[:, 0])]
+        rows.append(np.interp(columns, ordered[:, 0], ordered[:, 1], left=np.nan, right=np.nan))
+    return np.array(rows)
+
+
+def _order_words(index: Index, stripe: Index) -> str:
+    """Text on the difference between the stripes in the frames and the indices given with the frames."""
+    off = stripe - index
+    usual = int(np.median(off))
+    if (np.abs(off - usual) <= 1).mean() > FITTING_SHARE:
+        direction = "ahead" if usual > 0 else "behind"
+        return f"the frames are {abs(usual)} stripe indices {direction}: a frame was lost or the camera lags"
+    if np.corrcoef(index, stripe)[0, 1] < -0.8:
+        return "the frames are in reverse order"
+    return "the frames show other stripes than they are said to be: they are out of order, or of another pattern"
