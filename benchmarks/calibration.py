@@ -17,7 +17,7 @@ from benchmarks import drift_check, mirrored, misplaced_crosses, mounting
 from benchmarks.accuracy import scans_with_truth
 from benchmarks.parts import run_part
 from guara_perception.app.files.calibration_session import open_session
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
 from kinematics import load_robot
 from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from testbed.grid_truth import figures

@@ -14,8 +14,8 @@ import numpy as np
 
 import guara_perception as gp
 from guara_perception.app.files.calibration_session import open_session
-from guara_perception.calibration.calibrate import calibrate_session
-from guara_perception.calibration.session import CalibrationSession
+from guara_perception.calibration.calibrate_session import calibrate_session
+from guara_perception.calibration.calibration_input import CalibrationSession
 from guara_perception.settings import Settings
 from kinematics import RobotModel, load_robot
 

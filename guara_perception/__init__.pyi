@@ -1,7 +1,7 @@
 """The public names and where each is: the list from which `__init__.py` loads them, and what type checkers read."""
 
 from guara_perception.all_errors import Errors as Errors
-from guara_perception.app.calibrate import calibrate as calibrate
+from guara_perception.app.calibrate_folder import calibrate as calibrate
 from guara_perception.app.client import TerrainClient as TerrainClient
 from guara_perception.app.files.open_scan import open_scan as open_scan
 from guara_perception.app.files.recording import Recording as Recording

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.arrays import Float
-from guara_perception.calibration.height_sigma import plane_in_frame
+from guara_perception.calibration.calibration import plane_in_frame
 
 IN_RANGE_MM = np.arange(-20, 81, 10)
 BEYOND_MM = np.arange(80, 121, 10)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from guara_perception.app.files.calibration_session import open_session
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
 from kinematics import load_robot
 from tests.made_once import made_once

@@ -41,7 +41,7 @@ class BoardSpec:
 
     @property
     def tells_mirrored(self) -> bool:
-        """True when no turn makes a mirrored picture of the board look like the board.
+        """True if no rotation makes a mirrored picture of the board look like the board.
 
         A checkerboard needs even and unequal numbers of squares, and a first square of known colour.
         """
@@ -61,10 +61,10 @@ class BoardView:
 
     Attributes:
         name: name of the picture.
-        corners_px: (n, 2) float64; empty where the view cannot be used.
+        corners_px: (n, 2) float64; empty if the view cannot be used.
         corners: (n,) indices of these corners in `BoardSpec.points`, ascending.
-        edge_width_px: width of the black-white edges, NaN where no board was found.
-        reason: why the view cannot be used, empty when it can.
+        edge_width_px: width of the black-white edges, NaN if no board was found.
+        reason: reason why the view cannot be used, empty if it can.
     """
 
     name: str

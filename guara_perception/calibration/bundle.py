@@ -1,4 +1,4 @@
-"""One joint fit of lens, board poses, ground board and camera mount to all corners and crosses, with covariance."""
+"""Bundle adjustment of lens, board poses and camera mount over all board corners and crosses, with covariance."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.mount import FloorPose
 from kinematics.arrays import FrozenArrays
 
-# Scale of the robust loss, in standard deviations: a corner further off counts less and less.
+# Scale of the robust loss (soft L1), in standard deviations.
 ROBUST_SIGMAS = 3.0
-# Standard deviation of a corner's coordinate is not believed below this.
+# Lower bound of the estimated standard deviation of a corner's coordinate.
 LEAST_SIGMA_PX = 0.01
 # Column of each lens parameter in the Jacobian of cv2.projectPoints; those of the pose come first.
 LENS_COLUMNS = {"fx": 6, "fy": 7, "cx": 8, "cy": 9, "k1": 10, "k2": 11, "p1": 12, "p2": 13, "k3": 14}
@@ -67,8 +67,8 @@ def fit_camera(
 ) -> CameraFit:
     """Fit lens, board poses and mount to all still pictures jointly.
 
-    The ground board lies in z = 0 and so ties lens and mount together; its position and heading on the floor are free.
-    A lens that was given stays as it is, and its assumed errors turn the mount.
+    The ground board is in the plane z = 0 and thereby couples lens and mount; its position and heading on the floor are
+    free. A given lens is not changed; its assumed errors are propagated to the mount.
 
     Args:
         intrinsics: first estimate, with the views.
@@ -106,7 +106,7 @@ def fit_camera(
 def _covariance(normal: Float, intrinsics: Intrinsics) -> Float:
     """Covariance of all parameters from their normal matrix.
 
-    With a lens that was given, the other parameters x follow from the pictures, at x - G e with an error e of the lens.
+    With a given lens, an error e of the lens changes the other parameters, which are fitted to the pictures, by -G e.
     """
     if not intrinsics.is_given:
         return np.asarray(np.linalg.inv(normal), dtype=np.float64)

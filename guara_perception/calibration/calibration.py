@@ -41,20 +41,27 @@ class StripePlane:
     plane: Float
 
     def __post_init__(self) -> None:
-        """Check and freeze; the normal is brought to exactly unit length."""
+        """Check and freeze; a normal of nearly unit length is normalised."""
         plane = np.array(self.plane, dtype=np.float64)
         if plane.shape != (4,) or not np.isfinite(plane).all():
             raise InvalidInput(f"plane of stripe {self.index}: {plane.tolist()} must be 4 finite numbers")
         length = float(np.linalg.norm(plane[:3]))
         if abs(length - 1) > 1e-3:
             raise InvalidInput(f"plane of stripe {self.index}: the normal has length {length:.4f}, it must be 1")
-        # Only where it matters: normalising again would change the last bit, and with it the content hash.
+        # Not if it is normalised: doing so again would change the last bit, and with it the content hash.
         object.__setattr__(self, "plane", read_only(plane / length if abs(length - 1) > 1e-9 else plane))
+
+
+def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> Float:
+    """Transform a plane (4,) n . X + d = 0, or planes (s, 4), from the camera frame to another frame."""
+    rotation, translation = transform_camera_to_frame[:3, :3], transform_camera_to_frame[:3, 3]
+    normal = plane_in_camera[..., :3] @ rotation.T
+    return np.concatenate((normal, plane_in_camera[..., 3:] - (normal @ translation)[..., None]), axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Parameters that convert a rangefinder's pixels into metres (docs/files.md).
+    """Calibration of a rangefinder: camera, mount and laser planes (docs/files.md).
 
     Attributes:
         robot: name of the robot it belongs to.
@@ -65,7 +72,7 @@ class Calibration:
         paper: the paper's constants (homography, H, nadir, n, d, k per stripe), or None.
         covariance: covariances of the parameters, or None.
         quality: verdict (`good`, `usable`, `refused`, `unknown`) and reasons.
-        created: time of making, ISO 8601 text.
+        created: time of creation, ISO 8601 text.
         hash: content hash, hexadecimal.
     """
 
@@ -186,8 +193,8 @@ class CameraModel:
     def project(self, points_in_camera: npt.ArrayLike) -> Float:
         """Pixels (n, 2) of points (n, 3) in the camera frame, with distortion; NaN behind the camera or past the fold.
 
-        The Brown model folds back far outside the picture: there a point would land inside it again. Such points
-        are recognised by the radius at which the distorted radius stops growing.
+        Far outside the picture the Brown model folds back, so that a point would appear inside it again. Such points
+        are those beyond the radius at which the distorted radius stops growing.
         """
         points = np.asarray(points_in_camera, dtype=np.float64).reshape(-1, 3)
         pixels = np.empty((len(points), 2))
@@ -197,7 +204,7 @@ class CameraModel:
         return pixels
 
     def _project(self, points: Float) -> Float:
-        """Pixels (2, n) of points (3, n): coordinates in rows, several times faster than cv2.projectPoints."""
+        """Pixels (2, n) of points (3, n); contiguous coordinates are several times faster than cv2.projectPoints."""
         depth = np.where(points[2] > NEAREST_DEPTH_M, points[2], np.nan)
         x, y = points[:2] / depth
         radius = x * x + y * y

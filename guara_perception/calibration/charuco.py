@@ -18,8 +18,8 @@ from guara_perception.calibration.board import MIRRORED, BoardSpec, BoardView
 from guara_perception.calibration.checkerboard import MAX_GRID_MISFIT
 from guara_perception.exceptions import InvalidInput
 
-# A marker of 4 x 4 bits with its border is 6 cells wide and takes three quarters of a square, so that a square is 8
-# cells: markers as large as can be, since a small picture must show their bits.
+# A marker of 4 x 4 bits with its border is 6 cells wide and covers three quarters of a square of 8 cells: markers as
+# large as possible, since a small picture must show their bits.
 CELLS_PER_SQUARE: Final = 8
 CELLS_PER_MARKER: Final = 6
 # Dictionaries by the number of their markers; each contains the smaller ones, whose markers differ more.
@@ -36,7 +36,7 @@ MIN_LINES: Final = 3
 # from the corners and pull them: 0.04 px rms with 0.1, 0.07 px with 0.2 (rendered boards at 20 to 80 px a square).
 WINDOW_OF_SQUARE: Final = 0.1
 SMALLEST_WINDOW_PX: Final = 3
-# A window that the picture's rim cuts sees half a corner.
+# Distance of a window from the picture's rim: a window that the rim cuts contains half a corner.
 RIM_PX: Final = 3
 # Below this share of markers at their positions on the board the picture shows another board.
 BELONGING_SHARE: Final = 0.5
@@ -58,7 +58,7 @@ def ink_of_charuco(board: BoardSpec) -> Mask:
 
 
 def find_charuco(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
-    """Find those inner corners of a ChArUco board that a picture shows.
+    """Find the inner corners of a ChArUco board that are visible in a picture.
 
     Args:
         grey: (h, w) picture.

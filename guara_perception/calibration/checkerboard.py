@@ -14,19 +14,20 @@ BORDER_PX = 40
 BLUR_SIGMA_PX = 0.8
 # Half the window of the sub-pixel refinement as a share of the smallest square: wide, but without the next corner.
 WINDOW_OF_SQUARE = 0.35
-# Points beside the found corners are corners too when their contrast exceeds this share of that of the found ones.
+# Points beside the found corners count as corners if their contrast exceeds this share of that of the found ones.
 CROSSING_SHARE = 0.5
-# Lens distortion bends a board by a few per cent of a square; markers of another board are off by a whole square.
+# Largest misfit of a homography, as a share of a square: lens distortion bends a board by a few per cent, the markers
+# of another board are off by a whole square.
 MAX_GRID_MISFIT = 0.2
-# Inner corners that OpenCV needs at least.
+# Smallest number of inner corners along each side that OpenCV accepts.
 SMALLEST_PATTERN = (3, 3)
 
 
 def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView:
     """Find the inner corners of a whole board to a few hundredths of a pixel.
 
-    The classic detector comes first (fast, strict about the number of corners), the sector-based one second (finds
-    what the first loses in uneven light); neither may guess the size.
+    The classic detector, which is fast, comes first; the sector-based one, which copes with uneven light, second.
+    Neither may guess the size.
 
     Args:
         grey: (h, w) picture.
@@ -53,7 +54,7 @@ def find_checkerboard(grey: Grey, board: BoardSpec, name: str = "") -> BoardView
 
 
 def is_mirrored(grey: Grey, corners: Float, board: BoardSpec) -> bool:
-    """Check the colours of the squares between the corners (n, 2) against those of a board that tells its mirror image.
+    """Test by the colours of the squares between the corners (n, 2) if a board for which this is decidable is mirrored.
 
     The detectors count the corners from any of the four, clockwise or counterclockwise.
     """
@@ -81,11 +82,10 @@ def refine_corners(grey: Image, corners: Float, size: tuple[int, int]) -> Float:
 
 
 def wrong_grid(grey: Image, corners: Float, size: tuple[int, int]) -> bool:
-    """Test that the corners are only a part of the board's, or no even grid: both detectors return such results.
+    """Test if the corners are only a part of the board's, or not an even grid: both detectors return such results.
 
-    Asked for too few corners they return a part of the board, or every second line of it. So the grid is laid over the
-    picture by a homography; between its lines, and one line outside, where more corners would be, nothing may look like
-    a corner.
+    For too few corners they return a part of the board, or every second line of it. The grid is therefore projected
+    into the picture by a homography: between its lines, and one line outside, nothing may look like a corner.
     """
     grid = np.mgrid[0 : size[0], 0 : size[1]].T.reshape(-1, 2).astype(np.float64)
     homography = np.asarray(cv2.findHomography(grid, corners)[0], dtype=np.float64)

@@ -15,7 +15,7 @@ from kinematics.arrays import FrozenArrays
 
 # Offset [m] of a spot from the expected position of a cross, and its score.
 Candidate = tuple[Float, float]
-# The crosses of docs/calibration.md: 24 mm from tip to tip; the width of the bars is found, this starts the search.
+# Half length of the bars of the crosses of docs/calibration.md, and the half width with which their fit starts.
 ARM_M = 0.012
 BAR_M = 0.0015
 # Search radius about the predicted position of a cross: covers a mount 3 degrees and 20 mm off at 0.6 m.
@@ -25,12 +25,12 @@ RASTER_M = 0.0005
 MIN_SCORE = 0.5
 ANGLES = np.deg2rad((0.0, 15.0, -15.0, 30.0, -30.0, 45.0))
 CANDIDATES = 3
-# When candidates compete: [m] of misfit that weigh as much as a correlation that is lower by 1.
+# Misfit [m] that weighs as much as a correlation that is lower by 1, in the choice between candidates.
 SCORE_WEIGHT_M = 0.02
-# Pixels of one mark share blur and floor texture, so the sigma that the fit itself gives is too small.
+# Pixels of one mark share blur and floor texture, so the sigma of the fit itself is too small.
 SIGMA_FACTOR = 2.0
 SIGMA_FLOOR_PX = 0.02
-# A cross is fitted in 10 to 30 iterations; what takes more is texture of the floor.
+# A cross is fitted in 10 to 30 iterations; more are a sign of floor texture.
 MOST_FITS = 100
 # Blur of a bar, in lengths of an arm: sharper bars are fitted as if they had this blur.
 LEAST_BLUR = 1e-3
@@ -42,8 +42,8 @@ class Mark(FrozenArrays):
 
     Attributes:
         centre_px: (2,) its centre (u, v).
-        sigma_px: standard deviation per axis, NaN when a person gave the pixel.
-        score: correlation with an ideal cross, 0 ... 1; NaN when a person gave the pixel.
+        sigma_px: standard deviation per axis.
+        score: correlation with an ideal cross, 0 ... 1; NaN if a person gave the pixel.
     """
 
     centre_px: Float
@@ -115,7 +115,7 @@ def _template(angle: float) -> Float32:
 
 
 def _consistent(found: list[list[Candidate]], points: Float) -> tuple[Candidate, ...]:
-    """Candidate of each mark: those that fit one rigid motion of all marks on the floor best."""
+    """Candidate of each mark that together fit a rigid motion of all marks on the floor best."""
 
     def cost(choice: tuple[Candidate, ...]) -> float:
         moved = points + np.array([offset for offset, _ in choice])
@@ -186,7 +186,7 @@ def _cross_model(p: Float, position: Float) -> Float:
 
 
 def _ink_of_bar(p: Float, position: Float, angle: float) -> tuple[Float, Float]:
-    """Share of ink of a bar at this angle, by its length and by its width."""
+    """Ink of a bar at an angle: factors along its length and across its width."""
     from scipy.special import ndtr
 
     (along, across), blur = _along_and_across(p, position, angle), _blur(p)

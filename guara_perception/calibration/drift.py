@@ -1,4 +1,4 @@
-"""Drift of a calibration, by ordinary scans and without a target: of one scan, and of several pauses together."""
+"""Drift of a calibration from ordinary scans, without a target: check of one scan, and verdict over several pauses."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.floor_lines import FloorLines, find_floor_lines
 
 HOLDS, DRIFTING, UNKNOWN = "holds", "drifting", "unknown"
-# A scan shows a floor when this many of its stripes run straight over it, and this share of those that returned.
+# A scan shows a floor if at least this many of its stripes, and this share of those that returned, are straight ...
 MIN_STRIPES = 8
 MIN_FLOOR_SHARE = 0.6
-# ... and over this depth along x: rough ground has straight stretches too, at most 0.23 m deep in 36 scans of it.
+# ... over this depth along x: rough ground has straight stretches too, at most 0.23 m deep in 36 scans of it.
 MIN_DEPTH_M = 0.30
-# Ground rougher along its stripes than this is no flat floor: a flat one shows 0.02 to 0.08 mm, ground that undulates
-# by 2 mm 0.14 mm and more where it seems flat enough; a floor with glare shows 0.16 mm and is left out.
+# Roughness along the stripes above which ground is no flat floor. Flat floors have 0.02 to 0.08 mm, ground that
+# undulates by 2 mm has 0.14 mm and more where it seems flat; a floor with glare has 0.16 mm and is not used.
 MAX_ROUGHNESS_M = 0.00012
-# Straight stripes further off the plane of the others than this lie on something else: a box, a threshold.
+# Straight stripes further off the plane of the others than this are on something else: a box, a threshold.
 APART_M = 0.008
-# How far stripes may stray from one plane, rms over centres and ends: 0.01 to 0.06 mm when all is well, with the errors
-# that a calibration has. Where ground is rougher than this along its stripes, its roughness is the limit.
+# Largest distance of stripes from one plane, rms over centres and ends, and of a single stripe. A good calibration has
+# 0.01 to 0.06 mm rms. On ground that is rougher than this along its stripes, its roughness is the limit.
 MAX_STRIPE_RMS_M = 0.00012
 MAX_STRIPE_M = 0.0006
-# The smooth part of it, a bend along x and a twist, shows what a moved mount does and averages single stripes out:
-# 0.001 to 0.012 mm when all is well, 0.08 with the laser turned by 0.2 degrees about the vertical.
+# Largest smooth part of it, a bend along x and a twist: the effect of a moved mount, in which single stripes average
+# out. A good calibration has 0.001 to 0.012 mm, a laser turned by 0.2 degrees about the vertical 0.08 mm.
 MAX_FORM_M = 0.00003
 FORM_SIGMAS = 3.0
 HALF_WIDTH_M = 0.2
@@ -39,13 +39,13 @@ MAX_FLOOR_TILT = float(np.deg2rad(0.6))
 STANCE_SIGMAS = 3.0
 # Height of one sole against the plane of the others, from its joints and the ground beneath it [m].
 SOLE_SIGMA_M = 0.0012
-# A jump from one stripe to the next explains the stray heights when it removes this share of their squares. A higher
-# jump than the highest is an object: a mirror does not lose that many steps unnoticed.
+# A jump between two stripes explains the deviations if it removes this share of their squares. A jump above the highest
+# is an object: a mirror does not lose that many steps unnoticed.
 JUMP_SHARE = 0.8
 JUMP_STRIPES = 2
 HIGHEST_JUMP_M = 0.030
-# The newest scans that showed a floor, and how many of them must show drift: a threshold of the floor, or a bump along
-# one stripe, is seen by other stripes at the next pause.
+# Number of the newest scans with a floor that count, and of those that must show drift: a threshold in the floor, or a
+# bump along one stripe, is seen by other stripes at the next pause.
 REMEMBERED = 3
 NEEDED = 2
 
@@ -55,13 +55,13 @@ class Drift:
     """Outcome of a drift check.
 
     Attributes:
-        verdict: "holds", "drifting", or "unknown" when the scan shows no flat floor to compare with.
+        verdict: "holds", "drifting", or "unknown" if the scan shows no flat floor to compare with.
         reasons: reasons, with numbers, for a verdict other than "holds".
         floor_share: share of the stripes that run straight over one floor.
-        floor_height: height of the floor below the centre of what was seen of it [m].
+        floor_height: height of the floor at the mean x of its visible part [m].
         floor_tilt: angle of the floor against the horizontal [rad].
         stripe_rms: rms distance of the stripes' centres and ends from one plane [m].
-        worst_stripe: index of the stripe whose centre strays most, -1 when unknown.
+        worst_stripe: index of the stripe whose centre deviates most, -1 if unknown.
         worst_distance: its distance from the plane [m].
     """
 
@@ -92,19 +92,18 @@ def check_drift(
 ) -> Drift:
     """Compare the floor that a scan shows with its expected position.
 
-    Each stripe is measured through its own laser plane. Over a flat floor each is a straight line, whatever moved;
-    ground on which too few are straight shows nothing. The lines must lie in one plane (a tilted body or floor does
-    not change that, only a moved mount or mirror does), and this plane must be where the soles are.
+    Each stripe is measured through its own laser plane. On a flat floor each is a straight line, whatever moved; ground
+    on which too few are straight proves nothing. The lines must be in one plane, which only a moved mount or mirror
+    changes, not a tilted body or floor. This plane must be that of the soles.
 
     Args:
         points: (w, 3) points in base_footprint of each stripe, by index, NaN where there are none
             (`StripePoints.points` of a processed scan).
-        pose_covariance: (6, 6) of the stance (x y z [m], rotations [rad]); widens the limits of the floor's height
-            and tilt. None = the stance is exact.
-        soles_in_footprint: (n, 3) soles that the pose rests on. With three or more of them the floor is compared with
-            their plane too, so that ground that slopes under robot and stripes alike is not taken for drift; the
-            floor's height and tilt are not judged when the soles do not lie in one plane. None = the floor is compared
-            with z = 0 only.
+        pose_covariance: (6, 6) covariance of the stance (x y z [m], rotations [rad]), which widens the limits of height
+            and tilt of the floor. None = the stance is exact.
+        soles_in_footprint: (n, 3) supporting soles. With three or more of them the floor is also compared with their
+            plane, so that ground that slopes under robot and stripes alike is not taken for drift. If they are not in
+            one plane, height and tilt are not judged. None = the floor is compared with z = 0 only.
     """
     lines = find_floor_lines(points)
     if lines.seen < MIN_STRIPES:
@@ -156,7 +155,7 @@ def _floor_reasons(
     pose_covariance: npt.ArrayLike | None,
     soles: npt.ArrayLike | None,
 ) -> list[str]:
-    """Reasons to call the floor off z = 0, and off the soles' own plane where that is known."""
+    """Reasons why the floor is not at z = 0, nor in the plane of the soles if that is known."""
     height, tilt = height_and_tilt
     high, tilted = _allowed(pose_covariance, centre_x)
     is_high, is_tilted = abs(height) > high, tilt > tilted
@@ -201,7 +200,7 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
 
 
 def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
-    """Reasons to say that the stripes do not lie on one floor."""
+    """Reasons why the stripes are not on one floor."""
     jump = _jump(lines, stray, on_floor) if rms > allowed or not on_floor[-1] else None
     if jump is not None:
         return [
@@ -269,7 +268,7 @@ def _unknown(reason: str, share: float = float("nan")) -> Drift:
 
 
 class DriftWatch:
-    """Follows the drift checks of a walk; what a single floor shows by chance is no warning yet.
+    """Drift verdict over the pauses of a walk: a single scan that seems to drift is no warning yet.
 
     Example:
         watch = DriftWatch()
@@ -282,7 +281,7 @@ class DriftWatch:
         self._counts: Counter[str] = Counter()
 
     def add(self, drift: Drift) -> None:
-        """Take the check of the next pause; one that showed no floor is counted and changes nothing."""
+        """Add the check of the next pause; one without a floor is only counted."""
         self._counts[drift.verdict] += 1
         if drift.verdict != UNKNOWN:
             self._with_floor.append(drift)

@@ -1,4 +1,4 @@
-"""Detection of faults in plate scans: missed steps, swapped plates, a mount that slipped."""
+"""Detection of faults in plate scans: missed steps, swapped or small plates, a wrong mirror, a mount that slipped."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import format_indices
+from guara_perception.calibration.calibration_input import Plate
 from guara_perception.calibration.laser import LeaveOneOut
 from guara_perception.calibration.mirror_model import PARAMETERS
 from guara_perception.calibration.plates import LostLine, PlateLine
-from guara_perception.calibration.session import Plate
 from guara_perception.calibration.sweep import Sweep
 from guara_perception.exceptions import CalibrationRefused
 
@@ -22,16 +22,15 @@ MIN_HEIGHT_DIFFERENCE_M = 0.010
 # A laser plane that turns this much more or less than commanded between neighbouring stripes [rad]. A stepper's
 # periodic error makes 0.01 to 0.02 degrees, a full step of the Guara 0.7.
 MISSED_STEP = float(np.deg2rad(0.10))
-# Share of the stripes of a plate that must be found on it or beside it, and of all stripes that must lie on plates of
-# two heights.
+# Share of the stripes of a plate that must be found, and of all stripes that must be on plates of two heights.
 MIN_LINES = 0.8
 # A plate nearer to the floor than this is the floor itself [m].
 BARE_FLOOR_M = 0.001
-# Stripes on the front of a plate that is higher than they are apart, beside those on the floor before it.
+# Largest number of stripes on the front or across the edge of a plate, next to those on the floor before it.
 BORDER_STRIPES = 6
 # Without the wrong plate the others agree this many times better than without the next one.
 CLEARLY = 2.0
-# How far the laser may sit from its nominal position, in standard deviations of PARAMETERS.
+# Largest deviation of the laser from its nominal position, in standard deviations of PARAMETERS.
 MAX_DEVIATION = 2.5
 
 
@@ -96,8 +95,8 @@ def is_bare_floor(plate: Plate) -> bool:
 def lines_at_borders(jumps: Sequence[Jump], lines: Sequence[PlateLine], lost: Sequence[LostLine]) -> list[PlateLine]:
     """Lines between a jump and the floor beside the plate: stripes on the plate's front or across its edge.
 
-    A missed step turns all later stripes, up to the end of the scan; a stripe that falls off the plate has a few
-    neighbours at the most that are off too.
+    A missed step rotates all later stripes up to the end of the scan; at the border of a plate only a few neighbouring
+    stripes are off.
 
     Args:
         jumps: jumps found.
@@ -212,11 +211,11 @@ def check_mirror(sweep: Sweep) -> None:
 
 
 def suspect_plate(entries: Sequence[LeaveOneOut], plates: Sequence[Plate]) -> str:
-    """Name the plate that the others contradict, or two plates where it cannot be decided which of them is wrong.
+    """Name the plate that the others contradict, or two plates if it cannot be decided which of them is wrong.
 
-    Leaving any plate out changes all heights, so the largest error is often that of a right plate. But the others
-    agree only when the wrong plate is left out: four or more plates then fit their planes; with three, since the two
-    others always fit, the mirror then turns evenly.
+    Omitting any plate changes all heights, so the largest error is often that of a correct plate. But the others agree
+    only without the wrong plate: of four or more plates they then fit their planes; of three, where the two others
+    always fit, the mirror then turns evenly.
 
     Args:
         entries: the fits that left one plate out, three or more.

@@ -1,4 +1,4 @@
-"""Detection of the board in a picture, with the reason where it fails; printed cells of the board."""
+"""Detection of the board in a picture, and the printed cells of a board."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from guara_perception.calibration.board import CHARUCO, BoardSpec, BoardView, to
 from guara_perception.calibration.charuco import find_charuco, ink_of_charuco
 from guara_perception.calibration.checkerboard import find_checkerboard
 
-# Grey levels between darkest and brightest thing below which a picture shows nothing.
+# Contrast in grey levels below which a picture is blank.
 BLANK_CONTRAST = 12
 # Width of a black-white edge, 10 to 90 %: a sharp lens gives 2 to 3 px, from 5 px on corners are displaced.
 MAX_EDGE_WIDTH_PX = 5.0

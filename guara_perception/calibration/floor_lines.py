@@ -1,4 +1,4 @@
-"""Straight lines of stripes over the ground, which no moved mount changes; pixels on a level plane and back."""
+"""Straight lines of stripes on the ground, and projection between pixels and a level plane."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from kinematics.arrays import FrozenArrays
 PARTS = 12
 PAIRS = np.array(list(combinations(range(PARTS), 2)))
 LEAST_POINTS = 4
-# Parts within this of one line lie on it: fifteen times the scatter of medians over a flat floor.
+# A part is on a line within this distance: fifteen times the scatter of medians on a flat floor.
 LINE_TOLERANCE_M = 0.0005
-# A stripe shows a floor when this many of its parts, and this share of those that returned, lie on one line.
+# A stripe is straight if at least this many of its parts, and this share of those that returned, are on one line.
 LEAST_PARTS = 6
 LEAST_SHARE = 0.7
 
@@ -27,8 +27,8 @@ LEAST_SHARE = 0.7
 class FloorLines(FrozenArrays):
     """Straight stripes of a scan, in order of their index; a line z = offset + slope y each.
 
-    A straight stripe stays straight when camera or laser moved; ground that is not flat bends it. So straightness shows
-    whether there is a floor, and the positions of the lines show whether the calibration holds.
+    A moved camera or laser leaves a straight stripe straight; ground that is not flat bends it. Straightness therefore
+    proves a floor, and the positions of the lines prove the calibration.
 
     Attributes:
         seen: number of stripes that returned enough points.
@@ -101,14 +101,14 @@ def _parts(points: Mapping[int, Float]) -> tuple[Index, Float, Float, Float]:
 
 
 def _largest_agreement(y: Float, z: Float) -> Mask:
-    """Mask (s, PARTS) of the parts on the best line of each stripe: the line through two parts that most lie near."""
+    """Mask (s, PARTS) of the parts on the best line of each stripe: the line through two parts with most others."""
     if not len(z):
         return np.zeros((0, PARTS), np.bool_)
     first, second = PAIRS.T
     slope = (z[:, second] - z[:, first]) / (y[:, second] - y[:, first])
     distance = z[:, None, :] - z[:, first, None] - slope[:, :, None] * (y[:, None, :] - y[:, first, None])
     distance = np.nan_to_num(np.abs(distance), nan=np.inf)
-    # The weight falls with the distance, so that of lines near equally many parts the closest wins.
+    # Weights decrease with the distance, so that of lines with equally many parts the closest wins.
     weight = np.maximum(1.0 - 0.5 * distance / LINE_TOLERANCE_M, 0.0) * (distance < LINE_TOLERANCE_M)
     best = np.argmax(weight.sum(axis=2), axis=1)
     return np.asarray(distance[np.arange(len(z)), best] < LINE_TOLERANCE_M)

@@ -1,8 +1,7 @@
-"""Height uncertainty that comes from the calibration, and the image rows in which each laser plane can be seen."""
+"""Uncertainty of heights due to the calibration."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.calibration import Calibration, CameraModel
+from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
 from kinematics.arrays import read_only
 
@@ -18,9 +17,6 @@ from kinematics.arrays import read_only
 FIELD_TERMS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 # A camera closer than this to a laser plane sees the plane edge-on: its heights are not usable [m].
 MIN_BASELINE_M = 1e-3
-# Half length of the line on which a plane meets a height; it extends beyond the image at half a metre.
-HALF_LENGTH_M = 1.2
-SAMPLES = 49
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,65 +144,3 @@ def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:
     if matrix.shape != shape or not np.isfinite(matrix).all():
         raise FileFormatError(f"covariance.{name} has shape {matrix.shape}, it must be {shape} and finite")
     return matrix
-
-
-def plane_in_frame(plane_in_camera: Float, transform_camera_to_frame: Float) -> Float:
-    """Transform a plane (4,) n . X + d = 0, or planes (s, 4), from the camera frame to another frame."""
-    rotation, translation = transform_camera_to_frame[:3, :3], transform_camera_to_frame[:3, 3]
-    normal = plane_in_camera[..., :3] @ rotation.T
-    return np.concatenate((normal, plane_in_camera[..., 3:] - (normal @ translation)[..., None]), axis=-1)
-
-
-def row_bands(
-    camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
-) -> list[tuple[int, int]]:
-    """Image rows in which a surface lit by each laser plane appears, for a set of heights.
-
-    Args:
-        camera: intrinsic model.
-        transform_camera_to_footprint: (4, 4); heights are measured along z of the footprint.
-        planes_in_camera: (s, 4) one plane per stripe.
-        heights: (h,) heights above z = 0 of the footprint [m].
-        margin: rows added on each side; a band narrower than both margins together is empty.
-
-    Returns:
-        First row and end row (exclusive) of each plane, clipped to the image; (0, 0) if the band is empty.
-    """
-    lines = _lines(camera, transform_camera_to_footprint, planes_in_camera, heights)
-    order = np.argsort(lines[..., 0], axis=-1)[..., None]
-    u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
-    width, height = camera.size
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Between two samples the line is straight: its extreme rows lie in the first or the last column.
-        steepness = np.diff(v) / np.diff(u)
-        columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
-        rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
-        rows[:, ~(columns[0] <= columns[1])] = np.nan
-    lowest, highest = (choose.reduce(rows, axis=(0, 2, 3)).tolist() for choose in (np.fmin, np.fmax))
-    return [_band(*ends, margin, height) for ends in zip(lowest, highest, strict=True)]
-
-
-def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int, int]:
-    if not (math.isfinite(lowest) and math.isfinite(highest)):
-        return (0, 0)
-    first = max(math.floor(lowest) - margin, 0)
-    end = min(math.ceil(highest) + margin + 1, height)
-    return (first, end) if end - first >= 2 * margin else (0, 0)
-
-
-def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
-    """Pixels (s, h, SAMPLES, 2) along the lines on which laser planes meet heights; NaN where they cannot be seen."""
-    translation = transform_camera_to_footprint[:3, 3]
-    planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
-    steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
-    across = planes[:, :2] / steepness
-    # Signed distance (s, h) from the camera to each line along `across`, in the xy plane.
-    distance = -(planes[:, :2] @ translation[:2] + planes[:, 3])[:, None] - planes[:, 2:3] * heights
-    distance /= steepness
-    along = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, SAMPLES)
-    points = np.empty((3, *distance.shape, SAMPLES))
-    points[0] = (translation[0] + distance * across[:, :1])[:, :, None] - across[:, 1, None, None] * along
-    points[1] = (translation[1] + distance * across[:, 1:])[:, :, None] + across[:, 0, None, None] * along
-    points[2] = heights[:, None]
-    in_camera = transform_camera_to_footprint[:3, :3].T @ (points.reshape(3, -1) - translation[:, None])
-    return camera.project(in_camera.T).reshape(*distance.shape, SAMPLES, 2)

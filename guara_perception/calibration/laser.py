@@ -9,15 +9,11 @@ import numpy as np
 
 from guara_perception.arrays import Float, Interval
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.height_sigma import (
-    HeightUncertainty,
-    field_covariance,
-    plane_in_frame,
-)
+from guara_perception.calibration.calibration import CameraModel, plane_in_frame
+from guara_perception.calibration.calibration_input import Plate
+from guara_perception.calibration.height_sigma import HeightUncertainty, field_covariance
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.plates import PlateLine, level_pixels
-from guara_perception.calibration.session import Plate
 from guara_perception.calibration.stripe_planes import StripeFit, fit_stripes
 from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.height_sigma import plane_in_frame
+from guara_perception.calibration.calibration import plane_in_frame
 from kinematics.arrays import FrozenArrays
 
 

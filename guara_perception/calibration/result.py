@@ -12,13 +12,13 @@ from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
 from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane, format_indices
+from guara_perception.calibration.calibration_input import CalibrationSession
 from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.plates import LostLine, PlateLine
 from guara_perception.calibration.quality import Check
-from guara_perception.calibration.session import CalibrationSession
 from guara_perception.calibration.surface_map import SurfaceMap, stripe_constants
 
 

@@ -9,8 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
-from guara_perception.calibration.calibration import Calibration
-from guara_perception.calibration.height_sigma import HeightUncertainty, plane_in_frame, row_bands
+from guara_perception.calibration.calibration import Calibration, plane_in_frame
+from guara_perception.calibration.height_sigma import HeightUncertainty
+from guara_perception.calibration.row_bands import row_bands
 from guara_perception.ranging.locate import Locator
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.settings import Settings

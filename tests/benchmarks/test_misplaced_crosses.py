@@ -8,7 +8,7 @@ import pytest
 import guara_perception as gp
 from benchmarks.misplaced_crosses import CASES, DATA, effect, one_off, shifted, turned
 from guara_perception.app.files.calibration_session import open_session
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
 from kinematics import load_robot
 
 

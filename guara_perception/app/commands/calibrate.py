@@ -50,7 +50,7 @@ def command(
       guara calibrate sessions/monday -o calibration.json --report calibration-report
       guara calibrate sessions/monday -o calibration.json --camera-info lens.yaml
     """
-    from guara_perception.app.calibrate import calibrate_folder, refuse
+    from guara_perception.app.calibrate_folder import calibrate_folder, refuse
     from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.files.camera_info import write_camera_info
     from guara_perception.app.record.way_on import way_on

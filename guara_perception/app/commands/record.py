@@ -77,7 +77,7 @@ def command(
     """
     import numpy as np
 
-    from guara_perception.app.calibrate import refuse
+    from guara_perception.app.calibrate_folder import refuse
     from guara_perception.app.calibration_report.html import summary, write_report
     from guara_perception.app.devices_file import Devices, devices_of
     from guara_perception.app.files.calibration_session import open_session
@@ -89,7 +89,7 @@ def command(
     from guara_perception.app.record.simulated import SimulatedWorkshop
     from guara_perception.app.record.way_on import way_on
     from guara_perception.app.targets.drawings import cross_points, parse_board, parse_heights
-    from guara_perception.calibration.calibrate import calibrate_session
+    from guara_perception.calibration.calibrate_session import calibrate_session
     from guara_perception.calibration.file import save_calibration
     from guara_perception.fields import read_json
     from guara_perception.settings import Settings

@@ -8,7 +8,7 @@ from typing import Any
 
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder, read_picture
 from guara_perception.calibration.board import CHECKERBOARD, COLOURS, PATTERNS, BoardSpec
-from guara_perception.calibration.session import SQUARES, CalibrationSession, Fiducials, Plate
+from guara_perception.calibration.calibration_input import SQUARES, CalibrationSession, Fiducials, Plate
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.fields import Fields, read_json
 from kinematics import KinematicsError, Stance

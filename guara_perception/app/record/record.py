@@ -17,10 +17,10 @@ from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibra
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import check_extent, locate_camera
-from guara_perception.calibration.session import Fiducials
 from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError
 
 if TYPE_CHECKING:

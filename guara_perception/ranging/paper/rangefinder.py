@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float, Index
-from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.height_sigma import plane_in_frame
+from guara_perception.calibration.calibration import CameraModel, plane_in_frame
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.ranging.paper.equations import (
     StripeConstants,

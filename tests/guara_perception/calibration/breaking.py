@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.calibration.session import CalibrationSession, Plate
+from guara_perception.calibration.calibration_input import CalibrationSession, Plate
 
 Picture = np.ndarray[Any, Any]
 Change = Callable[[Picture], Picture]

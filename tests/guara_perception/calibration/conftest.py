@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from guara_perception.app.files.calibration_session import open_session
-from guara_perception.calibration import calibrate
+from guara_perception.calibration import calibrate_session
 from guara_perception.calibration.board import BoardSpec, BoardView
+from guara_perception.calibration.calibration_input import CalibrationSession
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.calibration.session import CalibrationSession
 from tests.calibrated_session import calibrated_session
 
 
 @pytest.fixture(scope="session", autouse=True)
 def boards_found_once() -> Iterator[None]:
     """The sessions of these tests share most of their pictures: a board is searched once in each."""
-    real, found = calibrate.find_board, {}
+    real, found = calibrate_session.find_board, {}
 
     def once(picture: np.ndarray, board: BoardSpec, name: str = "") -> BoardView:
         key = picture.tobytes(), picture.shape, picture.dtype, board
@@ -27,7 +27,7 @@ def boards_found_once() -> Iterator[None]:
         return dataclasses.replace(found[key], name=name)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(calibrate, "find_board", once)
+        patch.setattr(calibrate_session, "find_board", once)
         yield
 
 

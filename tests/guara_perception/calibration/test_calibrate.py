@@ -11,16 +11,17 @@ import pytest
 import guara_perception as gp
 from guara_perception.calibration.board import to_grey
 from guara_perception.calibration.bundle import fit_camera
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
+from guara_perception.calibration.calibration import plane_in_frame
+from guara_perception.calibration.calibration_input import CalibrationSession, Fiducials, Plate
 from guara_perception.calibration.checks import mount_checks
 from guara_perception.calibration.faults import suspect_plate
-from guara_perception.calibration.height_sigma import HeightUncertainty, plane_in_frame
+from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.laser import LeaveOneOut, fit_laser
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.mount import locate_camera
 from guara_perception.calibration.plates import PlateLine, level_pixels
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.calibration.session import CalibrationSession, Fiducials, Plate
 from kinematics import RobotModel
 from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from tests.guara_perception.calibration.breaking import with_frames, with_pictures, with_plate

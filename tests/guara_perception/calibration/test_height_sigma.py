@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.calibration.height_sigma import (
-    FIELD_TERMS,
-    HeightUncertainty,
-    field_covariance,
-    field_terms,
-    plane_in_frame,
-    row_bands,
-)
+from guara_perception.calibration.calibration import plane_in_frame
+from guara_perception.calibration.height_sigma import FIELD_TERMS, HeightUncertainty, field_covariance, field_terms
 from guara_perception.calibration.mirror_model import nominal_mirror
 from guara_perception.calibration.result import CalibrationResult
+from guara_perception.calibration.row_bands import row_bands
 from guara_perception.calibration.stripe_planes import moved_plane, plane_basis
 from guara_perception.exceptions import FileFormatError
 from kinematics import RobotModel

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
+from guara_perception.calibration.calibration_input import CalibrationSession, Fiducials
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.calibration.session import CalibrationSession, Fiducials
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused, InvalidInput
 from kinematics import RobotModel
 from tests.guara_perception.calibration.breaking import (

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app import calibrate
+from guara_perception.app import calibrate_folder
 from guara_perception.app.calibration_report import drawing
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.files.camera_info import read_camera_info, write_camera_info
 from guara_perception.app.main import run
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.result import CalibrationResult
 from tests.calibrated_session import SESSION
 
@@ -91,7 +91,7 @@ def test_refused_session(
 
     # Loaded before `calibrate_session` is replaced: it would keep the replacement.
     assert callable(gp.calibrate)
-    monkeypatch.setattr(calibrate, "calibrate_session", once)
+    monkeypatch.setattr(calibrate_folder, "calibrate_session", once)
     # The report's pictures are checked in the test above; here only its text is.
     monkeypatch.setattr(drawing, "to_png", lambda figure: b"")
     assert run([*arguments, "--report", str(report)]) == 1

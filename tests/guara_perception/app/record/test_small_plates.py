@@ -15,10 +15,10 @@ from guara_perception.app.main import run
 from guara_perception.app.record.operator import TextOperator
 from guara_perception.app.record.plate_scan import scan_uncalibrated
 from guara_perception.app.record.simulated import FLOOR_MATERIAL, SimulatedWorkshop
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
+from guara_perception.calibration.calibration_input import CalibrationSession, Plate
 from guara_perception.calibration.laser import heights_through
 from guara_perception.calibration.result import CalibrationResult
-from guara_perception.calibration.session import CalibrationSession, Plate
 from guara_perception.settings import Settings
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.rangefinder import SimulatedRangefinder

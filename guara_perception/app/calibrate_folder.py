@@ -6,7 +6,7 @@ from pathlib import Path
 
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.files.camera_info import read_camera_info
-from guara_perception.calibration.calibrate import calibrate_session
+from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.result import CalibrationResult
 from guara_perception.exceptions import CalibrationRefused

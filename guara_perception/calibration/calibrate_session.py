@@ -1,4 +1,4 @@
-"""`calibrate_session`: a whole calibration from a session, stage by stage, with a verdict."""
+"""`calibrate_session`: calibration of a rangefinder from a session, stage by stage, with a verdict."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from guara_perception.calibration.board import CHECKERBOARD, MIRRORED, BoardView, to_grey
 from guara_perception.calibration.bundle import CameraFit, fit_camera
 from guara_perception.calibration.calibration import Calibration, CameraModel
+from guara_perception.calibration.calibration_input import CalibrationSession, check_size
 from guara_perception.calibration.checkerboard import other_size
 from guara_perception.calibration.checks import LEFT_OUT, camera_checks, laser_checks, mount_checks, stance_checks
 from guara_perception.calibration.faults import (
@@ -64,7 +65,6 @@ from guara_perception.calibration.result import (
     undistorted,
     warnings,
 )
-from guara_perception.calibration.session import CalibrationSession, check_size
 from guara_perception.calibration.surface_map import surface_map
 from guara_perception.calibration.sweep import line_points
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused, InvalidInput
@@ -84,16 +84,16 @@ def calibrate_session(
     not_mirrored: bool = False,
     progress: Progress | None = None,
 ) -> CalibrationResult:
-    """Compute everything that follows from a session, and judge it.
+    """Calibrate the rangefinder of a session and judge the result.
 
-    A verdict `refused` is returned like any other; an error is raised only where nothing can be computed.
+    A verdict `refused` is returned like any other; an error is raised only if nothing can be computed.
 
     Args:
-        session: pictures and what is known of them.
+        session: pictures, and the geometry of their targets.
         robot: model of the robot, with nominal mounts and the stance.
         distortion: lens coefficients to estimate, one of `DISTORTIONS`.
-        camera: known camera; pictures of the board, if there are any, then only check it. None = it is estimated.
-        not_mirrored: the user vouches that the pictures are not mirrored, whatever the colours of the board.
+        camera: known camera, which pictures of the board, if there are any, only check; None = estimate it.
+        not_mirrored: the user states that the pictures are not mirrored; the colours of the board are not checked.
         progress: called with (pictures done, pictures in all).
 
     Raises:
@@ -300,7 +300,7 @@ def find_lines(
     lines: list[PlateLine] = []
     lost: list[LostLine] = []
     on_floor: dict[int, PlateLine] = {}
-    # The bare floor comes first: it shows where the stripes of the other scans miss their plate.
+    # The bare floor comes first: its lines show which stripes of the other scans miss their plate.
     for number in sorted(range(len(session.plates)), key=lambda number: abs(session.plates[number].height)):
         plate = session.plates[number]
         found, gone = plate_lines(plate, number, camera, transform, mirror, on_floor, advance)
@@ -326,7 +326,7 @@ def find_lines(
 
 
 def _hint(session: CalibrationSession, views: Sequence[BoardView]) -> str:
-    """Hint at the board's size if the first picture without a board shows one of another size."""
+    """Hint at the size of the board in the first picture in which none of the session's size was found."""
     view = next((view for view in views if "inner corners" in view.reason), None)
     if view is None or session.board.pattern != CHECKERBOARD:
         return ""

@@ -1,0 +1,69 @@
+"""Image rows in which a surface lit by a laser plane can appear."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.calibration.calibration import CameraModel, plane_in_frame
+
+# Half length of the line on which a plane meets a height; it extends beyond the image at half a metre.
+HALF_LENGTH_M = 1.2
+SAMPLES = 49
+
+
+def row_bands(
+    camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float, margin: int
+) -> list[tuple[int, int]]:
+    """Image rows in which a surface lit by each laser plane appears, for a set of heights.
+
+    Args:
+        camera: intrinsic model.
+        transform_camera_to_footprint: (4, 4); heights are measured along z of the footprint.
+        planes_in_camera: (s, 4) one plane per stripe.
+        heights: (h,) heights above z = 0 of the footprint [m].
+        margin: rows added on each side; a band narrower than both margins together is empty.
+
+    Returns:
+        First row and end row (exclusive) of each plane, clipped to the image; (0, 0) if the band is empty.
+    """
+    lines = _lines(camera, transform_camera_to_footprint, planes_in_camera, heights)
+    order = np.argsort(lines[..., 0], axis=-1)[..., None]
+    u, v = np.moveaxis(np.take_along_axis(lines, order, axis=-2), -1, 0)
+    width, height = camera.size
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Between two samples the line is straight: its extreme rows lie in the first or the last column.
+        steepness = np.diff(v) / np.diff(u)
+        columns = np.stack((np.maximum(np.ceil(u[..., :-1]), 0), np.minimum(np.floor(u[..., 1:]), width - 1)))
+        rows = steepness * (columns - u[..., :-1]) + v[..., :-1]
+        rows[:, ~(columns[0] <= columns[1])] = np.nan
+    lowest, highest = (choose.reduce(rows, axis=(0, 2, 3)).tolist() for choose in (np.fmin, np.fmax))
+    return [_band(*ends, margin, height) for ends in zip(lowest, highest, strict=True)]
+
+
+def _band(lowest: float, highest: float, margin: int, height: int) -> tuple[int, int]:
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        return (0, 0)
+    first = max(math.floor(lowest) - margin, 0)
+    end = min(math.ceil(highest) + margin + 1, height)
+    return (first, end) if end - first >= 2 * margin else (0, 0)
+
+
+def _lines(camera: CameraModel, transform_camera_to_footprint: Float, planes_in_camera: Float, heights: Float) -> Float:
+    """Pixels (s, h, SAMPLES, 2) along the lines on which laser planes meet heights; NaN where they cannot be seen."""
+    translation = transform_camera_to_footprint[:3, 3]
+    planes = plane_in_frame(planes_in_camera, transform_camera_to_footprint)
+    steepness = np.maximum(np.hypot(planes[:, 0], planes[:, 1]), 1e-12)[:, None]
+    across = planes[:, :2] / steepness
+    # Signed distance (s, h) from the camera to each line along `across`, in the xy plane.
+    distance = -(planes[:, :2] @ translation[:2] + planes[:, 3])[:, None] - planes[:, 2:3] * heights
+    distance /= steepness
+    along = np.linspace(-HALF_LENGTH_M, HALF_LENGTH_M, SAMPLES)
+    points = np.empty((3, *distance.shape, SAMPLES))
+    points[0] = (translation[0] + distance * across[:, :1])[:, :, None] - across[:, 1, None, None] * along
+    points[1] = (translation[1] + distance * across[:, 1:])[:, :, None] + across[:, 0, None, None] * along
+    points[2] = heights[:, None]
+    in_camera = transform_camera_to_footprint[:3, :3].T @ (points.reshape(3, -1) - translation[:, None])
+    return camera.project(in_camera.T).reshape(*distance.shape, SAMPLES, 2)
