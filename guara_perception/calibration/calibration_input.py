@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from kinematics import Stance
 
 
-# [m] Edges of a board's squares.
+# Smallest and largest edge of a board's squares [m].
 SQUARES = (0.001, 1.0)
-# A plate whose stance differs by more than this in any joint was scanned from elsewhere (docs/files.md).
+# Largest difference of any joint between the stance of a plate scan and the session's (docs/files.md).
 MAX_JOINT_DIFFERENCE = float(np.deg2rad(0.1))
 
 
@@ -32,7 +32,7 @@ class Fiducials:
     Attributes:
         image: name of the picture that shows them.
         points_in_footprint: (n, 2) their centres [m], four or more.
-        points_px: (n, 2) their pixels in the same order, or None: they are found.
+        points_px: (n, 2) their pixels in the same order; None = they are searched.
     """
 
     image: str
@@ -78,13 +78,13 @@ class CalibrationSession:
     Attributes:
         robot: name of the robot.
         board: the board.
-        board_images: names of its pictures; none are needed where the lens is known.
+        board_images: names of its pictures; may be empty if the lens is known.
         ground_board_image: name of the picture in which it lies on the floor, or None.
         fiducials: crosses on the floor.
         plates: scans of a flat plate at known heights.
         stance: stance of all pictures.
-        source: where it came from, for messages.
-        read_picture: gives the picture of a name, (h, w) or (h, w, 3).
+        source: name of its file or folder, for messages.
+        read_picture: function that returns the picture, (h, w) or (h, w, 3), of a name.
     """
 
     robot: str

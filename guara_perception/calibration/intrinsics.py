@@ -17,18 +17,18 @@ from kinematics.arrays import FrozenArrays
 MIN_VIEWS = 5
 # Largest angle between two boards below which focal length and distance cannot be separated.
 MIN_TILT = float(np.deg2rad(12.0))
-# A view whose error is this many times the median, and visibly large, shows a bent board or a wrong corner.
+# A view whose error is this many times the median, and above this many pixels, shows a bent board or a wrong corner.
 OUTLIER_OF_MEDIAN = 3.0
 OUTLIER_PX = 0.15
 DISTORTIONS = ("k1k2", "k1k2p1p2", "k1k2p1p2k3")
-# Standard deviations assumed of a lens that is given, since its file has none: those that fourteen pictures of a board
-# give (the recorded session). Focal lengths as a share of themselves, principal point as a share of the width, k1, k2.
+# Assumed standard deviations of a given lens, whose file has none: those of a calibration by fourteen pictures (the
+# recorded session). Focal lengths as a share of themselves, principal point as a share of the width, k1, k2.
 GIVEN_FOCAL, GIVEN_CENTRE, GIVEN_DISTORTION = 4e-4, 3e-4, (5e-4, 1.1e-3)
 
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics(FrozenArrays):
-    """A camera and how well the boards fix it.
+    """A camera model, with its uncertainty and the board views that it was fitted to.
 
     Attributes:
         camera: the model.
@@ -37,8 +37,8 @@ class Intrinsics(FrozenArrays):
         views: the views that were used.
         poses: (n, 6) board to camera, rotation vector and translation, one row per used view.
         errors_px: rms corner error of each used view.
-        outliers: names of the views that were left out, with the reason.
-        is_given: the model was given; the views only check it.
+        outliers: names of the views that were omitted, with the reason.
+        is_given: True if the model was given and the views only check it.
     """
 
     camera: CameraModel
@@ -73,14 +73,14 @@ def calibrate_intrinsics(
     distortion: str = "k1k2",
     keep: Sequence[str] = (),
 ) -> Intrinsics:
-    """Estimate the lens; views that do not fit the others are left out and named.
+    """Estimate the lens; views that do not fit the others are omitted and named.
 
     Args:
         views: usable views.
         board: the board they show.
         size: picture width and height.
         distortion: coefficients to estimate, one of DISTORTIONS; the others stay zero.
-        keep: names of views that are never left out (the board on the floor).
+        keep: names of views that are never omitted (the board on the floor).
 
     Raises:
         CalibrationRefused: fewer than MIN_VIEWS views, or all boards nearly parallel.
@@ -110,7 +110,7 @@ def calibrate_intrinsics(
 
 
 def given_intrinsics(camera: CameraModel, views: Sequence[BoardView], board: BoardSpec) -> Intrinsics:
-    """A lens known from elsewhere, with the poses of the boards in the views that check it, which may be none."""
+    """Known lens, with the poses of the boards in the views that check it, if any."""
     poses, errors = np.empty((len(views), 6)), np.empty(len(views))
     for i, view in enumerate(views):
         points = view.points(board)
@@ -146,7 +146,7 @@ def calibrate_views(
     distortion: str = "k1k2",
     outliers: Sequence[tuple[str, str]] = (),
 ) -> Intrinsics:
-    """The lens that fits all these views, none left out; `outliers` are only passed on to the result."""
+    """Fit the lens to all of these views; `outliers` are only passed on to the result."""
     points = [np.asarray(view.points(board), dtype=np.float32) for view in views]
     corners = [np.asarray(view.corners_px, dtype=np.float32).reshape(-1, 1, 2) for view in views]
     free = free_parameters(distortion)

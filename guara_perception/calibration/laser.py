@@ -1,4 +1,4 @@
-"""The laser's part of a calibration: from plate lines to planes, checks, leave-one-plate-out and height uncertainty."""
+"""Calibration of the laser: planes fitted to lines on plates, leave-one-plate-out errors, uncertainty of heights."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from guara_perception.calibration.sweep import Sweep, fit_sweep, line_points
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
 
-# Where the height field is sampled: y, heights, and the number of stripes.
+# Samples of the height field: values of y, heights, and number of stripes.
 FIELD_Y_M = np.linspace(-0.27, 0.27, 7)
 FIELD_HEIGHTS_M = (-0.02, 0.04, 0.10)
 FIELD_STRIPES = 18
@@ -27,14 +27,14 @@ FIELD_STRIPES = 18
 
 @dataclass(frozen=True, slots=True)
 class LeaveOneOut:
-    """A plate as the planes of the other plates measure it.
+    """Height of a plate, measured with planes that were fitted to the other plates.
 
     Attributes:
         plate: number of the plate.
         mean: measured minus given height, mean of its lines [m].
         scatter: standard deviation of the same over its lines [m].
         near, far: mean of the nearest and of the farthest third of the lines [m].
-        irregularity: how unevenly the mirror turns according to the other plates alone [rad]: small when these agree.
+        irregularity: standard deviation of the mirror's step errors by the other plates [rad]: small if these agree.
         disagreement: rms height error of the other plates by their own planes [m]; zero for two, which always agree.
     """
 
@@ -54,7 +54,7 @@ class LeaveOneOut:
 
 @dataclass(frozen=True, slots=True)
 class LaserFit(FrozenArrays):
-    """Planes from plates.
+    """Mirror model and laser planes fitted to lines on plates.
 
     Attributes:
         sweep: the mirror model in base_footprint.

@@ -1,4 +1,4 @@
-"""The mirror model: one fixed laser plane, reflected in a turning mirror, gives the plane of every stripe."""
+"""Mirror model: a fixed laser plane, reflected in a rotating mirror, gives the plane of every stripe."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from kinematics.arrays import FrozenArrays
 
 @dataclass(frozen=True, slots=True)
 class MirrorModel(FrozenArrays):
-    """A laser plane and a mirror that turns about an axis in its own face; all in one frame.
+    """A laser plane and a mirror that rotates about an axis in its own face, all in one frame.
 
-    The laser plane of mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
-    m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It turns by twice the mirror.
+    The laser plane at mirror angle theta is the plane of the fixed laser reflected in the mirror with the normal
+    m = Rot(axis, gain theta) m0: n = (I - 2 m m') n0, d = d0 + 2 (n0 . m)(m . q). It rotates by twice the mirror angle.
 
     Attributes:
         laser_plane: (4,) n0 . X + d0 = 0 of the light before the mirror, n0 a unit vector.
@@ -68,11 +68,11 @@ class MirrorModel(FrozenArrays):
 
 
 def nominal_mirror(point: Float) -> MirrorModel:
-    """The nominal mirror, in base_link or another level frame with x forward.
+    """Nominal mirror in base_link or another level frame with x forward.
 
-    Axis through `point` parallel to y, laser plane straight down at angle zero, forward for positive angles; the
-    light comes in level, on to a mirror that leans by 45 degrees. Only the laser plane is observed, so where the light
-    comes from is a convention.
+    The axis passes through `point` parallel to y. The laser plane points straight down at angle zero, forward at
+    positive angles; the incoming light is horizontal and meets a mirror inclined by 45 degrees. Only the reflected
+    plane is observed, so the direction of the incoming light is a convention.
     """
     half = np.sqrt(0.5)
     return MirrorModel(
@@ -84,7 +84,7 @@ def nominal_mirror(point: Float) -> MirrorModel:
     )
 
 
-# What may differ from the nominal mirror, with a generous standard deviation of each.
+# Deviations from the nominal mirror, with a generous prior standard deviation of each.
 PARAMETERS = {
     "laser_pitch": 0.15,
     "laser_roll": 0.05,
@@ -99,11 +99,11 @@ PARAMETERS = {
 
 
 def perturbed_mirror(nominal: MirrorModel, parameters: Float) -> MirrorModel:
-    """A nominal mirror moved by the values of PARAMETERS, in that order.
+    """Apply the values of PARAMETERS, in that order, to a nominal mirror.
 
-    laser_pitch turns the incoming plane about the axis, laser_roll out of it, laser_offset shifts it off the axis [m];
-    axis_yaw and axis_roll turn the axis about z and x [rad]; axis_x, axis_z shift it [m]; mirror_tilt leans the
-    mirror's face out of the axis [rad]; gain is relative.
+    laser_pitch rotates the incoming plane about the axis, laser_roll tilts it against the axis [rad], laser_offset
+    shifts it off the axis [m]; axis_yaw and axis_roll rotate the axis about z and x [rad]; axis_x and axis_z shift it
+    [m]; mirror_tilt tilts the mirror's face against the axis [rad]; gain is a relative change.
     """
     pitch, roll, offset, yaw, tip, x, z, tilt, gain = parameters
     axis = nominal.axis + _cross(np.array([tip, 0.0, yaw]), nominal.axis)

@@ -1,4 +1,4 @@
-"""Pose of the camera over the floor from fiducials, and the faults that fiducials show."""
+"""Pose of the camera over the floor from fiducials, and checks of the fiducials and the ground board."""
 
 from __future__ import annotations
 
@@ -25,29 +25,30 @@ ROLLED_CAMERA = (
     "the camera is rolled by 180 degrees against its mount in the URDF: its driver delivers bottom-up pictures, or it "
     "is mounted upside down"
 )
-# What a driver does to pictures, by axes of the camera and, for a mirror image, the side on which marks appear.
+# Quarter turn of a picture, and reflections along x and y, as transforms of camera axes and of the scene.
 _QUARTER = np.eye(4)[[1, 0, 2, 3]] * [1.0, -1.0, 1.0, 1.0]
 _MIRROR_X, _MIRROR_Y = np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0, 1.0])
 TELL_HANDEDNESS = (
     "lay the five crosses of `guara targets` and take their picture again, give the board's first_square in "
     "session.json, or pass --not-mirrored if the driver does not flip pictures"
 )
-# Crosses found by the program fit within 0.1 px; given by hand within one or two. Above these, points are wrong.
+# Largest misfit of correct points: crosses found by the program fit within 0.1 px, pixels given by hand within 1 or 2.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
 # A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
-# Extent of the marks across, over that along their longest direction: below this they lie on one line.
+# Least ratio of the extents of the marks across and along their longest direction: below it they are on one line.
 MIN_EXTENT_RATIO = 0.15
-# Relative difference of the ground board's squares, as the fiducials measure them, from those of the session.
+# Largest relative difference between the size of the ground board's squares by the fiducials and that of the session.
 MAX_SQUARE_ERROR = 0.01
+# Largest rms distance of the ground board's corners from a flat grid on the floor.
 MAX_BOARD_LIFT_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
 class FloorPose(FrozenArrays):
-    """Pose of the camera over the floor, by the fiducials alone.
+    """Pose of the camera over the floor from the fiducials alone.
 
     Attributes:
         mount: "eq5" or "upright".
@@ -103,7 +104,7 @@ def locate_camera(
 
 
 def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, int]:
-    """Pose that fits the crosses best, None where some are not found, and the largest number found."""
+    """Pose that fits the crosses best, None if some were not found, and the largest number found."""
     poses: list[FloorPose] = []
     most_found = 0
     for mount, turn in MOUNTS.items():
@@ -116,12 +117,12 @@ def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tup
 
 
 def _refuse_changed(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> None:
-    """Refuse a picture that shows the crosses once it is seen as mirrored, or turned by 90 degrees.
+    """Refuse a picture in which the crosses are found if it is taken as mirrored or turned by 90 degrees.
 
     Raises:
-        CalibrationRefused: it does.
+        CalibrationRefused: naming the change.
     """
-    # A mirrored picture is one of the world on the other side of the plane y = 0.
+    # A mirrored picture shows the scene reflected in the plane y = 0.
     mirrored = points * (1.0, -1.0), _MIRROR_Y @ nominal @ _MIRROR_X
     changes = {
         "mirrored": mirrored,
@@ -152,11 +153,11 @@ def check_extent(points: Float) -> None:
 
 
 def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
-    """Evidence that the pictures of a session are not mirrored; empty where there is none.
+    """Name of the evidence that the pictures of a session are not mirrored; empty if there is none.
 
     Args:
         session: a session whose board and marks were found.
-        not_mirrored: the user vouches for it.
+        not_mirrored: the user states it.
     """
     evidence = {
         "the user": not_mirrored,
@@ -168,7 +169,7 @@ def told_by(session: CalibrationSession, not_mirrored: bool) -> str:
 
 
 def looks_mirrored(points: Float) -> bool:
-    """True where the mirror image of the marks (n, 2) could be taken for the marks, as the search for them allows."""
+    """Test if the mirror image of the marks (n, 2) is so similar that the search could take it for the marks."""
     centred = points - points.mean(axis=0)
     apart = [np.linalg.norm(centred[:, None] * flip - centred, axis=2) for flip in ((1.0, -1.0), (-1.0, 1.0))]
     return min(float(distance.min(axis=1).max()) for distance in apart) < SEARCH_M
@@ -177,7 +178,7 @@ def looks_mirrored(points: Float) -> bool:
 def measured_square(
     camera: CameraModel, transform_camera_to_footprint: Float, ground: BoardView, board: BoardSpec
 ) -> float:
-    """Edge of a square of the ground board as the fiducials see it [m]: where its corners' rays meet the floor."""
+    """Edge of a square of the ground board [m], by the points where the rays of its corners meet the floor."""
     return _similarity(camera, transform_camera_to_footprint, ground, board)[0]
 
 
@@ -241,7 +242,7 @@ def _fit(camera: CameraModel, points: Float, marks: list[Mark], start: Float, mo
 
 
 def _from_given(camera: CameraModel, fiducials: Fiducials, nominal: Float) -> FloorPose:
-    """Pose from pixels that a person gave, in the order given; other orders are tried only to name the fault."""
+    """Pose from pixels that a person gave, in their order; other orders are tried only to name the fault."""
     points = fiducials.points_in_footprint
     given = [Mark(pixel, GIVEN_SIGMA_PX, np.nan) for pixel in np.asarray(fiducials.points_px, dtype=np.float64)]
     best = _best_mount(camera, points, given, nominal)

@@ -14,22 +14,22 @@ from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.stripe_planes import plane_basis
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError
 
-# Periods of a stepper's own error that are tried, in stripes of the standard pattern. With every second stripe
-# calibrated nothing shorter than four can be distinguished.
+# Periods that are tried for the stepper's error, in stripes of the standard pattern. With every second stripe
+# calibrated, no shorter period than four can be distinguished.
 PERIODS = np.arange(4.0, 40.0, 0.25)
-# A wave that explains this much of the errors is the motor's; less is noise and errors are interpolated instead.
+# Least share of the errors' variance that a wave must explain to be the motor's; otherwise errors are interpolated.
 MIN_EXPLAINED = 0.8
 
 
 def interpolate_pattern(calibration: Calibration, indices: Iterable[int]) -> Calibration:
-    """A calibration with exactly these stripes.
+    """Calibration with exactly the given stripes.
 
-    A stripe that was calibrated keeps its plane. Any other gets that of the mirror model at its own angle, corrected
-    by the stepper's periodic error where the calibrated stripes show one, with a larger covariance.
+    Calibrated stripes keep their planes. Others get the plane of the mirror model at their angle, corrected by the
+    stepper's periodic error if the calibrated stripes show one, with a larger covariance.
 
     Args:
-        calibration: a calibration that holds a mirror model (made by `calibrate`).
-        indices: indices in the standard pattern; outside the calibrated range by at most its spacing.
+        calibration: a calibration with a mirror model (made by `calibrate`).
+        indices: indices in the standard pattern, at most one spacing outside the calibrated range.
 
     Raises:
         CalibrationMismatch: an index too far outside, or a calibration without mirror model.
@@ -97,8 +97,8 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:
     """Errors of the mirror's position at other stripes [rad], and their standard deviation.
 
-    A stepper's error is a wave over its steps: when one wave explains the errors it is evaluated, else neighbours are
-    interpolated.
+    A stepper's error is periodic in its steps. If one wave explains the errors it is evaluated; otherwise the errors of
+    neighbours are interpolated.
     """
     variance = float(np.var(errors))
     if len(indices) > 8 and variance > 0:

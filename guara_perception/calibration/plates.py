@@ -18,18 +18,20 @@ from guara_perception.stripes.band import StripeProfile
 from guara_perception.stripes.extract import extract_stripe
 from kinematics.arrays import FrozenArrays
 
-# A laser mount this much off its nominal position (3 degrees, 20 mm) moves a stripe by this share of the picture.
+# Half width of the band that is searched for a stripe, as a share of the picture's height: a laser mount 3 degrees and
+# 20 mm off its nominal position moves a stripe by this much.
 BAND_SHARE = 0.12
 # Columns averaged into one point of a line.
 BINS = 40
-# Points further from the straight line than this many standard deviations belong to dust, edge or another surface.
+# Points further from the straight line than this many standard deviations are dust, an edge or another surface.
 OUTLIER_SIGMAS = 3.5
 MIN_COLUMNS = 30
-# A line seen on less of its length on the plate than this does not fix a plane, nor one on so little of the view.
+# Least share of its length on the plate, and of the columns in view, over which a line must be seen to fix a plane.
 MIN_SPAN = 0.6
 MIN_WIDTH = 0.25
-# A column whose stripe is this near to where it lies on the bare floor, as a share of the picture's height, shows the
-# floor beside the plate; a plate of 10 mm moves stripes by three times as much. Columns beside it may show both.
+# A column whose stripe is within this distance of its position on the bare floor, as a share of the picture's height,
+# shows the floor beside the plate; a plate of 10 mm moves stripes by three times as much. This many columns next to it
+# may show both.
 BESIDE_SHARE = 0.0015
 BORDER_COLUMNS = 3
 BESIDE = "it falls beside the plate"
@@ -39,7 +41,7 @@ SIGMA_FLOOR_M = 2e-5
 
 @dataclass(frozen=True, slots=True)
 class PlateLine(FrozenArrays):
-    """The line that one stripe draws on one plate.
+    """Line of one stripe on one plate.
 
     Attributes:
         index, mirror_angle: those of the stripe.
@@ -93,9 +95,9 @@ def plate_lines(
         number: number of the plate in the session.
         camera: intrinsic model.
         transform_camera_to_footprint: (4, 4).
-        nominal: nominal mirror in base_footprint; it shows roughly where each stripe is.
-        on_floor: lines on the bare floor by stripe index: where a stripe has not moved against them, it lies beside
-            the plate. Empty for the bare floor itself, and where it was not scanned.
+        nominal: nominal mirror in base_footprint, which predicts the stripes roughly.
+        on_floor: lines on the bare floor by stripe index: a stripe that has not moved against them is beside the plate.
+            Empty for the scan of the bare floor itself, and if there is none.
         on_stripe: called after each stripe, for a progress bar.
 
     Raises:
@@ -128,7 +130,7 @@ def plate_lines(
 
 
 def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
-    """The lost lines; one seen in part, next to a stripe that falls beside the plate, lies on the plate's border."""
+    """Lost lines; those seen in part, next to a stripe beside the plate, are on its border and count as beside it."""
     beside = {line.index for line in lost if line.is_beside}
     at_border = {neighbour for pair in pairwise(order) for neighbour in pair if beside & {*pair}}
     is_border = [line.reason.startswith(IN_PART) and line.index in at_border for line in lost]
@@ -136,7 +138,7 @@ def _with_borders(lost: list[LostLine], order: list[int]) -> list[LostLine]:
 
 
 def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool:
-    """True when the stripe was found in half of the columns and well inside the band."""
+    """Test if the stripe was found in half of the columns and well inside the band."""
     found = np.isfinite(profile.position_px)
     if profile.is_frame_bad or found.mean() < 0.5 or not band[1]:
         return False
@@ -146,7 +148,7 @@ def _is_good(profile: StripeProfile, band: tuple[int, int], height: int) -> bool
 
 
 def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -> Mask:
-    """Columns in which a stripe lies where it lies on the bare floor."""
+    """Mask of the columns in which a stripe is at its position on the bare floor."""
     rows = profile.position_px
     if floor is None:
         return np.zeros(len(rows), dtype=bool)

@@ -1,4 +1,4 @@
-"""Quality of a calibration: checks with limits, a verdict with reasons, figures of the camera."""
+"""Quality of a calibration: checks with limits, the verdict, coverage, projection uncertainty, cross-validation."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Check:
 
     Attributes:
         name: short text, key of the figure in the file.
-        value: what was found, in `unit`; NaN where it could not be computed.
-        unit: unit of `value`, as text for people.
+        value: measured value, in `unit`; NaN if it could not be computed.
+        unit: unit of `value`, as text.
         usable_from: limit between good and usable.
         refused_from: limit between usable and refused.
-        meaning: one sentence for somebody who never calibrated a camera.
-        advice: what to do when it is not good.
-        higher_is_better: which way the limits are read.
+        meaning: description in one sentence.
+        advice: remedy if the verdict is not good.
+        higher_is_better: True if values below the limits are worse, False if values above them are.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """The verdict of this figure alone; one that could not be computed makes the calibration usable, not good."""
+        """Verdict of this figure alone; `usable` if it could not be computed."""
         if np.isnan(self.value):
             return USABLE
         sign = -1.0 if self.higher_is_better else 1.0
@@ -71,7 +71,7 @@ def verdict_of(checks: Sequence[Check], warnings: Sequence[str]) -> tuple[str, t
 
     Args:
         checks: all figures.
-        warnings: faults that were corrected (an outlier view left out, a stripe filled in); with one the verdict is
+        warnings: faults that were corrected (an outlier view omitted, a stripe filled in); with any the verdict is
             usable at best.
     """
     verdicts = [check.verdict for check in checks]
@@ -121,7 +121,7 @@ def picture_grid(size: tuple[int, int]) -> Float:
 def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     """Standard deviation of the floor point that a pixel sees, at pixels all over the picture.
 
-    The joint covariance of lens and mount is propagated to the floor: there it is the error that a robot meets.
+    The joint covariance of lens and mount is propagated to the floor, where the robot walks.
 
     Returns:
         pixels (63, 2) and the standard deviation (63,) of the floor point they see [m], NaN above the horizon.
@@ -144,7 +144,7 @@ def cross_validation(
 ) -> tuple[Float, Float] | None:
     """Difference in projection between lenses calibrated from every other view.
 
-    The two lenses may differ by a rotation and a translation, which the mount makes up for: these are removed by
+    The two lenses may differ by a rotation and a translation, which the mount compensates: these are removed by
     aligning points at floor distance, as mrcal does.
 
     Args:

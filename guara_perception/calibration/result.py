@@ -1,4 +1,4 @@
-"""The result of a calibration run: the calibration, and all evidence behind it as records."""
+"""Result of a calibration run: the calibration with its evidence, and the records of its file."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class CalibrationResult:
 def stripe_records(
     laser: LaserFit, session: CalibrationSession, missing: Sequence[int], fit: CameraFit
 ) -> tuple[StripePlane, ...]:
-    """The plane of each stripe; a stripe that gave too few points gets the mirror model's."""
+    """Plane of each stripe; a stripe with too few points gets the plane of the mirror model."""
     found = zip(laser.stripes.indices, laser.stripes.mirror_angles, laser.planes_in_camera, strict=True)
     stripes = [StripePlane(index, float(angle), plane) for index, angle, plane in found]
     if missing:
@@ -88,7 +88,7 @@ def stripe_records(
 
 
 def mirror_record(laser: LaserFit, fit: CameraFit, mount: FloorPose, missing: Sequence[int]) -> dict[str, Any]:
-    """The `mirror` object: the model in the camera frame, and how the stripes deviate from it."""
+    """The `mirror` object: the model in the camera frame, and the deviations of the stripes from it."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint))
     return {
         "frame": "camera_optical_frame",
@@ -140,7 +140,7 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
 
 
 def undistorted(camera: CameraModel, pixels: Float) -> Float:
-    """Pixels (n, 2) as a lens without distortion would show them: eq. 8 inverted exactly, back in pixels."""
+    """Pixels (n, 2) without lens distortion, by the exact inverse of the lens model."""
     return np.asarray((camera.rays(pixels) @ camera.matrix.T)[:, :2])
 
 
@@ -151,7 +151,7 @@ def warnings(
     lost: Sequence[LostLine],
     missing: Sequence[int],
 ) -> list[str]:
-    """Faults that were corrected: views left out, lines not found, planes filled in."""
+    """Faults that were corrected: views omitted, lines not found, planes filled in."""
     said = [f"view {view.name} was left out: {view.reason}" for view in views if not view.is_usable]
     said += [f"view {name} was left out: {reason}" for name, reason in intrinsics.outliers]
     faults = [one for one in lost if not one.is_beside]

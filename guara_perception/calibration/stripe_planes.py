@@ -1,4 +1,4 @@
-"""The plane of each stripe: its own lines on the plates, steadied by the mirror model, with a covariance."""
+"""Plane of each stripe, fitted to its own lines on the plates with the mirror model as a prior, with a covariance."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from guara_perception.calibration.plates import PlateLine
 from guara_perception.calibration.sweep import STEP_ERROR_SIGMA, Sweep
 from kinematics.arrays import FrozenArrays
 
-# A laser plane may wobble out of the model by at least this much: bearings and mirrors are not perfect.
+# Lower bounds of the deviation of laser planes from the model: bearings and mirrors are not perfect.
 WOBBLE_FLOOR = np.array([2e-5, 1e-5])  # tilt along the stripe [rad], shift [m]
 FREE_WOBBLE = np.array([0.01, 0.005])
 NOISE_ITERATIONS = 15
 # Mean square over median square of a normal distribution.
 MEDIAN_TO_MEAN_SQUARE = 2.198
-# Repeatability of the mirror from scan to scan is estimated from the lines; it is not believed below this [rad].
+# Lower bound of the mirror's repeatability from scan to scan, which is estimated from the lines [rad].
 JITTER_FLOOR = float(np.deg2rad(0.0003))
-# Scatter of one averaged point of a line [m], floor of the estimate.
+# Lower bound of the estimated scatter of one averaged point of a line [m].
 SCATTER_FLOOR_M = 1e-5
 
 
@@ -60,16 +60,17 @@ def fit_stripes(
 ) -> StripeFit:
     """Fit one plane per stripe.
 
-    Each plane has three degrees of freedom about the model's plane: turn about the mirror axis (free: the stepper's own
-    error), tilt along the stripe and shift (held by the model as firmly as the stripes agree with it). Each line may
-    also be rotated by the mirror's jitter, which all its columns share: without jitter the sigmas would be too small.
+    Each plane has three degrees of freedom about the model's plane: the turn about the mirror axis, which is free since
+    it is the stepper's error, and the tilt along the stripe and the shift, whose prior is as narrow as the stripes
+    agree with the model. Each line is also rotated by the mirror's jitter, common to all its columns: without it the
+    sigmas would be too small.
 
     Args:
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         sweep: the mirror model.
         nominal: the nominal mirror from which `sweep` was fitted.
-        noise_of: an earlier fit whose jitter, scatter and wobble are taken; None = they are estimated.
+        noise_of: an earlier fit whose jitter, scatter and wobble are used; None = they are estimated.
     """
     model = sweep.planes
     bases = np.array([plane_basis(plane, sweep.mirror) for plane in model])
@@ -102,7 +103,7 @@ def plane_basis(plane: Float, mirror: MirrorModel) -> Float:
 
 
 def moved_plane(plane: Float, basis: Float, change: Float) -> Float:
-    """A plane moved by (turn, tilt, shift), its normal of unit length again."""
+    """Plane changed by (turn, tilt, shift), with its normal normalised again."""
     moved = plane + change @ basis
     return np.asarray(moved / np.linalg.norm(moved[:3]))
 
@@ -141,7 +142,7 @@ class _Lines:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Changes of all planes and their covariances; mean squares of the lines' turns and of the remaining distances.
+    """Least-squares solution for all stripes.
 
     Attributes:
         change: (s, 3) changes (turn, tilt, shift).
@@ -208,7 +209,7 @@ class _Solver:
         return *self.noise(wobble, jitter, scatter), wobble
 
     def noise(self, wobble: Float, jitter: float, scatter: float) -> tuple[float, float]:
-        """The jitter and scatter that make the lines most likely."""
+        """Jitter and scatter of maximum likelihood."""
         for _ in range(NOISE_ITERATIONS):
             solved = self.solve(wobble, jitter, scatter)
             jitter = max(float(np.sqrt(np.mean(solved.turn_square))), JITTER_FLOOR)

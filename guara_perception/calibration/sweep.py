@@ -16,7 +16,7 @@ from kinematics.arrays import FrozenArrays
 
 # Prior standard deviation of one position of the mirror's stepper [rad].
 STEP_ERROR_SIGMA = float(np.deg2rad(0.02))
-# Weight of one point of a line: scatter of a few dozen columns on the plate [m].
+# Scatter of one point of a line, which averages a few dozen columns [m].
 POINT_SIGMA_M = 5e-5
 ROBUST_SIGMAS = 3.0
 ITERATIONS = 25
@@ -65,7 +65,7 @@ def fit_sweep(
         lines: lines of all stripes on all plates.
         points: (n, 3) points of each line in base_footprint.
         nominal: the nominal mirror in base_footprint.
-        start: a similar fit of the same stripes, with which the iteration starts; None = the nominal mirror.
+        start: a similar fit of the same stripes as the initial value; None = the nominal mirror.
     """
     angle_of = {line.index: line.mirror_angle for line in lines}
     indices = tuple(sorted(angle_of))
@@ -91,8 +91,8 @@ def fit_sweep(
             moved = x.copy()
             moved[i] += nudge[i]
             shared[:, i] = (distance(moved) - residual) * weight / nudge[i]
-        # Each angle error moves its own stripe only: all their columns come from one evaluation, and their normal
-        # equations are sums by stripe.
+        # Each angle error moves its own stripe only: all columns of the Jacobian come from one evaluation, and the
+        # normal equations are sums by stripe.
         moved = x.copy()
         moved[n:] += STEP_NUDGE
         own = (distance(moved) - residual) * weight / STEP_NUDGE
