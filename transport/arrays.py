@@ -1,4 +1,4 @@
-"""Names for the types of arrays, for all of this package; shapes and units are stated where they are used."""
+"""Array types of this package."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 Float = npt.NDArray[np.float64]
-# Occupancy, 0 ... 100, and -1 for unknown.
+# Occupancy 0 ... 100; -1 = unknown.
 Percent = npt.NDArray[np.int8]
 Bytes = npt.NDArray[np.uint8]

@@ -27,7 +27,7 @@ from transport.queries.query import query_terrain
 from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.supervision import Seldom
 
-# [s] A living node delivers its last grid within this time, even over a slow link or from a busy machine.
+# A running node delivers its last grid within this time [s], even over a slow link or from a busy machine.
 FIRST_GRID = 5.0
 
 logger = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ class PerceptionClient:
         self.close()
 
     def receiver(self, extent: str = "footprint") -> NewestReceiver[TerrainMessage]:
-        """The receiver of one extent, with its counts received, superseded, missed and rejected.
+        """Receiver of one extent, with counts of messages received, superseded, missed and rejected.
 
         Raises:
             MessageError: unknown extent.
@@ -82,11 +82,11 @@ class PerceptionClient:
 
     @property
     def is_alive(self) -> bool:
-        """True while the liveliness token of the node is there."""
+        """True while the liveliness token of the node exists."""
         return self._judge.node.is_alive
 
     def wait_until_alive(self, timeout: float) -> bool:
-        """Wait until the node is alive; False when `timeout` [s] passed before."""
+        """Wait until the node is alive; False after `timeout` [s]."""
         return self._judge.node.wait(True, timeout)
 
     def links(self) -> tuple[str, ...]:
@@ -94,7 +94,7 @@ class PerceptionClient:
         return self._session.links()
 
     def status(self) -> Status | None:
-        """The newest status of the node, or None when none came yet.
+        """Newest status of the node; None before the first.
 
         Raises:
             MessageError: the newest status is damaged.
@@ -103,7 +103,7 @@ class PerceptionClient:
 
     @property
     def clock_offset(self) -> ClockOffset | None:
-        """Offset of the node's wall clock from this machine's; None while the node has not reported it."""
+        """Offset of the node's wall clock from this machine's; None until the node has reported its clock."""
         return self._judge.clock.offset
 
     def age(self, received: Received[TerrainMessage]) -> float:
@@ -115,13 +115,13 @@ class PerceptionClient:
 
         Args:
             extent: "footprint" or "map".
-            accepted: fields of `Terms`: `max_age` stretches the age alone; with `allow_stale` a grid says in
-                `stale_because` why it would not be handed out otherwise.
+            accepted: fields of `Terms`: `max_age` changes the age limit only; `allow_stale` also returns grids with
+                objections, which are listed in `stale_because`.
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
             ScannerUnavailable: there is no grid and no node.
-            MessageError: the newest sample is no valid grid.
+            MessageError: the newest sample is not a valid grid.
         """
         receiver = self.receiver(extent)
         received = receiver.latest() or self._first(extent, SETTLE)
@@ -144,24 +144,24 @@ class PerceptionClient:
                 received = newer
 
     def summary(self, *, timeout: float, **accepted: Unpack[Accepted]) -> SummaryMessage:
-        """Newest summary of the map that may be used, waited for if there is none.
+        """Newest usable summary of the map; waits if there is none.
 
         Summaries have no history: those sent before the first call are not received. Invalid samples are skipped.
 
         Args:
-            timeout: [s] to wait for one that may be used.
+            timeout: longest wait [s].
             accepted: as in `latest`.
 
         Raises:
-            StaleTerrain: the newest may not be used and no newer one came in time.
-            ReceiveTimeout: none came although the node lives.
-            ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
+            StaleTerrain: the newest summary may not be used, and no newer one arrived in time.
+            ReceiveTimeout: none arrived although the node is alive.
+            ScannerGone, ScannerUnavailable: none arrived, and the node disappeared or was never seen.
         """
         receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
         return self._waiter.newest(receiver, timeout, Terms(**accepted))
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
-        """Steppable regions of the newest map that may be used, waited for as in `summary`.
+        """Newest usable steppable regions of the map; waits if there are none.
 
         Arguments and errors as in `summary`. The last regions sent before the first call are received too.
         """
@@ -171,7 +171,7 @@ class PerceptionClient:
     def _receiver(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
     ) -> NewestReceiver[G]:
-        """The receiver of one kind of grid, subscribed to at its first use."""
+        """Receiver of one kind of grid, which subscribes at the first call."""
         if extent not in self._receivers:
             self._receivers[extent] = NewestReceiver(
                 self._session, key, decode, latched=latched, refusal=lambda grid: self._judge.refusal(grid, extent)
@@ -192,20 +192,20 @@ class PerceptionClient:
         takes_back: bool = False,
         **accepted: Unpack[Accepted],
     ) -> Received[TerrainMessage]:
-        """Wait until the newest grid is one that `predicate` accepts and that may be used.
+        """Wait until the newest grid may be used and `predicate` accepts it.
 
         Args:
             predicate: called with each newest grid.
-            timeout: longest wait [s]; None waits without end.
+            timeout: longest wait [s]; None = no limit.
             extent: "footprint" or "map".
-            after: number of a sample; only later ones count.
-            takes_back: return a message that withdraws an earlier grid too, whatever is accepted.
+            after: number of a sample; only later ones are considered.
+            takes_back: also return a message that withdraws an earlier grid, whatever is accepted.
             accepted: as in `latest`.
 
         Raises:
-            ReceiveTimeout: none came in time although the node lives; the message says so when only stale ones came.
-            ScannerGone: none came, and the node went away.
-            ScannerUnavailable: none came, and no node was ever seen.
+            ReceiveTimeout: none arrived in time although the node is alive; the message states if stale ones arrived.
+            ScannerGone: none arrived, and the node disappeared.
+            ScannerUnavailable: none arrived, and no node was ever seen.
         """
         return self._waiter.wait(
             self.receiver(extent),
@@ -224,7 +224,7 @@ class PerceptionClient:
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Wait until the newest grid is one that `predicate` accepts; arguments and errors as in `receive`."""
+        """As `receive`, but returns the grid alone."""
         return self.receive(predicate, timeout=timeout, extent=extent, **accepted).message
 
     def wait_for_step(
@@ -243,8 +243,8 @@ class PerceptionClient:
             step: number of the pause.
             timeout: longest wait [s].
             extent: "footprint" or "map".
-            epoch: identity of the walk; None = the one that the node is on.
-            refined_only: skip a coarse grid that a finer one of the same pause follows.
+            epoch: identity of the walk; None = the current one.
+            refined_only: skip a coarse grid that will be followed by a finer one of the same pause.
             accepted: as in `latest`.
         """
         predicate = self._waiter.is_of_step(step, epoch, refined_only=refined_only)
@@ -257,15 +257,15 @@ class PerceptionClient:
         extent: str = "footprint",
         **accepted: Unpack[Accepted],
     ) -> None:
-        """Call `callback` with the newest grid, again and again, on a thread of its own; see `on_newest`.
+        """Call `callback` with each newest grid on a thread of its own; see `NewestReceiver.on_newest`.
 
-        A grid that may not be used by then is skipped. One that withdraws another is always passed on, with the
+        A grid that may not be used is skipped, except one that withdraws another: it is always passed on, with the
         objections to it.
         """
         notices, terms, receiver = Seldom(logger), Terms(**accepted), self.receiver(extent)
 
         def hand_over(received: Received[TerrainMessage]) -> None:
-            # A withdrawal must arrive, however late.
+            # A withdrawal must be delivered, however late.
             mine = TAKING_BACK if received.message.withdrawn else terms
             newer = partial(receiver.has_newer, received)
             try:
@@ -284,10 +284,10 @@ class PerceptionClient:
         on_progress: Callable[[ScanReply], None] | None = None,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Ask for a scan and return its grid; arguments and errors as in `scan_client.request_scan`.
+        """Request a scan and return its grid; arguments and errors as in `scan_client.request_scan`.
 
         Raises:
-            ReceiveTimeout: the scan was done, but no grid of it that may be used arrived in time.
+            ReceiveTimeout: the scan was done, but no usable grid of it arrived in time.
         """
         receiver, start = self.receiver(), time.monotonic()
         if not self.wait_until_alive(min(timeout, SETTLE)):
@@ -313,17 +313,17 @@ class PerceptionClient:
         timeout: float = 5.0,
         **accepted: Unpack[Accepted],
     ) -> TerrainMessage:
-        """Ask the node for its newest grid or a region of it; errors as in `query.query_terrain`.
+        """Query the node for its newest grid or a region of it; errors as in `query.query_terrain`.
 
         Args:
             extent: "footprint" or "map".
-            region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+            region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
             timeout: longest wait [s].
             accepted: as in `latest`.
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
-            MessageError: the answer is of another robot, extent or frame, or of a node that no longer runs.
+            MessageError: the reply is of another robot, extent or frame, or of a run of the node that has ended.
         """
         asked = time.time_ns(), clock.now()
         terrain = query_terrain(
@@ -331,7 +331,7 @@ class PerceptionClient:
         )
         refusal = self._judge.refusal(terrain, extent, is_newest=False)
         if refusal:
-            raise MessageError(f"answer on {query_key(self.robot)!r} not taken: {refusal}")
+            raise MessageError(f"reply on {query_key(self.robot)!r} rejected: {refusal}")
         return self._judge.check(Received(terrain, 0, asked[1], asked[0]), Terms(**accepted), patience=SETTLE)
 
     def close(self) -> None:

@@ -1,22 +1,22 @@
-"""Monotonic clock for ages, which goes on while the machine sleeps."""
+"""Monotonic clock for ages, which keeps running while the machine is suspended."""
 
 from __future__ import annotations
 
 import time
 
-# Linux: as CLOCK_MONOTONIC, but it counts the time in which the machine was suspended too.
+# Linux: as CLOCK_MONOTONIC, but including the time for which the machine was suspended.
 BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def now() -> float:
-    """Time since an arbitrary instant [s], the same for all processes of one machine."""
+    """Time since an arbitrary epoch, common to all processes of a machine [s]."""
     return time.monotonic() if BOOT_CLOCK is None else time.clock_gettime(BOOT_CLOCK)
 
 
 class JumpDetector:
-    """Detector of jumps of the wall clock against the monotonic clock."""
+    """Detector of jumps of the wall clock relative to the monotonic clock."""
 
-    # [s] Less is what time servers do when they slew a clock, and what a busy machine does between two readings.
+    # Smallest jump [s]; less is clock slewing by a time server, or a delay between the two readings.
     LEAST = 0.1
 
     def __init__(self) -> None:
@@ -24,14 +24,14 @@ class JumpDetector:
         self._offset = self._read()
 
     def jump(self) -> float:
-        """Jump of the wall clock since the last call [s], 0 for none."""
+        """Jump of the wall clock since the last call [s]; 0 if there was none."""
         offset, last = self._read(), self._offset
         self._offset = offset
         return offset - last if abs(offset - last) > self.LEAST else 0.0
 
     @staticmethod
     def _read() -> float:
-        # The wall clock between two readings of the other: an interrupted thread must not look like a jump.
+        # The wall clock is read between two monotonic readings, so that preemption does not look like a jump.
         best, offset = float("inf"), 0.0
         for _ in range(3):
             before, wall, after = now(), time.time_ns() * 1e-9, now()

@@ -8,23 +8,23 @@ from typing import Any
 
 from transport.exceptions import ConfigurationError
 
-# Where the node listens and clients connect unless configured otherwise: this machine only.
+# Default endpoint of node and clients: this machine only.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
-# [ms] A silent side is taken as dead after this time; a hung node is noticed in under 2.5 s.
+# A peer that is silent for this long is considered dead [ms]; a hung node is noticed within 2.5 s.
 LEASE_MS = 2000
 
-# [us] A sample that a link cannot take within this time is dropped for that link: the healthy readers wait as long.
+# A sample that a link cannot accept within this time is dropped for that link [us]; all readers wait as long.
 WAIT_BEFORE_DROP_US = 20_000
 
-# [us] The same where no healthy reader waits for a slow one for long: at a client, which has one link, and at a router
-# of a site, whose robots have their planners with them. There a map is given the time that a busy machine takes to
-# run the threads of a hundred links; below it maps of bursts were lost on the link from router to planner.
+# The same for a client, which has only one link, and for a site router, whose robots have their planners beside them
+# [us]. It covers the time that a busy machine takes to run the threads of a hundred links; with less, maps sent in
+# bursts were lost between router and planner.
 PATIENT_WAIT_US = 100_000
 
-# Batches of 64 KiB that wait for a link, by priority (Zenoh's default is 2, the most it takes 16): the grid of a scan
-# fits whole, so does the largest piece of one that is asked for, and most of a map. A reader on a busy machine that
-# does not run for some milliseconds then loses nothing, and a put waits for nobody.
+# Length of a link's queue by priority, in batches of 64 KiB (default 2, maximum 16). The grid of a scan fits, as do the
+# largest piece of a fetched message and most of a map: a reader that is preempted for some milliseconds loses nothing,
+# and a put does not wait.
 QUEUES = {"data_high": 16, "data_low": 8, "background": 16}
 
 PROTOCOLS = ("tcp", "tls", "udp", "quic", "ws", "unixsock-stream")
@@ -33,10 +33,10 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 
 
 def check_endpoint(endpoint: str) -> str:
-    """`endpoint` if it is valid for Zenoh, `protocol/address`.
+    """Check a Zenoh endpoint, `protocol/address`, and return it.
 
     Raises:
-        ConfigurationError: unknown protocol, no address, or no port where one is needed.
+        ConfigurationError: unknown protocol, or address or port missing.
     """
     protocol, _, address = endpoint.partition("/")
     has_port = protocol == "unixsock-stream" or address.split("?")[0].rpartition(":")[2].isdigit()
@@ -49,10 +49,10 @@ def check_endpoint(endpoint: str) -> str:
 
 
 def check_tls(endpoint: str, *, allows_quic: bool = False) -> str:
-    """`endpoint` if it is encrypted: by TLS, or also by QUIC.
+    """Check that an endpoint is encrypted (TLS, optionally QUIC) and return it.
 
     Raises:
-        ConfigurationError: it is not.
+        ConfigurationError: it is not encrypted.
     """
     if not check_endpoint(endpoint).startswith(("tls/", "quic/") if allows_quic else "tls/"):
         raise ConfigurationError(f"endpoint {endpoint!r} is not encrypted; write tls/host:port")
@@ -60,7 +60,7 @@ def check_tls(endpoint: str, *, allows_quic: bool = False) -> str:
 
 
 def tls_endpoint(host: str, port: str) -> str:
-    """TLS endpoint of a host; an IPv6 address is put into brackets."""
+    """TLS endpoint of a host; IPv6 addresses are put in brackets."""
     return f"tls/[{host}]:{port}" if ":" in host and not host.startswith("[") else f"tls/{host}:{port}"
 
 
@@ -79,10 +79,10 @@ def is_local(endpoint: str) -> bool:
 
 
 def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
-    """Refuse endpoints that other machines can reach without security, unless explicitly allowed.
+    """Reject unprotected endpoints that other machines can reach, unless explicitly allowed.
 
     Raises:
-        ConfigurationError: an endpoint is reachable from outside and nothing protects it.
+        ConfigurationError: an endpoint is reachable from other machines.
     """
     for endpoint in endpoints:
         if not (is_local(endpoint) or allow_insecure):
@@ -93,7 +93,7 @@ def check_exposure(endpoints: Sequence[str], *, allow_insecure: bool) -> None:
 
 
 def sending(*, patient: bool = False) -> dict[str, Any]:
-    """The `transport/link/tx` section: lease, queues, and the wait before a sample is dropped."""
+    """Section `transport/link/tx`: lease, queues, and the wait before a sample is dropped."""
     drop = {"max_wait_before_drop_fragments": PATIENT_WAIT_US if patient else WAIT_BEFORE_DROP_US}
     return {"lease": LEASE_MS, "queue": {"size": dict(QUEUES), "congestion_control": {"drop": drop}}}
 
@@ -106,7 +106,7 @@ def _base(*, shared_memory: bool, patient: bool = False) -> dict[str, Any]:
 
 
 def dialling(endpoint: str) -> dict[str, Any]:
-    """The `connect` section of a router that dials another one and reconnects when the link is lost."""
+    """Section `connect` of a router that connects to another one and reconnects when the link is lost."""
     return {
         "endpoints": [check_endpoint(endpoint)],
         "timeout_ms": -1,
@@ -118,7 +118,7 @@ def dialling(endpoint: str) -> dict[str, Any]:
 def node_configuration(
     listen: Sequence[str], *, uplink: str | None = None, shared_memory: bool = True
 ) -> dict[str, Any]:
-    """Configuration of a node that is itself the router that clients connect to, and may dial a further router."""
+    """Configuration of a node that is the router of its clients, and optionally connects to another router."""
     return {
         "mode": "router",
         "listen": {"endpoints": [check_endpoint(endpoint) for endpoint in listen]},
@@ -128,12 +128,12 @@ def node_configuration(
 
 
 def router_configuration(listen: Sequence[str], *, uplink: str | None = None) -> dict[str, Any]:
-    """Configuration of a site router: that of a node, with a longer wait before a grid is dropped for a link."""
+    """Configuration of a site router: that of a node, with a longer wait before samples are dropped."""
     return {**node_configuration(listen, uplink=uplink), **_base(shared_memory=False, patient=True)}
 
 
 def client_configuration(endpoint: str, *, shared_memory: bool = True) -> dict[str, Any]:
-    """Configuration of a client of one router; it reconnects by itself when the router comes back."""
+    """Configuration of a client of one router; it reconnects when the router returns."""
     return {
         "mode": "client",
         "connect": {"endpoints": [check_endpoint(endpoint)], "timeout_ms": 0, "retry": dict(RETRY)},

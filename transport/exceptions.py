@@ -1,4 +1,4 @@
-"""Errors of the transport, all derived from TransportError."""
+"""Errors of the transport, all derived from `TransportError`."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ class TransportError(Exception):
 
 
 class MessageError(TransportError, ValueError):
-    """A payload or message violates its type: wrong length, type, shape, name or number."""
+    """A payload or message that violates its type: wrong length, type, shape, name or value."""
 
 
 class VersionError(MessageError):
-    """A message of another major version than the one this package speaks."""
+    """A message of a major version that this package does not support."""
 
 
 class UnknownPhase(MessageError):
-    """A stance pause of a phase that only later versions know; it has no effect."""
+    """A stance pause with a phase of a later version; it has no effect."""
 
 
 class KeyNameError(TransportError, ValueError):
-    """A robot or role name that cannot be part of a key."""
+    """A name of a robot or role that cannot be part of a key."""
 
 
 class ConfigurationError(TransportError, ValueError):
-    """Settings that contradict one another or are not safe, such as an open port without security."""
+    """Settings that contradict each other or are not safe, such as an open port without security."""
 
 
 class NameTaken(TransportError, ConnectionError):
-    """Another node of the same instance name lives on this router."""
+    """Another node with the same instance name is running on this router."""
 
 
 class SessionClosed(TransportError, RuntimeError):
@@ -36,43 +36,41 @@ class SessionClosed(TransportError, RuntimeError):
 
 
 class ScannerUnavailable(TransportError, ConnectionError):
-    """No scanner answers: none is running, or this side lacks the permission to read or trigger it."""
+    """No scanner replies: none is running, or this client has no permission to read or trigger it."""
 
 
 class ConnectionFailed(ScannerUnavailable):
-    """The session could not be opened: nobody listens there; the message lists what to check."""
+    """The session could not be opened; the message lists what to check."""
 
 
 class ScannerGone(TransportError, ConnectionError):
-    """The scanner has disappeared: its process died, hung, or lost its link."""
+    """The scanner disappeared: its process died or hung, or its link was lost."""
 
 
 class StaleTerrain(TransportError, LookupError):
-    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or without a living node.
+    """The newest grid may not be used: too old, of another pause or walk, withdrawn, or its node is not alive.
 
     Attributes:
-        is_final: whether no later message can make this grid usable again.
+        is_final: True if no later message can make this grid usable again.
     """
 
     def __init__(self, message: str = "", *, is_final: bool = True) -> None:
-        """Keep whether it may be asked for again."""
         super().__init__(message)
         self.is_final = is_final
 
 
 class ReceiveTimeout(TransportError, TimeoutError):
-    """The awaited message did not come within the time allowed."""
+    """The expected message did not arrive in time."""
 
 
 class ScanBusy(TransportError, RuntimeError):
-    """The scanner works on another request."""
+    """The scanner is working on another request."""
 
 
 class ScanFailed(TransportError, RuntimeError):
     """The scanner refused the request or could not finish the scan; `code` is the short name of the cause."""
 
     def __init__(self, message: str, code: str = "failed") -> None:
-        """Keep the short name of the cause beside the message."""
         super().__init__(message)
         self.code = code
 
@@ -82,7 +80,7 @@ class ScanTimeout(TransportError, TimeoutError):
 
 
 class RecordingError(TransportError, ValueError):
-    """A recording that cannot be read or written as asked."""
+    """A recording that cannot be read or written as requested."""
 
 
 class SecurityError(TransportError, ValueError):

@@ -1,4 +1,4 @@
-"""Robots on a router and their state, from their liveliness tokens and their status."""
+"""Robots on a router and their state, from liveliness tokens and status messages."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from transport.queries.asking import ask
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """The state of one robot as its node reports it.
+    """State of one robot as reported by its node.
 
     Attributes:
         robot: instance name.
-        step: number of the stance pause that it is in, or was last in; None when it reports none.
-        standing: whether it stands in a pause; None when it does not know.
-        age: time since its last grid was published [s]; NaN when there was none.
-        health: the worst of all items of its status; STALE when it is alive and did not answer.
-        message: messages of the items that are not OK; empty when all are.
+        step: number of the current or last stance pause; None if it reports none.
+        standing: True in a pause; None if unknown.
+        age: time since its last grid was published [s]; NaN if there was none.
+        health: worst level of all items of its status; STALE if it is alive but did not reply.
+        message: messages of the items that are not OK; empty if all are.
         links: number of links of its node.
         run: identity of the node's run.
     """
@@ -44,15 +44,15 @@ class RobotState:
 
 
 def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float = 2.0) -> tuple[RobotState, ...]:
-    """Ask once for all robots, or for those that are named; nothing is subscribed to, and no grid is sent.
+    """Query the state of all robots, or of those named, once; no grids are transferred.
 
     Args:
         session: open session of a client of the router.
-        robots: instance names; empty asks for all, which with certificates is the right of the role `fleet`.
-        timeout: [s] to wait for answers.
+        robots: instance names; empty = all, which with certificates requires the role `fleet`.
+        timeout: time to wait for replies [s].
 
     Returns:
-        The robots that are alive, by name.
+        The robots that are alive, sorted by name.
 
     Raises:
         ScannerUnavailable: no robot is visible to this client.
@@ -76,7 +76,7 @@ def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
 
     Args:
         session: open session of a client of the router.
-        timeout: [s] to wait for the router's answer.
+        timeout: time to wait for the router's reply [s].
 
     Raises:
         SessionClosed: the session is closed.
@@ -95,15 +95,15 @@ def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:
         with suppress(MessageError):
             status = decode_status(answer.payload or b"")
             state = _state_of(status)
-            # The name in the status must be that of the key: no robot may report for another.
+            # The name in the status must match the key: no robot may report for another.
             if state is not None and state.robot == robot_of(answer.key):
                 states.append((status.stamp, state))
-    # A router that stores publications answers as well, with an older status: the newest comes last.
+    # A router with a storage replies as well, with an older status: the newest comes last.
     return [state for _, state in sorted(states, key=lambda entry: entry[0])]
 
 
 def _state_of(status: Status) -> RobotState | None:
-    """The state in a status; None when it does not name its robot."""
+    """State of the robot in a status; None if the status does not name its robot."""
     own, word = status.item(STATUS_NAME), read_word(status, 0.0)
     if own is None or word is None or not own.hardware_id:
         return None

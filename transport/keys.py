@@ -1,4 +1,4 @@
-"""Names of the keys under which messages travel, and of the topics in a recording."""
+"""Keys of all messages, queryables and liveliness tokens in Zenoh."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ import re
 
 from transport.exceptions import KeyNameError
 
-# Instance name of the robot when none is given.
+# Default instance name.
 DEFAULT_ROBOT = "guara"
 
-# Major version of everything below `<robot>/perception`; other majors live under other keys.
+# Major version of everything below `<robot>/perception`; other major versions have other keys.
 PERCEPTION_VERSION = "v1"
 
 # Name of the perception node's liveliness token.
 NODE_ROLE = "node"
 
-# How Terrain messages are sent.
+# Encodings of Terrain messages.
 ENCODINGS = ("lossless", "compact")
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_\-]*")
 
 
 def check_name(name: str, what: str = "robot") -> str:
-    """`name` if it can be one chunk of a key.
+    """Check that a name can be one chunk of a key, and return it.
 
     Args:
         name: instance name of a robot, or name of a role.
-        what: what has the name, for the error message.
+        what: what the name belongs to, for the error message.
 
     Raises:
-        KeyNameError: the name is empty or holds other characters than letters, digits, `_` and `-`.
+        KeyNameError: the name is empty or contains characters other than letters, digits, `_` and `-`.
     """
     if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise KeyNameError(
@@ -40,15 +40,15 @@ def check_name(name: str, what: str = "robot") -> str:
 
 
 def perception_prefix(robot: str = DEFAULT_ROBOT) -> str:
-    """Key below which the perception node publishes, without a slash at the end."""
+    """Key below which the perception node publishes, without a trailing slash."""
     return f"{check_name(robot)}/perception/{PERCEPTION_VERSION}"
 
 
 def check_encoding(encoding: str) -> str:
-    """`encoding` if Terrain messages are sent in it.
+    """Check an encoding of Terrain messages and return it.
 
     Raises:
-        KeyNameError: it is none of `ENCODINGS`.
+        KeyNameError: it is not in `ENCODINGS`.
     """
     if encoding not in ENCODINGS:
         raise KeyNameError(f"encoding {encoding!r} is unknown; allowed: {', '.join(map(repr, ENCODINGS))}")
@@ -84,7 +84,7 @@ def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
-    """Keys of all grids and of the regions of the map: each is published, and asked for."""
+    """Keys of all grids and of the regions of the map, which are both published and queryable."""
     terrain = (terrain_key(robot, extent, encoding) for extent in ("footprint", "map") for encoding in ENCODINGS)
     return (*terrain, occupancy_key(robot), grid_map_key(robot), regions_key(robot))
 
@@ -130,32 +130,32 @@ def stance_stream_key(robot: str = DEFAULT_ROBOT) -> str:
 
 
 def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the queryable that answers with the time now of the clock that stamps the stance pauses."""
+    """Key of the queryable that returns the current time of the clock that stamps the stance pauses."""
     return f"{check_name(robot)}/gait/v1/clock"
 
 
 def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of one run of the node, or of all with `*`."""
+    """Key of the liveliness token of one run of the node; `*` matches all."""
     return f"{perception_prefix(robot)}/@alive/run/{run}"
 
 
 def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of a node that waits until it may have the name, or of all with `*`."""
+    """Key of the liveliness token of a node that waits for the name; `*` matches all."""
     return f"{perception_prefix(robot)}/@alive/claim/{run}"
 
 
 def summary_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the summary of the newest map, for receivers over a slow link."""
+    """Key of the summary of the newest map, for slow links."""
     return f"{perception_prefix(robot)}/summary"
 
 
 def points_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the sensor_msgs/PointCloud2 of the last scan's stripes, for views."""
+    """Key of the sensor_msgs/PointCloud2 of the last scan, for viewers."""
     return f"{perception_prefix(robot)}/points"
 
 
 def picture_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the sensor_msgs/CompressedImage of one stripe of the last scan, for views."""
+    """Key of the sensor_msgs/CompressedImage of one stripe of the last scan, for viewers."""
     return f"{perception_prefix(robot)}/picture"
 
 
@@ -164,14 +164,14 @@ def range_image_key(robot: str = DEFAULT_ROBOT, what: str = "range_image") -> st
     return f"{perception_prefix(robot)}/{what}"
 
 
-# The orthorectified range image, why its pixels are unknown, and their standard deviation.
+# The orthorectified range image, the causes of unknown pixels, and the standard deviations.
 RANGE_IMAGES = ("range_image", "range_image_causes", "range_image_sigma")
 
-# Status and sign of life of every robot.
+# Key expressions of the status and liveliness token of all robots.
 FLEET_STATUS = f"*/perception/{PERCEPTION_VERSION}/status"
 FLEET_ALIVE = f"*/perception/{PERCEPTION_VERSION}/@alive/{NODE_ROLE}"
 
 
 def robot_of(key: str) -> str:
-    """The robot's instance name in a key."""
+    """Instance name of the robot in a key."""
     return key.partition("/")[0]

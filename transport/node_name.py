@@ -21,36 +21,36 @@ from transport.messages.terrain_message import Health
 from transport.security.folder import configured_endpoints, role_folder
 
 logger = logging.getLogger(__name__)
-# [s] A node that was killed is gone at once, one that hangs within two seconds; the rest is for a busy machine.
+# Longest wait for another node to disappear [s]: a killed node does at once, a hung one within two seconds; the rest is
+# for a busy machine.
 NAME_TIMEOUT = 15.0
-# [s] Between two checks.
+# Interval of checks [s].
 POLL = 0.25
-# [s] To reach the node that holds the port.
+# Timeout for connecting to the node that uses the port [s].
 KNOCK_TIMEOUT = 0.5
 TWO_NODES = (
-    "another node lives under the name {}, beyond an uplink: readers there take the grids of one of the two. Give one "
-    "of them another name"
+    "another node named {} is running behind an uplink: readers there accept the grids of only one of the two. Give "
+    "one of them another name"
 )
 WAITING_NODE = (
-    "another node wants the name {} and waits until this one is gone: one robot has one node. Stop one of the two, or "
-    "give it another name"
+    "another node is waiting for the name {}: only one node may use it. Stop one of the two, or give it another name"
 )
 ANYWHERE = re.compile(r"/(0\.0\.0\.0|\[::\]):")
 
 
 def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -> AliveToken:
-    """Wait until no other node has the name, and reserve it.
+    """Wait until no other node uses the name, and reserve it.
 
     Args:
         session: open session of the node.
         robot: instance name.
-        timeout: [s] to wait for another node to vanish.
+        timeout: longest wait for another node to disappear [s].
 
     Returns:
-        The claim; to be closed when the node's own tokens are declared.
+        The claim; close it after declaring the node's own tokens.
 
     Raises:
-        NameTaken: the other node still lives.
+        NameTaken: the other node is still running.
     """
     mine = uuid.uuid4().hex
     claim = AliveToken(session, claim_key(robot, mine))
@@ -66,8 +66,8 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
         if time.monotonic() > deadline:
             claim.close()
             raise NameTaken(
-                f"another node of robot {robot!r} lives on this router and has not gone within {timeout:g} s: two "
-                "would send planners the ground of two robots in turn. Stop it, or give this one another name (--name)"
+                f"another node of robot {robot!r} is still running on this router after {timeout:g} s; planners would "
+                "receive grids of two robots. Stop it, or give this one another name (--name)"
             )
         time.sleep(POLL)
 
@@ -88,16 +88,16 @@ def open_only_node(
     timeout: float = NAME_TIMEOUT,
     is_stopped: Callable[[], bool] = lambda: False,
 ) -> Session:
-    """As `open_node`, but notify another node that holds the port, and wait for it to stop.
+    """As `open_node`, but notify a node that already uses the port, and wait for it to stop.
 
     Args:
-        robot: instance name, for the other node to say who waits.
+        robot: instance name, which the other node reports as waiting.
         listen, connect, uplink, security, allow_insecure: as in `open_node`.
-        timeout: [s] to wait for the port.
-        is_stopped: ends the waiting.
+        timeout: longest wait for the port [s].
+        is_stopped: returns True to end the wait.
 
     Raises:
-        ConnectionFailed: the port is still taken, or as in `open_node`.
+        ConnectionFailed: the port is still in use, or as in `open_node`.
         ConfigurationError, SecurityError: as in `open_node`.
     """
     deadline = time.monotonic() + timeout
@@ -121,11 +121,11 @@ def open_only_node(
 
 
 def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, robot: str) -> None:
-    """Notify the node that holds the port that another one is waiting."""
+    """Notify the node that uses the port that another one is waiting."""
     try:
         folder = None if security is None else role_folder(security, NODE_ROLE)
         own = (DEFAULT_ENDPOINT,) if folder is None else configured_endpoints(folder, "listen")
-        # A node that listens on all networks is reached as localhost, a name that its certificate has too.
+        # A node that listens on all interfaces is reached as localhost, which its certificate contains.
         endpoint = ANYWHERE.sub("/localhost:", listen or own[0])
         session = stack.enter_context(open_client(endpoint, security=folder, timeout=KNOCK_TIMEOUT))
         AliveToken(session, claim_key(robot, uuid.uuid4().hex))
@@ -134,10 +134,10 @@ def _knock(stack: ExitStack, listen: str | None, security: str | Path | None, ro
 
 
 class NameWatch:
-    """Watcher of the tokens of a name, closed with the session."""
+    """Watcher for other nodes that use or want a name."""
 
     def __init__(self, session: Session, robot: str, run: str, on_change: Callable[[], None]) -> None:
-        """Watch from now on.
+        """Start watching.
 
         Args:
             session: open session of the node.
@@ -147,11 +147,11 @@ class NameWatch:
         """
         self._robot, self._run = robot, run
         self._claims = TokenWatcher(session, claim_key(robot), lambda _: on_change())
-        # Over an uplink that was down when the name was claimed another node may come into sight later.
+        # Over an uplink that was down when the name was claimed, another node may appear later.
         self._runs = TokenWatcher(session, run_key(robot), lambda _: on_change())
 
     def items(self) -> list[StatusItem]:
-        """Status item about another node of the name, if there is one."""
+        """Status item about another node with the name, if there is one."""
         if self._runs.names - {self._run}:
             level, text = Health.ERROR, TWO_NODES
         elif self._claims.names:

@@ -1,4 +1,4 @@
-"""Check of a security folder: every action is tried as each role, against a node of its own on this machine."""
+"""Check of a security folder: every action is tried as each role, against a temporary node on this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from transport.security.access_rules import FLEET, ROLES, ROUTER
 from transport.security.folder import load_configuration, role_folder
 from transport.security.members import Members, open_members
 
-# What is tried, in the order of the matrix.
+# Actions, in the order of the matrix.
 ACTIONS = (
     "connect",
     "read grids",
@@ -34,10 +34,10 @@ ACTIONS = (
     "forge grids",
 )
 
-# The row of a client without certificate.
+# Name of a client without certificate.
 STRANGER = "nobody"
 
-# What each role is meant to be allowed.
+# Actions that each role should be allowed.
 READER = ("connect", "read grids", "read the last grid", "see the status")
 EXPECTED: dict[str, tuple[str, ...]] = {
     "planner": (*READER, "request a scan"),
@@ -46,21 +46,21 @@ EXPECTED: dict[str, tuple[str, ...]] = {
     STRANGER: (),
 }
 
-# [s] How long to wait for what should arrive.
+# Longest wait for a message that should arrive [s].
 WAIT = 2.0
-# [s] How long to wait for what should not arrive; far above the milliseconds that it would take.
+# Wait for a message that should not arrive [s]; it would take milliseconds.
 QUIET = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """One cell of the matrix.
+    """Cell of the permission matrix.
 
     Attributes:
         role: role, or "nobody".
-        action: what was tried.
-        allowed: whether it worked.
-        expected: whether it was meant to.
+        action: action that was tried.
+        allowed: True if it succeeded.
+        expected: True if it should succeed.
     """
 
     role: str
@@ -70,12 +70,12 @@ class Permission:
 
 
 class _Listener:
-    """Texts that have arrived on one key."""
+    """Collector of the texts that arrive on one key."""
 
     def __init__(self, session: Session, key: str, *, latched: bool = False) -> None:
         self._texts: set[str] = set()
         self._changed = threading.Condition()
-        # Kept, because Zenoh ends a subscription with its object.
+        # A reference is kept, because Zenoh ends a subscription with its object.
         self._raw: Any = (
             Fetcher(session, key, self._add, lambda _: None)
             if latched
@@ -96,7 +96,7 @@ class _Listener:
 
 
 class _Probe:
-    """A node for the test: it publishes, serves a queryable, and notes what comes in."""
+    """Node for the check: it publishes, serves a queryable, and collects stance pauses."""
 
     def __init__(self, session: Session, robot: str) -> None:
         self.robot, self.session = robot, session
@@ -114,13 +114,12 @@ class _Probe:
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
     """Connect to a robot's node as each role, and as nobody, and try every action.
 
-    A node with the folder's own configuration is opened on a free port of this machine for the time of the
-    check; a running node is not touched. Where the folder has them, a planner of another robot and the robot's routers
-    are tried too.
+    A temporary node with the folder's own configuration is opened on a free port of this machine; a running node is not
+    affected. Members of another robot and the robot's routers are tried too, if the folder has them.
 
     Args:
-        folder: made by `init_security`, with the folders of all roles.
-        robot: instance name; None takes the one for which the folder was made, or the first.
+        folder: folder made by `init_security`, with the folders of all roles.
+        robot: instance name; None = the robot of the folder, or the first.
 
     Returns:
         One entry per role and action.
@@ -142,12 +141,12 @@ def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Per
 
 
 def check_router(folder: str | Path, router: str, *, robot: str | None = None) -> tuple[Permission, ...]:
-    """As `check_security` at a router: its configuration is run on a free port of this machine, the node is its client.
+    """As `check_security`, at a router: its configuration runs on a free port of this machine, with the node as client.
 
     Args:
-        folder: made by `init_security`.
+        folder: folder made by `init_security`.
         router: name of the router.
-        robot: instance name of one that it serves; None takes the first.
+        robot: instance name of a robot that it serves; None = the first.
 
     Raises:
         SecurityError: there is no such router, or it does not serve the robot.
@@ -168,7 +167,7 @@ def check_router(folder: str | Path, router: str, *, robot: str | None = None) -
         rows[f"{served.uplink}.{ROUTER}"] = (members.root / served.uplink, allowed)
     for other, found in members.routers.items():
         if found.uplink == router and other not in members.revoked:
-            # It may bring whatever it likes of its own robots.
+            # It may send anything in the name of its own robots.
             brings = ("connect", "forge grids") if name in found.robots else ("connect",)
             rows[f"{other}.{ROUTER}"] = (members.root / other, brings)
     for watcher in members.fleet:
@@ -210,7 +209,7 @@ def _own_rows(members: Members, robot: str) -> dict[str, tuple[Path | None, tupl
 
 
 def _reader_of(members: Members, robot: str) -> Path:
-    """The folder of somebody who would see a forged grid."""
+    """Folder of a member that would receive a forged grid."""
     own = members.robots[robot]
     roles = {"viewer": "viewer", "planner": "planner", **own.added}
     for name, role in roles.items():
@@ -311,7 +310,7 @@ def _answers(session: Session, key: str, timeout: float = WAIT) -> list[bytes | 
 
 
 def format_matrix(permissions: tuple[Permission, ...]) -> str:
-    """The matrix as text: a row per role, a column per action; `!` marks what is not as it should be."""
+    """Format the matrix as text, a row per role and a column per action; `!` marks deviations."""
     rows = {"role": list(ACTIONS)}
     for cell in permissions:
         mark = ("yes" if cell.allowed else "no") + ("" if cell.allowed == cell.expected else " !")

@@ -39,19 +39,19 @@ from transport.stance_link import GaitClock
 from transport.supervision import FailureLog
 
 logger = logging.getLogger(__name__)
-# [s] How long the final reply to a scan request waits for its terrain message to be sent.
+# Longest time for which the final reply to a scan request waits for its terrain message to be sent [s].
 SEND_TIMEOUT = 2.0
-# [s] A jump of the clock is in the status for this long.
+# Time for which a jump of the clock is reported in the status [s].
 REPORTED_FOR = 60.0
 
 
 class PerceptionServer(Resource):
-    """Publishes for one robot; nothing here ever makes the scan thread wait.
+    """Transport of the node of one robot; its methods do not block the scan thread.
 
     Attributes:
         robot: instance name.
-        run: identity of this run of the node, new at each start; in every grid and status.
-        views: sender of messages that only people look at.
+        run: identity of this run of the node, new at each start, contained in every grid and status.
+        views: sender of messages for viewers.
         follow_status: `StatusReporter.follow`.
     """
 
@@ -64,18 +64,18 @@ class PerceptionServer(Resource):
         ros2_domain: int | None = None,
         name_timeout: float = NAME_TIMEOUT,
     ) -> None:
-        """Take the name, declare all keys, show the token, start the status.
+        """Claim the name, declare all keys and the liveliness tokens, and start the status.
 
         Args:
             session: open session of the node.
             robot: instance name.
-            collect_status: function that gives further status items; runs once a second on the reporter's thread.
-            ros2_domain: ROS 2 domain to which occupancy, grid map and status (as `/diagnostics`) are bridged; None
-                for no bridge.
-            name_timeout: [s] how long to wait for another node of this name to vanish.
+            collect_status: returns further status items; called from the reporter's threads.
+            ros2_domain: ROS 2 domain to which occupancy, grid map and status (as `/diagnostics`) are bridged; None = no
+                bridge.
+            name_timeout: longest wait for another node of this name to disappear [s].
 
         Raises:
-            NameTaken: another node of this name lives on this router.
+            NameTaken: another node of this name is running on this router.
         """
         claim = claim_name(session, robot, timeout=name_timeout)
         self.robot = robot
@@ -84,13 +84,13 @@ class PerceptionServer(Resource):
         self._collect = collect_status
         self._lock = threading.Lock()
         self._newest: dict[str, TerrainMessage] = {}
-        # Footprint whose occupancy and grid map were published.
+        # Footprint whose occupancy and grid map are currently published.
         self._derived: TerrainMessage | None = None
         self._sequences = dict.fromkeys(EXTENTS, 0)
         self._step: int | None = None
         self._epoch = ""
         self._standing: bool | None = None
-        # Last sequence given up because the gait used the number of a pause again.
+        # Last sequence skipped because the gait reused the number of a pause.
         self._given_up = 0
         self._names: NameWatch | None = None
         self._jumps = JumpWatch(robot)
@@ -109,14 +109,14 @@ class PerceptionServer(Resource):
         if self._bridge is not None:
             bridge = self._bridge
             self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
-        # Last: whoever sees the tokens asks at once.
+        # Last: clients send queries as soon as they see the tokens.
         self._tokens = [AliveToken(session, key) for key in (run_key(robot, self.run), alive_key(robot))]
         self._names = NameWatch(session, robot, self.run, self._status.changed)
         claim.close()
         super().__init__(session)
 
     def next_sequence(self, extent: str) -> int:
-        """The sequence number that the next message of one extent must carry; each call gives a new one.
+        """Return the sequence number of the next message of an extent; increases with every call.
 
         Raises:
             MessageError: unknown extent.
@@ -135,20 +135,20 @@ class PerceptionServer(Resource):
         summary: Callable[[], Payload] | None = None,
         regions: Callable[[], RegionsMessage] | None = None,
     ) -> None:
-        """Hand over one grid; returns at once, encoding and sending happen on threads of the outbox.
+        """Publish a grid; returns immediately, encoding and sending run on threads of the outbox.
 
-        The Terrain message goes first, then what is derived from it; grids of one extent never wait for the other's.
+        The Terrain message is sent first, then the messages derived from it.
 
         Args:
             terrain: grid of either extent.
-            occupancy: (ny, nx) int8 of the same grid; with it, and for extent "footprint", the OccupancyGrid
-                and the GridMap are published too.
-            summary: function that makes the payload of a map's summary, as `encode_summary` does, to be sent after the
-                map; called when somebody has subscribed to summaries, on a thread of the outbox.
-            regions: function that makes the regions of a map; it takes time, and is called on a thread of the outbox.
+            occupancy: (ny, nx) int8 of the same grid; if given for extent "footprint", OccupancyGrid and GridMap are
+                published too.
+            summary: makes the payload of a map's summary, as `encode_summary`; called on a thread of the outbox if
+                there are subscribers.
+            regions: makes the regions of a map; called on a thread of the outbox.
 
         Raises:
-            MessageError: the occupancy has another shape, or the grid another robot's name.
+            MessageError: the occupancy has another shape, or the grid has another robot's name.
             SessionClosed: the session is closed.
         """
         if terrain.robot != self.robot:
@@ -161,7 +161,7 @@ class PerceptionServer(Resource):
             if terrain.extent == "footprint" and not is_over:
                 self._derived = terrain
             if self._standing is None and terrain.extent == "footprint":
-                # Nobody announces pauses here, as in a replay: the newest scan is of the newest pause.
+                # Nobody announces pauses, as in a replay: the newest scan defines the pause.
                 self._step, self._epoch = terrain.step, terrain.epoch
             self._times = [*self._times[-9:], time.monotonic()]
         self._grids.post(terrain, summary, regions)
@@ -180,23 +180,23 @@ class PerceptionServer(Resource):
             self.mirror(lambda: draw(terrain), lane=terrain.extent)
 
     def _empty(self, terrain: TerrainMessage) -> None:
-        """Withdraw occupancy and grid map: they do not tell their pause, and its frame has ended."""
+        """Withdraw occupancy and grid map: they do not contain the pause, and its frame is no longer valid."""
         nothing = terrain.emptied(time.time_ns(), f"the pause of step {terrain.step} is over")
         self._post_derived(nothing, np.full(nothing.shape, 100, np.int8))
 
     def draw_with(self, draw: Callable[[TerrainMessage], Iterable[tuple[str, Any]]]) -> None:
-        """Send what `draw` makes of each grid to ROS 2: pairs of topic, as in `mirror`, and message object.
+        """Send the messages that `draw` makes of each grid to ROS 2: pairs of topic and message object, as in `mirror`.
 
-        Occupancy and grid map for ROS 2 then come from there too.
+        They then include occupancy and grid map, which are no longer sent to ROS 2 by `publish`.
         """
         self._draw = draw
 
     def mirror(self, make: Callable[[], Iterable[tuple[str, Any]]], *, lane: str) -> None:
-        """Send message objects to ROS 2 if there is a bridge; returns at once, they are made on a thread of the outbox.
+        """Send message objects to ROS 2 if there is a bridge; returns immediately.
 
         Args:
-            make: function that gives pairs of topic, below `/<robot>/`, and message object.
-            lane: name of a queue of which only the newest message is sent; one that still waits there is left out.
+            make: returns pairs of topic, below `/<robot>/`, and message object; called on a thread of the outbox.
+            lane: name of a queue in which a new call replaces a waiting one.
         """
         bridge = self._bridge
         if bridge is None:
@@ -209,11 +209,11 @@ class PerceptionServer(Resource):
         self._outbox.post(f"ros2 {lane}", send, lane=f"ros2 {lane}")
 
     def flush(self, timeout: float = SEND_TIMEOUT) -> None:
-        """Wait until all grids are sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        """Wait until all grids are sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def serve_scans(self, handler: Handler, *, admission: Admission | None = None) -> None:
-        """Answer scan requests; see `ScanServer`. The grid that the handler published is sent before "done".
+        """Serve scan requests; see `ScanServer`. The grid that the handler publishes is sent before the DONE reply.
 
         Raises:
             SessionClosed: the session is closed.
@@ -224,24 +224,24 @@ class PerceptionServer(Resource):
             try:
                 self._outbox.flush(SEND_TIMEOUT, lane=terrain.extent)
             except ReceiveTimeout as error:
-                # The scan is done all the same: whoever asked for it waits for the grid too.
+                # The scan is done nevertheless, and the client waits for the grid too.
                 logger.warning("grid of step %d: %s", terrain.step, error)
             return terrain
 
         self._scans = ScanServer(self._session, run, robot=self.robot, admission=admission)
 
     def gait_clock(self, on_news: Callable[[], None]) -> GaitClock:
-        """Clock of the gait that announces this robot's pauses; `on_news` as in `GaitClock`."""
+        """Make the clock of the gait controller of this robot; `on_news` as in `GaitClock`."""
         self._gait = GaitClock(self._session, self.robot, on_news)
         return self._gait
 
     def begin_step(self, step: int, epoch: str = "") -> None:
-        """Report the present stance pause and its walk, by which receivers know how many pauses old a grid is."""
+        """Report a new stance pause and its walk, from which receivers compute the age of a grid in pauses."""
         with self._lock:
             self._step, self._epoch, self._standing = step, epoch or self._epoch, True
             newest = self._newest.get("footprint")
             if newest is not None and not self._is_other_pause(newest):
-                # Another pause of the same number: readers take the grid before for overtaken.
+                # Another pause with the same number: a skipped sequence makes receivers reject the grid before.
                 self._sequences["footprint"] += 1
                 self._given_up = self._sequences["footprint"]
             derived, self._derived = self._derived, None
@@ -250,18 +250,18 @@ class PerceptionServer(Resource):
             self._empty(derived)
 
     def end_step(self) -> None:
-        """Report that the pause is over: the robot moves, or its state is not known."""
+        """Report that the pause is over: the robot moves, or its state is unknown."""
         with self._lock:
             is_news, self._standing = self._standing is not False, False
         if is_news:
             self._status.changed()
 
     def status_changed(self) -> None:
-        """Send the status now; returns at once."""
+        """Send the status now; returns immediately."""
         self._status.changed()
 
     def status_items(self) -> list[StatusItem]:
-        """Items of the status of now, in the order in which they are sent."""
+        """Current items of the status, in the order of sending."""
         with self._lock:
             newest, newest_map = self._newest.get("footprint"), self._newest.get("map")
             step, epoch, times = self._step, self._epoch, list(self._times)
@@ -302,7 +302,7 @@ class PerceptionServer(Resource):
         return [own, *names, *self._failures.items(), *self._jumps.items(), *further]
 
     def _release(self) -> None:
-        # What waits is sent first.
+        # Waiting messages are sent first.
         self._outbox.close()
         resources: list[Any] = [self._failures, self._status, *self._tokens, self._names, self._scans, self._queries]
         for resource in (*resources, self._bridge, self._grids, self.views):
@@ -311,16 +311,16 @@ class PerceptionServer(Resource):
 
 
 class JumpWatch:
-    """Jumps of this machine's clock for the status, looked for whenever it is asked."""
+    """Status of jumps of this machine's clock, checked whenever the status is collected."""
 
     def __init__(self, robot: str) -> None:
-        """Begin now; `robot` is the instance name."""
+        """Start watching; `robot` is the instance name."""
         self._robot = robot
         self._detector = clock.JumpDetector()
         self._jump: tuple[float, float] | None = None
 
     def items(self) -> list[StatusItem]:
-        """Empty when the clock has not jumped lately."""
+        """Status item about a recent jump, if there was one."""
         jump, now = self._detector.jump(), clock.now()
         if jump:
             self._jump = (jump, now)

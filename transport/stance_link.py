@@ -1,4 +1,4 @@
-"""Announcements of stance pauses, from the gait controller to those who follow them."""
+"""Announcements of stance pauses: publisher of the gait controller, receiver, and the clock of their stamps."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ from transport.messages.stance_pause import PausePhase, StancePause, decode_stan
 from transport.messages.typestore import STANCE_PAUSE, TIME, cdr
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
-# [s] Between two questions for the gait's clock. One that is set in between is noticed at the next answer.
+# Interval of queries of the gait's clock [s]; a clock that is set in between is noticed at the next reply.
 CLOCK_PERIOD = 2.0
-# [s] A gait whose clock answered once and then for so long not again is not heard: it may have begun the next pause.
+# After this time without a reply [s] a gait controller that replied before is lost: it may have begun the next pause.
 GAIT_SILENT = 4.0
 
 
 class StancePublisher(Resource):
     """Publisher of stance pauses and of the clock that stamps them; never waits for a receiver.
 
+    Receivers that start during a pause still get its BEGIN.
+
     Args:
         session: open session.
-        robot: instance name, the same as in each `StancePause`; whoever starts within a pause still gets its BEGIN.
-        clock: gives the time now [ns] of the clock that stamps the pauses. The node asks for it, because a stamp alone
-            does not tell a late message from a clock that is off, and without an answer it confirms no scan.
+        robot: instance name, the same as in each `StancePause`.
+        clock: returns the current time [ns] of the clock that stamps the pauses. The node queries it to tell a late
+            message from a clock offset, and does not confirm scans without it.
     """
 
     def __init__(
@@ -43,7 +45,7 @@ class StancePublisher(Resource):
         self._robot, self._clock = robot, clock
         encoding = cdr(STANCE_PAUSE)
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
-        # Not kept for those who join later: they need the BEGIN.
+        # Not latched: late subscribers need the BEGIN.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
         self._outbox = Outbox()
         self._count = 0
@@ -51,15 +53,15 @@ class StancePublisher(Resource):
         super().__init__(session)
 
     def publish(self, pause: StancePause) -> None:
-        """Announce; returns at once. All are sent, in order, but a HOLD that still waits is replaced by a newer one.
+        """Announce a pause; returns immediately. All are sent in order, but a newer HOLD replaces a waiting one.
 
         Raises:
             SessionClosed: the session is closed.
-            MessageError: the pause is of another robot than this publisher speaks for: nobody would hear it.
+            MessageError: the pause has the name of another robot.
         """
         if pause.robot != self._robot:
             raise MessageError(
-                f"a pause of robot {pause.robot!r} on the key of {self._robot!r} reaches nobody; "
+                f"a pause of robot {pause.robot!r} cannot be published on the key of {self._robot!r}; "
                 f"publish it by StancePublisher(session, robot={pause.robot!r})"
             )
         if pause.phase is PausePhase.HOLD:
@@ -73,7 +75,7 @@ class StancePublisher(Resource):
         query.reply(self._answerer.key, encode(make_time(self._clock())), encoding=cdr(TIME))
 
     def flush(self, timeout: float) -> None:
-        """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def _release(self) -> None:
@@ -87,7 +89,7 @@ class GaitClock(RemoteClock):
     """Clock of the gait controller, which stamps its announcements."""
 
     def __init__(self, session: Session, robot: str = DEFAULT_ROBOT, on_news: Callable[[], None] | None = None) -> None:
-        """Begin to ask; `on_news` is called, on the thread that asks, when the clock becomes known or better known."""
+        """Start querying; `on_news` is called on the querying thread when the bound of the clock improves."""
         self._on_news = on_news
         self._bound: ClockBound | None = None
         self._heard = math.inf
@@ -95,13 +97,13 @@ class GaitClock(RemoteClock):
 
     @property
     def state(self) -> str:
-        """State of the gait: "heard", "silent" once it answers no longer (a lost link), "" before any answer."""
+        """State of the gait controller: "heard", "silent" (no replies any more), or "" before the first reply."""
         if self._bound is None:
             return ""
         return "silent" if clock.now() - self._heard > GAIT_SILENT else "heard"
 
     def earliest(self, stamp: int) -> float | None:
-        """Earliest instant by `transport.clock` [s] at which a stamp [ns] can have been read; None: not known."""
+        """Earliest time of a stamp [ns] by `transport.clock` [s]; None if unknown."""
         bound = self._bound
         return None if bound is None else bound.earliest(stamp * 1e-9)
 
@@ -115,10 +117,10 @@ class GaitClock(RemoteClock):
 
 
 class StanceReceiver(OrderedReceiver[StancePause]):
-    """Receiver of the stance pauses of one robot: `on_pause` gets every announcement, in the order of arrival.
+    """Receiver of the stance pauses of one robot; `on_pause` gets every announcement, in the order of arrival.
 
-    `latest` and the waiting methods know only the newest, as in every receiver. Of announcements that wait too long the
-    oldest HOLD or unreadable one is dropped, else the oldest.
+    `latest` and the waiting methods return only the newest one, as in every receiver. If too many announcements wait,
+    the oldest HOLD or invalid one is dropped, else the oldest.
     """
 
     def __init__(
@@ -134,9 +136,9 @@ class StanceReceiver(OrderedReceiver[StancePause]):
         Args:
             session: open session.
             robot: instance name.
-            on_pause: called with each announcement, on a thread of its own.
-            on_refused: called on that thread when an announcement is unreadable or holds a joint that is not finite:
-                what the robot does now is then not known. Several in a row are reported once.
+            on_pause: called with each announcement, on a background thread.
+            on_refused: called on that thread when an announcement is invalid, which leaves the state of the robot
+                unknown. Several in a row are reported once.
         """
         super().__init__(session, stance_key(robot), decode_stance_pause, on_pause, on_refused)
 

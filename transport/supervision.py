@@ -1,4 +1,4 @@
-"""Supervised threads and callbacks: failures are logged and reported to followers, threads are restarted."""
+"""Supervised threads and callbacks: failures are logged and reported, threads are restarted."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
 
 logger = logging.getLogger(__name__)
-# A thread is restarted this often within the period [s]; one more failure in it, and the thread has failed for good.
+# Number of restarts of a thread within the period [s]; a further failure in it is final.
 RESTARTS = 3
 RESTART_PERIOD = 60.0
-# [s] Before a restart, so that a thread which fails at once does not use up all restarts on one short cause.
+# Delay before a restart [s], so that a short disturbance does not use up all restarts.
 RESTART_DELAY = 0.1
-# [s] A failure is an error in the status for this long, then a warning until the process ends.
+# Time for which a failure is an error in the status [s]; then it is a warning until the process ends.
 ERROR_TIME = 60.0
-# Name of the item of the status.
+# Name of the status item.
 THREADS_NAME = "threads"
-# [s] Between two lines of one kind.
+# Least time between two log lines of one kind [s].
 LOG_PERIOD = 10.0
 
 
 class Seldom:
-    """Rate-limited log lines: the first at once, then one per period with the number of those left out."""
+    """Rate-limited logging: the first line immediately, then one per period with the number of omitted lines."""
 
     def __init__(self, target: logging.Logger, level: int = logging.WARNING, period: float = LOG_PERIOD) -> None:
         """Write to the logger `target`."""
@@ -40,7 +40,7 @@ class Seldom:
         self._held_back = 0
 
     def log(self, text: str, *values: object) -> None:
-        """Write a line, or count it; arguments as in `logging.Logger.log`."""
+        """Log a line or count it as omitted; arguments as in `logging.Logger.log`."""
         now = time.monotonic()
         with self._lock:
             if now < self._next:
@@ -59,8 +59,8 @@ class Failure:
     Attributes:
         part: name of the thread or callback.
         error: the exception as text.
-        is_final: whether the part will not run again.
-        at: instant, by the monotonic clock [s].
+        is_final: True if the part will not run again.
+        at: time by the monotonic clock [s].
     """
 
     part: str
@@ -69,8 +69,8 @@ class Failure:
     at: float
 
     def __str__(self) -> str:
-        """One line for a person."""
-        return f"{self.part} failed{' for good' if self.is_final else ', and goes on'}: {self.error}"
+        """Describe the failure in one line."""
+        return f"{self.part} failed{' for good' if self.is_final else ' and continues'}: {self.error}"
 
 
 Follower = Callable[[Failure], None]
@@ -80,7 +80,7 @@ _lines: dict[str, Seldom] = {}
 
 
 def follow(take: Follower) -> None:
-    """Call `take` at each failure in this process, on the thread that failed, until `forget`."""
+    """Call `take` on each failure in this process, on the failed thread, until `forget`."""
     with _lock:
         _followers.append(take)
 
@@ -116,14 +116,14 @@ def supervised(
     on_failure: Follower | None = None,
     daemon: bool = True,
 ) -> threading.Thread:
-    """A thread, not started yet, whose failures are reported; the only way in which this package makes threads.
+    """Make a thread, not started, whose failures are reported; this package makes no other threads.
 
     Args:
         name: name of the thread.
-        target: runs until the thread is to end; is called again after an exception.
-        restarts: how often it is called again within `RESTART_PERIOD`; None for one task, of which there may be
-            others: it is not called again, and its failure is not final.
-        on_failure: called after each failure, for its owner to clean up.
+        target: main function; called again after an exception.
+        restarts: number of restarts within `RESTART_PERIOD`; None for a single task, which is not restarted and whose
+            failure is not final.
+        on_failure: called after each failure, for cleaning up.
         daemon: as in `threading.Thread`.
     """
 
@@ -132,7 +132,7 @@ def supervised(
         while True:
             try:
                 target()
-            except BaseException as error:  # what ends a thread ends it silently, SystemExit too
+            except BaseException as error:  # SystemExit too would end the thread silently
                 times.append(time.monotonic())
                 is_final = restarts is not None and len(times) > restarts and times[-1] - times[0] < RESTART_PERIOD
                 failure = report(name, error, is_final=is_final)
@@ -148,24 +148,24 @@ def supervised(
 
 
 def guarded(callback: Callable[..., None]) -> Callable[..., None]:
-    """The callback, for threads that are not ours: no exception leaves it, each is reported."""
+    """Wrap a callback for foreign threads: exceptions are reported and do not propagate."""
     name = f"callback {getattr(callback, '__qualname__', repr(callback))}"
 
     @functools.wraps(callback)
     def call(*arguments: Any) -> None:
         try:
             callback(*arguments)
-        except BaseException as error:  # Zenoh would write it to stderr, where no one reads it
+        except BaseException as error:  # Zenoh would only write it to stderr
             report(name, error)
 
     return call
 
 
 class FailureLog:
-    """Failures of this process since it began, for the status."""
+    """Failures of this process since its start, for the status."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
-        """Follow until `close`; `on_change` is called after each failure, on the thread that failed."""
+        """Follow until `close`; `on_change` is called after each failure, on the failed thread."""
         self._on_change = on_change
         self._last: dict[str, Failure] = {}
         self._count = 0
@@ -181,7 +181,7 @@ class FailureLog:
         self._on_change()
 
     def items(self) -> list[StatusItem]:
-        """One item that names all parts which failed; empty when none has."""
+        """One item that names all failed parts; empty if there are none."""
         failures = list(self._last.values())
         if not failures:
             return []

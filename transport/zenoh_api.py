@@ -1,4 +1,4 @@
-"""Calls into Zenoh, which is imported at the first; the only file that uses parts that Zenoh marks unstable."""
+"""Calls into Zenoh, which is imported at the first call; only this file uses parts that Zenoh marks unstable."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def _zenoh() -> Any:
 
 
 def zenoh_error() -> type[Exception]:
-    """Class of all errors of Zenoh."""
+    """Base class of Zenoh's errors."""
     error: type[Exception] = _zenoh().ZError
     return error
 
 
 def error_text(error: Exception) -> str:
-    """Text of an error of Zenoh, without the source lines that it appends."""
+    """Text of a Zenoh error, without the appended source location."""
     return str(error).split(" at /", 1)[0].strip()
 
 
@@ -35,12 +35,12 @@ def open_raw(configuration: Mapping[str, Any] | str) -> Any:
 
 
 def configuration_value(text: str, key: str) -> Any:
-    """One value of a JSON5 configuration text; None where it is not set. `key` is a path with slashes."""
+    """One value of a JSON5 configuration text; None if not set. `key` is a path with slashes."""
     return json.loads(_zenoh().Config.from_json5(text).get_json(key))
 
 
 def with_values(text: str, values: Mapping[str, Any]) -> str:
-    """A JSON5 configuration text with some values replaced; the keys are paths with slashes."""
+    """JSON5 configuration text with some values replaced; the keys are paths with slashes."""
     configuration = _zenoh().Config.from_json5(text)
     for key, value in values.items():
         configuration.insert_json5(key, json.dumps(value))
@@ -48,25 +48,25 @@ def with_values(text: str, values: Mapping[str, Any]) -> str:
 
 
 def direct(callback: Callable[[Any], None], finished: Callable[[], None] | None = None) -> Any:
-    """A handler that runs `callback` on Zenoh's receiving thread; it must not block.
+    """Handler that runs `callback` on Zenoh's receiving thread; it must not block.
 
-    No Python thread stands behind it, so nothing keeps the interpreter from ending. What it raises is reported.
+    It uses no Python thread, so it does not keep the interpreter alive. Exceptions are reported.
     """
     ending = None if finished is None else guarded(finished)
     return _zenoh().handlers.Callback(guarded(callback), ending, indirect=False)
 
 
 def declare_publisher(session: Any, key: str, priority: str, encoding: str | None = None) -> Any:
-    """A publisher whose samples are dropped for those, and only for those, whose link is congested.
+    """Declare a publisher whose samples are dropped only for readers whose link is congested.
 
-    Nothing here ever blocks: a put that blocks for one reader is late for all others, and what blocks on Zenoh's own
-    threads (`BLOCK_FIRST`, the cache of its advanced publisher) stops the links of healthy readers as well.
+    It never blocks: a put that blocks for one reader is late for all others, and modes that block on Zenoh's own
+    threads (`BLOCK_FIRST`, the cache of its advanced publisher) stop the links of healthy readers as well.
 
     Args:
         session: raw Zenoh session.
-        key: where to publish.
-        priority: name of one of Zenoh's priorities; each has a queue of its own on each link.
-        encoding: encoding of all payloads, see `transport.messages.typestore`; None for none.
+        key: key on which to publish.
+        priority: name of one of Zenoh's priorities; each has its own queue on each link.
+        encoding: Zenoh encoding of all payloads; None = unspecified.
     """
     zenoh = _zenoh()
     return session.declare_publisher(
@@ -78,39 +78,38 @@ def declare_publisher(session: Any, key: str, priority: str, encoding: str | Non
 
 
 def source_of(publisher: Any) -> str:
-    """Identity of a publisher as two chunks of a key: the id of its session and its own."""
+    """Identity of a publisher as two chunks of a key: the ids of its session and of itself."""
     return f"{publisher.id.zid}/{publisher.id.eid}"
 
 
 class Stamps:
-    """Timestamps of one publisher, each later than the one before, under an identity of its own.
+    """Strictly increasing timestamps of one publisher, with an identity of their own.
 
     Attributes:
-        source: identity of the publisher as two chunks of a key, as advanced subscribers expect it of publishers that
-            number their samples by time.
+        source: identity of the publisher as two chunks of a key, in the form that advanced subscribers expect of
+            publishers with timestamps.
     """
 
     def __init__(self) -> None:
-        """Choose the identity."""
         self._id = _zenoh().TimestampId(uuid.uuid4().bytes)
         self._last = datetime.min.replace(tzinfo=UTC)
         self.source = f"{self._id}/uhlc"
 
     def next(self) -> Any:
-        """The timestamp of the next sample."""
+        """Make the timestamp of the next sample."""
         self._last = max(datetime.now(UTC), self._last + timedelta(microseconds=1))
         return _zenoh().Timestamp(self._last, self._id)
 
 
 def has_subscribers(publisher: Any) -> bool:
-    """Check whether a publisher has subscribers, as far as this session knows."""
+    """True if a publisher has subscribers, as far as this session knows."""
     return bool(publisher.matching_status.matching)
 
 
 def put(
     publisher: Any, payload: bytes | bytearray, attachment: bytes | None, number: int, timestamp: Any = None
 ) -> None:
-    """Send one payload with its number, by which receivers notice losses, or with a timestamp in its place."""
+    """Publish a payload with its number, by which receivers detect losses, or with a timestamp instead."""
     if timestamp is not None:
         publisher.put(payload, attachment=attachment, timestamp=timestamp)
     else:
@@ -118,23 +117,23 @@ def put(
 
 
 def number_of(sample: Any) -> tuple[str, int] | None:
-    """Source, as in `source_of`, and number of a received sample; None when it carries none."""
+    """Source, as in `source_of`, and number of a received sample; None if it has none."""
     info = sample.source_info
     return None if info is None else (f"{info.source_id.zid}/{info.source_id.eid}", int(info.source_sn))
 
 
 def declare_subscriber(session: Any, key: str, on_sample: Callable[[Any], None]) -> Any:
-    """A subscriber; `on_sample` runs on Zenoh's thread and must not block."""
+    """Declare a subscriber; `on_sample` runs on Zenoh's thread and must not block."""
     return session.declare_subscriber(key, direct(on_sample))
 
 
 def declare_token(session: Any, key: str) -> Any:
-    """A liveliness token: others see it vanish when this session closes, dies or hangs."""
+    """Declare a liveliness token, which disappears for others when this session closes, dies or hangs."""
     return session.liveliness().declare_token(key)
 
 
 def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None]) -> Any:
-    """A subscriber to liveliness tokens; `on_change(key, is_alive)` runs on Zenoh's thread."""
+    """Declare a subscriber to liveliness tokens; `on_change(key, is_alive)` runs on Zenoh's thread."""
     put = _zenoh().SampleKind.PUT
     return session.liveliness().declare_subscriber(
         key, direct(lambda sample: on_change(str(sample.key_expr), sample.kind == put)), history=True
@@ -142,13 +141,13 @@ def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None])
 
 
 def tokens(session: Any, key: str, timeout: float = 1.0) -> list[str]:
-    """Keys of the liveliness tokens that are there now and match a key expression."""
+    """Keys of the current liveliness tokens that match a key expression."""
     replies = session.liveliness().get(key, timeout=timeout)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
 class Reply(NamedTuple):
-    """One reply to a query: its key, and either the payload, with its attachment, or the payload of an error."""
+    """Reply to a query: its key, and either payload and attachment, or the payload of an error."""
 
     key: str
     payload: bytes | None
@@ -168,18 +167,18 @@ def get_replies(
     priority: str = "INTERACTIVE_HIGH",
     is_dropped: bool = False,
 ) -> None:
-    """Send a query whose replies may be several on one key.
+    """Send a query; several replies on one key are all delivered.
 
     Args:
         session: raw Zenoh session.
         selector: key expression, with parameters if any.
-        timeout: time after which Zenoh ends the stream with an error reply [s].
-        on_reply: called on Zenoh's thread with each reply; access rules judge its key, so that it says whose it is.
-        on_finished: called on Zenoh's thread after the last reply, also when there was none.
+        timeout: time after which Zenoh ends the query with an error reply [s].
+        on_reply: called on Zenoh's thread with each reply; access rules restrict its key, which identifies the sender.
+        on_finished: called on Zenoh's thread after the last reply, also if there was none.
         payload: payload of the query.
-        encoding: encoding of the payload.
-        priority: priority of the query and, since Zenoh takes it from there, of the replies.
-        is_dropped: drop query and replies on a congested link instead of waiting for it.
+        encoding: Zenoh encoding of the payload.
+        priority: priority of the query, which Zenoh also uses for the replies.
+        is_dropped: drop query and replies on a congested link instead of waiting.
     """
     zenoh = _zenoh()
 
@@ -204,5 +203,5 @@ def get_replies(
 
 
 def declare_queryable(session: Any, key: str, on_query: Callable[[Any], None]) -> Any:
-    """A queryable with all there is on its key; `on_query` runs on Zenoh's thread and must not block."""
+    """Declare a complete queryable; `on_query` runs on Zenoh's thread and must not block."""
     return session.declare_queryable(key, direct(on_query), complete=True)

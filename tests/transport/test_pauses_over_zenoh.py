@@ -24,7 +24,7 @@ def test_both_ends_of_a_pause_reach_the_node(start, endpoint: str, peer) -> None
                 transport.StancePause(robot="guara", step=4, phase=phase, stamp=1, stance=peer.make_stance())
             )
             assert node.expect("pause") == f"pause 4 {phase.name}"
-        with pytest.raises(transport.MessageError, match=r"of robot 'lobo' on the key of 'guara' reaches nobody"):
+        with pytest.raises(transport.MessageError, match=r"of robot 'lobo' cannot be published on the key of 'guara'"):
             publisher.publish(transport.StancePause(robot="lobo", step=5, phase=1, stamp=1, stance=peer.make_stance()))
         publisher.publish(transport.StancePause(robot="guara", step=5, phase=1, stamp=1, stance=peer.make_stance()))
         publisher.flush(30.0)

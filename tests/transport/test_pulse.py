@@ -43,7 +43,7 @@ def test_all_are_called_on_one_thread_the_first_first_and_one_that_fails_stops_n
     assert whole[:3] == ["early", "fails", "transport-pulse"]
     assert "fails" not in called[begun:]
     errors = [record.message for record in caplog.records if record.levelno == logging.ERROR]
-    assert any("fail failed, and goes on: ValueError: no route" in message for message in errors)
+    assert any("fail failed and continues: ValueError: no route" in message for message in errors)
     pulse.close()
 
 

@@ -146,7 +146,7 @@ def test_the_status_names_every_part_that_failed(told: list[Failure], monkeypatc
     report("two", ValueError("no way"))
     (item,) = log.items()
     assert item.level is Health.ERROR
-    assert "one failed, and goes on: ValueError: no route; two failed" in item.message
+    assert "one failed and continues: ValueError: no route; two failed" in item.message
     assert (item.values["failures"], item.values["parts"], len(changes)) == ("2", "one, two", 2)
     monkeypatch.setattr("transport.supervision.ERROR_TIME", 0.0)
     assert log.items()[0].level is Health.WARN

@@ -1,4 +1,4 @@
-"""Grids as they are published, waited for and judged: which may be used, by what was heard of their node.
+"""Publishing of grids, waiting for grids, and the decision whether a received grid may be used.
 
-Imports `links`, `queries`, `messages` and the files beside the rooms; client and server use it.
+Imports `links`, `queries`, `messages` and the files above these folders; used by client and server.
 """

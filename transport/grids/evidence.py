@@ -1,6 +1,6 @@
-"""Evidence of a client about a robot, and the rule by which every way of asking accepts or rejects grids.
+"""Evidence of a client about a robot, and the rule that accepts or rejects a grid, however it was received.
 
-No Zenoh and no waiting here; time is an argument [s, of `clock.now()`].
+This module does not wait and does not use Zenoh; times are arguments, by `clock.now()` [s].
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from transport.messages.map_messages import RegionsMessage, SummaryMessage
 from transport.messages.status_message import STATUS_NAME, Status, number, whole_number
 from transport.messages.terrain_message import TerrainMessage
 
-# The only frame that grids of this major version are in.
+# Frame of all grids of this major version.
 FRAME = "base_footprint"
-# [s] A node reports once a second and on change: one that says nothing for three reports may be gone, and the next
-# pause begun.
+# A node reports once a second and on change. After three missing reports it may be gone, and the next pause may have
+# begun [s].
 SILENT = 3.0
-# Runs of nodes that are over and may not speak again.
+# Number of ended runs that are remembered, and rejected.
 REMEMBERED = 64
 
 
@@ -31,7 +31,7 @@ G = TypeVar("G", bound=Grid)
 
 
 class Cure(IntEnum):
-    """Event that may end an objection to a grid: none, return of the node, its next report, a grid on its way."""
+    """Event that may resolve an objection to a grid: none, return of the node, its next report, a later grid."""
 
     NONE = 0
     RETURN = 1
@@ -41,11 +41,11 @@ class Cure(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Objection:
-    """A reason against the use of a grid.
+    """Reason not to use a grid.
 
     Attributes:
         text: predicate of a sentence about the grid.
-        cure: what may end it.
+        cure: event that may resolve it.
     """
 
     text: str
@@ -58,14 +58,14 @@ class Word:
 
     Attributes:
         status: the status.
-        heard: when it was said, at the latest [s]; -inf once the link to the node was lost.
-        run: identity of the run of the node; empty where the status does not name it.
-        clock: the node's clock that never jumps [s].
+        heard: latest possible time of the report [s]; -inf after the link to the node was lost.
+        run: identity of the run of the node; empty if the status does not contain it.
+        clock: monotonic clock of the node [s].
         epoch: identity of the walk.
-        step: number of the stance pause, the last one between two.
-        standing: whether the pause goes on; None where nobody announces pauses, as in a replay.
+        step: number of the current or last stance pause.
+        standing: True during the pause; None if nobody announces pauses, as in a replay.
         newest: last sequence published, by extent.
-        hears_gait: False where the node no longer hears the gait, which may have begun another pause.
+        hears_gait: False if the node has lost the gait controller, which may have begun another pause.
     """
 
     status: Status
@@ -80,7 +80,7 @@ class Word:
 
 
 def read_word(status: Status, heard: float) -> Word | None:
-    """Report in a status; None when the status is not from a node of this package."""
+    """Read the report in a status; None if the status is not from a node of this package."""
     item = status.item(STATUS_NAME)
     if item is None:
         return None
@@ -103,7 +103,7 @@ def read_word(status: Status, heard: float) -> Word | None:
 
 
 def silent_for(silence: float) -> str:
-    """Predicate about a node that was last heard `silence` seconds ago."""
+    """Predicate of a sentence about a node that was last heard `silence` seconds ago."""
     return f"has been silent {f'for {silence:.1f} s' if math.isfinite(silence) else 'since its link was lost'}"
 
 
@@ -117,20 +117,20 @@ def objections(
     silence: float = 0.0,
     is_gone: bool = False,
 ) -> tuple[Objection, ...]:
-    """Reasons against the use of a grid; none when it may be used.
+    """Reasons not to use a grid; empty if it may be used.
 
-    A grid is used while a living node vouches for it: the run that made it says, no longer than `SILENT` ago, that the
-    robot is in its walk and within its pauses, and that it hears the gait. Between END and the next BEGIN the pause is
-    the last one; a grid that is still provisional then is not used.
+    A grid is usable while a live node confirms it: the run that made it has reported, at most `SILENT` ago, that the
+    robot is on the same walk and within the grid's valid pauses, and that it hears the gait controller. Between END and
+    the next BEGIN the last pause counts, but a grid that is still provisional is not usable.
 
     Args:
-        grid: grid that was received.
-        word: last word of the run that lives, or lived last; None when none was heard.
-        step: newest step of the grid's walk that was heard of besides, from grids.
+        grid: the grid.
+        word: last report of the current or last run; None if there was none.
+        step: newest step of the grid's walk known from grids.
         age: time since the end of the scan [s].
         limit: allowed age [s].
-        silence: time since the word [s].
-        is_gone: whether the token of the run has vanished.
+        silence: time since the report [s].
+        is_gone: True if the token of the run has disappeared.
     """
     found = []
     if grid.withdrawn:
@@ -150,14 +150,14 @@ def objections(
     is_another_walk = bool(word.epoch and grid.epoch and word.epoch != grid.epoch)
     pauses = 0 if is_another_walk else max(s for s in (word.step, step, grid.step) if s is not None) - grid.step
     if is_another_walk:
-        # A word from before the grid may not know its walk yet.
+        # A report from before the grid may not know its walk yet.
         cure = Cure.NONE if is_known else Cure.WORD
         found.append(Objection(f"is of walk {grid.epoch!r}; the robot is on walk {word.epoch!r}", cure))
     elif pauses > grid.valid_pauses:
         frame = "; the frame of a footprint ends with its pause" if kind == "footprint" else ""
         found.append(Objection(f"is {pauses} pauses old; allowed: {grid.valid_pauses}{frame}"))
     if word.standing is None and (is_known or silence <= SILENT):
-        # Nobody announces pauses, so that nobody can have announced one unheard.
+        # Nobody announces pauses, so no announcement can have been missed.
         return tuple(found)
     if is_gone:
         found.append(Objection("is no longer vouched for: its node is gone", Cure.RETURN))
@@ -173,15 +173,15 @@ def objections(
 
 
 class Evidence:
-    """Evidence about one robot, from any run of its node.
+    """Evidence about one robot, from all runs of its node.
 
     Attributes:
-        word: last word of the run that lives, or lived last; None when none was heard.
-        live: runs whose tokens are there.
+        word: last report of the current or last run; None before the first.
+        live: runs whose liveliness tokens exist.
     """
 
     def __init__(self, robot: str) -> None:
-        """Evidence about the instance `robot`, none so far."""
+        """Start without evidence about the instance `robot`."""
         self._robot = robot
         self._lock = threading.Lock()
         self._run = ""
@@ -193,21 +193,21 @@ class Evidence:
         self.word: Word | None = None
 
     def tokens(self, live: frozenset[str]) -> None:
-        """Record the runs whose tokens are there."""
+        """Record the runs whose liveliness tokens exist."""
         with self._lock:
             lost, self.live = self.live - live, live
             for run in live:
                 self._seen[run] = None
-            # What the gait said meanwhile was not heard here: the node has to speak again.
+            # Announcements may have been missed meanwhile: a new report of the node is needed.
             if self.word is not None and self.word.run in lost:
                 self.word = replace(self.word, heard=-math.inf)
 
     def report(self, status: Status, heard: float) -> str:
-        """Record a status; returns why it is refused, empty when it is accepted.
+        """Record a status; return the reason to reject it, or "".
 
         Args:
-            status: status that was sent or asked for.
-            heard: when it was said, at the latest [s].
+            status: status that was received.
+            heard: latest possible time of the report [s].
         """
         word = read_word(status, heard)
         if word is None:
@@ -221,12 +221,12 @@ class Evidence:
             return refusal
 
     def refusal(self, grid: Grid, extent: str, *, is_newest: bool = True) -> str:
-        """Reason to refuse a grid that arrived, empty when it is accepted.
+        """Reason to reject a received grid, or "".
 
         Args:
             grid: the grid.
-            extent: extent that was asked for.
-            is_newest: whether it must be newer than all before it, as in what is published; an answer need not be.
+            extent: extent that was requested.
+            is_newest: True if it must be newer than all before, as published grids must; replies need not be.
         """
         for what, given, wanted in (
             ("robot", grid.robot, self._robot),
@@ -242,7 +242,7 @@ class Evidence:
             return refusal
 
     def against(self, grid: Grid, *, age: float, limit: float, now: float, was_lost: bool) -> tuple[Objection, ...]:
-        """`objections` by what was heard; `was_lost` says whether the token of the node, of any run, has vanished."""
+        """`objections` from this evidence; `was_lost` is True if the node's token, of any run, has disappeared."""
         with self._lock:
             word, step = self.word, self._steps.get(grid.epoch)
         is_gone = grid.run in self._seen and grid.run not in self.live if grid.run else was_lost
@@ -250,7 +250,7 @@ class Evidence:
         return objections(grid, word, step=step, age=age, limit=limit, silence=silence, is_gone=is_gone)
 
     def _refused_run(self, run: str) -> str:
-        # A sender that reports no run is one of an earlier version, or another tool: it is judged by order alone.
+        # A sender without a run is of an earlier version, or another tool: only the order of its grids is checked.
         if not run or run == self._run:
             return ""
         if run in self._over:
@@ -270,6 +270,6 @@ class Evidence:
         if grid.sequence <= last:
             return f"its sequence {grid.sequence} comes after {last}"
         if grid.run:
-            # A sender that announces no run may have started again: its sequences mean nothing.
+            # A sender without a run may have restarted, so its sequences carry no information.
             self._sequences[grid.extent] = grid.sequence
         return ""

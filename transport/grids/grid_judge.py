@@ -1,4 +1,4 @@
-"""Judgement of the grids of one node by the rule of `evidence`."""
+"""Acceptance of the grids of one node by the rule of `evidence`."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from transport.messages.terrain_message import Health
 from transport.supervision import Seldom
 
 NS = 1e-9
-# [s] Between two checks for news.
+# Interval of checks for new messages [s].
 POLL = 0.05
-# [s] Longest wait for one answer of the node.
+# Longest wait for a reply of the node [s].
 ANSWER = 1.0
 logger = logging.getLogger(__name__)
 ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) while the robot stands"
@@ -32,11 +32,11 @@ ADVICE = "Wait for the next (wait_for_step), or ask for a scan (request_scan) wh
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """Grids that a caller accepts.
+    """Conditions under which a caller accepts grids.
 
     Attributes:
-        max_age: allowed time since the end of the scan [s]; None takes the grid's own validity.
-        allow_stale: accept grids with objections too; these are listed in `stale_because`.
+        max_age: allowed time since the end of the scan [s]; None = the grid's own validity.
+        allow_stale: accept grids with objections too, listed in `stale_because`.
         confirmed_only: reject provisional grids.
     """
 
@@ -46,12 +46,12 @@ class Terms:
 
 
 TERMS = Terms()
-# For a message that withdraws another grid.
+# Conditions for a message that withdraws another grid.
 TAKING_BACK = Terms(allow_stale=True)
 
 
 class Accepted(TypedDict, total=False):
-    """The same as keyword arguments."""
+    """Fields of `Terms` as keyword arguments."""
 
     max_age: float | None
     allow_stale: bool
@@ -59,7 +59,7 @@ class Accepted(TypedDict, total=False):
 
 
 class GridJudge:
-    """Observer of the node of one robot, which accepts or rejects its grids.
+    """Observer of the node of one robot that accepts or rejects its grids.
 
     Attributes:
         node: watcher of the node's liveliness token.
@@ -78,9 +78,9 @@ class GridJudge:
         self.node = AliveWatcher(session, alive_key(robot), lambda alive: self.clock.wake() if alive else None)
 
     def status(self) -> Status | None:
-        """The newest status of the node, sent or asked for; None when none came yet.
+        """Newest status of the node, published or queried; None before the first.
 
-        One that is older than `SILENT` has an item `node` of level STALE, which says so.
+        A status older than `SILENT` gets an additional item `node` of level STALE.
 
         Raises:
             MessageError: the newest status is damaged.
@@ -91,21 +91,21 @@ class GridJudge:
         silence = clock.now() - word.heard
         if silence <= SILENT:
             return word.status
-        text = f"the node {silent_for(silence)}; what it said before may no longer hold"
+        text = f"the node {silent_for(silence)}; its last report may be outdated"
         item = StatusItem(name="node", level=Health.STALE, message=text)
         return replace(word.status, items=(*word.status.items, item))
 
     def _report(self, status: Status) -> str:
         word = read_word(status, clock.now())
-        # A status that waited in a queue was sent before it arrived.
+        # A status that waited in a queue is older than its arrival.
         heard = clock.now() if word is None else min(word.heard, self.clock.latest(word.run, word.clock))
         return self._evidence.report(status, heard)
 
     def age(self, received: Received[G]) -> float:
-        """Time since the end of the scan of a received grid [s], conservatively too large where it is uncertain.
+        """Upper bound of the time since the end of the scan of a received grid [s].
 
-        Measured by the monotonic clocks of both machines if the node reports its own. Otherwise the time since the
-        arrival, plus the time before the arrival by the two wall clocks.
+        Measured by the monotonic clocks of both machines if the node reports its own. Otherwise the time since arrival,
+        plus the time before arrival by the two wall clocks, which must agree.
         """
         terrain = received.message
         if terrain.scan_end_clock is not None:
@@ -114,8 +114,8 @@ class GridJudge:
                 return max(age, received.age)
             if self.node.is_alive:
                 self._unasked.log(
-                    "the node of %r does not answer for its clock: ages come from the wall clocks of both "
-                    "machines. Access rules made by an earlier version? `guara security renew` on their machine",
+                    "the node of %r does not report its clock: ages are computed from the wall clocks of both "
+                    "machines. If its access rules are of an earlier version, run `guara security renew`",
                     self._robot,
                 )
         return received.age + max(0.0, (received.arrival_stamp - terrain.scan_end) * NS)
@@ -128,16 +128,16 @@ class GridJudge:
         patience: float = 0.0,
         is_superseded: Callable[[], bool] = lambda: False,
     ) -> G:
-        """The grid, if it may be used; with `allow_stale` any grid, with what speaks against it.
+        """Return the grid if it may be used; with `allow_stale` any grid, with the objections to it.
 
         Args:
             received: grid with its arrival.
-            terms: what the caller accepts.
-            patience: how long to wait for a message that ends the objections [s].
-            is_superseded: whether a newer grid has arrived, so that no message is worth waiting for.
+            terms: conditions of the caller.
+            patience: longest wait for a message that resolves the objections [s].
+            is_superseded: returns True if a newer grid has arrived, which ends the wait.
 
         Raises:
-            StaleTerrain: it may not be used; the message says why and what to do.
+            StaleTerrain: it may not be used; the message gives the reasons and what to do.
         """
         grid, deadline = received.message, clock.now() + patience
         if self.node.is_alive:
@@ -160,7 +160,7 @@ class GridJudge:
         return grid if not reasons else cast(G, replace(cast(Any, grid), stale_because=reasons))
 
     def wait_for_news(self, timeout: float) -> None:
-        """Ask the node; where its pause is over, wait up to `timeout` [s] for the next one to begin."""
+        """Query the node; if its pause is over, wait up to `timeout` [s] for the next one to begin."""
         deadline = clock.now() + timeout
         while self.node.is_alive and self.clock.ask(timeout):
             word = self._evidence.word

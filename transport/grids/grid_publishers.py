@@ -21,13 +21,12 @@ from transport.messages.terrain_codec import encode_compact, encode_terrain
 from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
-# Layers of the GridMap: those of float32, the only type that it can hold, and the flags, which are whole numbers
-# below 2^24 and so come through exactly.
+# Layers of the GridMap: those of float32, its only type, and the flags, which float32 represents exactly (below 2^24).
 GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
 
 
 class GridPublishers:
-    """Encodes and sends on threads of the outbox; grids of one extent never wait for those of the other."""
+    """Encodes and publishes on threads of the outbox; grids of one extent never wait for those of the other."""
 
     def __init__(self, session: Session, robot: str, outbox: Outbox) -> None:
         """Declare the keys.
@@ -43,7 +42,7 @@ class GridPublishers:
         self._outbox = outbox
 
         def latched(key: str, encoding: str, priority: str) -> Publisher:
-            """Publisher whose last message late subscribers get, and queries of the key too."""
+            """Publisher that keeps its last message for late subscribers and queries."""
             return Publisher(session, key, priority=priority, encoding=encoding, answers=True)
 
         self._terrain = {
@@ -55,13 +54,13 @@ class GridPublishers:
         }
         self._occupancy = latched(occupancy_key(robot), cdr(OCCUPANCY), SMALL)
         self._grid_map = latched(grid_map_key(robot), cdr(GRID_MAP), LARGEST)
-        # Without history: a router on the way may thin it out, and nobody fetches what was left out on purpose.
+        # Without history: routers may thin it out on purpose, and what they drop must not be fetched.
         self._summary = Publisher(session, summary_key(robot), latched=False, encoding=cdr(SUMMARY))
         self._regions = latched(regions_key(robot), cdr(REGIONS), SMALL)
 
     @property
     def count(self) -> int:
-        """Terrain messages that were put."""
+        """Number of terrain messages published."""
         return sum(publisher.count for publisher in self._terrain.values())
 
     def post(
@@ -70,15 +69,14 @@ class GridPublishers:
         summary: Callable[[], Payload] | None,
         regions: Callable[[], RegionsMessage] | None,
     ) -> None:
-        """Send a grid, and summary and regions of a map; arguments as those of `PerceptionServer.publish`."""
+        """Publish a grid, and summary and regions of a map; arguments as in `PerceptionServer.publish`."""
         publisher, lane = self._terrain[terrain.extent], terrain.extent
         self._outbox.post(publisher.key, lambda: publisher.put(encode_terrain(terrain)), lane=lane)
         small = self._compact[terrain.extent]
-        # Made only for a subscriber: it costs twenty times as much as the lossless one.
+        # Encoded only if there are subscribers: it costs twenty times as much as the lossless form.
         self._outbox.post(small.key, lambda: small.put(lambda: encode_compact(terrain)), lane=lane)
         if summary is not None:
-            make = summary
-            self._outbox.post(self._summary.key, lambda: self._summary.put(make), lane=self._summary.key)
+            self._outbox.post(self._summary.key, partial(self._summary.put, summary), lane=self._summary.key)
         if regions is not None:
             self._outbox.post(
                 self._regions.key, lambda: self._regions.put(encode_regions(regions())), lane=self._regions.key
@@ -92,10 +90,10 @@ class GridPublishers:
         self._regions.close()
 
     def post_derived(self, terrain: TerrainMessage, occupancy: Percent, bridge: Ros2Bridge | None) -> None:
-        """Send occupancy and grid map of a footprint; `bridge` also publishes them for ROS 2."""
+        """Publish occupancy and grid map of a footprint, also for ROS 2 if there is a `bridge`."""
         geometry = (terrain.resolution, terrain.origin, terrain.frame_id, terrain.stamp)
         layers = {name: terrain.layers[name] for name in GRID_MAP_LAYERS}
-        # Made only for a subscriber: planners do not read them.
+        # Encoded only if there are subscribers: planners do not read them.
         for publisher, name, kind, make in (
             (self._occupancy, "occupancy", OCCUPANCY, lambda: encode(occupancy_message(occupancy, *geometry))),
             (self._grid_map, "grid_map", GRID_MAP, lambda: encode(grid_map_message(layers, *geometry))),
@@ -105,7 +103,7 @@ class GridPublishers:
 
 
 def _send(publisher: Publisher, made: MadeOnce, bridge: Ros2Bridge | None, name: str, kind: str) -> None:
-    """Put on the publisher's key, and on a topic of ROS 2 if there is a bridge."""
+    """Publish on the publisher's key, and on a ROS 2 topic if there is a bridge."""
     publisher.put(made)
     if bridge is not None:
         bridge.put(name, kind, made())

@@ -1,4 +1,4 @@
-"""Waiting for grids that may be used, and the reason when none came."""
+"""Waiting for usable grids, and the errors when none arrives."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
 from transport.messages.terrain_message import TerrainMessage
 
-# [s] After subscribing, the last grid and the node's sign of life are there within this time: measured below 0.1 s on
-# a free machine, the rest is for a busy one. Only a wait for a grid that never comes lasts that long.
+# Longest time from subscribing until the last grid and the node's liveliness token arrive [s]: below 0.1 s on an idle
+# machine, more on a busy one. Only a wait for a grid that does not exist takes that long.
 SETTLE = 2.0
-# [s] A grid of a later pause than the one asked for may be of a walk that is over: when the robot does not stand, the
-# BEGIN of the next walk may be on its way.
+# A grid of a later pause than requested may be of a walk that has ended: if the robot is not standing, wait this long
+# for the BEGIN of the next walk [s].
 NEWS = 1.0
 
 
@@ -35,14 +35,14 @@ class GridWaiter:
 
     @staticmethod
     def first(receiver: NewestReceiver[G], timeout: float) -> Received[G] | None:
-        """Newest message, however old, that arrives within `timeout` [s]; None if none does."""
+        """Newest message, however old, within `timeout` [s]; None if there is none."""
         try:
             return receiver.wait_for(lambda _: True, max(0.0, timeout))
         except ReceiveTimeout:
             return None
 
     def newest(self, receiver: NewestReceiver[G], timeout: float, terms: Terms) -> G:
-        """The newest message that may be used; arguments and errors as of `PerceptionClient.summary`."""
+        """Newest usable message; arguments and errors as in `PerceptionClient.summary`."""
         return self.wait(receiver, lambda _: True, timeout, terms, says_stale=True).message
 
     def wait(
@@ -56,21 +56,21 @@ class GridWaiter:
         says_stale: bool = False,
         takes_back: bool = False,
     ) -> Received[G]:
-        """The newest message that `predicate` accepts and that may be used.
+        """Wait for a newest message that `predicate` accepts and that may be used.
 
         Args:
             receiver: receiver of the messages.
             predicate: called with each newest message.
-            timeout: longest wait [s]; None waits without end.
-            terms: what the caller accepts.
-            after: number of a sample; only later ones count.
-            says_stale: raise StaleTerrain when one came in time and was refused, instead of saying so in the error.
+            timeout: longest wait [s]; None = no limit.
+            terms: conditions of the caller.
+            after: number of a sample; only later ones are considered.
+            says_stale: raise StaleTerrain if only unusable messages arrived, instead of the errors below.
             takes_back: accept a message that withdraws another too, with the objections to it.
 
         Raises:
             StaleTerrain: see `says_stale`.
-            ReceiveTimeout: none came in time although the node lives.
-            ScannerGone, ScannerUnavailable: none came, and the node went away or was never seen.
+            ReceiveTimeout: none arrived in time although the node is alive.
+            ScannerGone, ScannerUnavailable: none arrived, and the node disappeared or was never seen.
         """
         deadline = math.inf if timeout is None else clock.now() + timeout
         stale: StaleTerrain | None = None
@@ -87,13 +87,12 @@ class GridWaiter:
                 return replace(received, message=message)
             except StaleTerrain as error:
                 stale = error
-                if error.is_final:
+                left = deadline - clock.now()
+                if error.is_final or left <= 0.0:
                     after = received.number
-                elif clock.now() < deadline:
-                    # The node may come back, and the grid be good: it is judged again.
-                    time.sleep(min(POLL, deadline - clock.now()))
                 else:
-                    after = received.number
+                    # The node may return and confirm the grid: check it again.
+                    time.sleep(min(POLL, left))
             except ReceiveTimeout:
                 if stale is not None and says_stale:
                     raise stale from None
@@ -133,7 +132,7 @@ class GridWaiter:
         )
 
     def _not_received(self, found: str) -> ReceiveTimeout | ScannerGone | ScannerUnavailable:
-        """Error for a wait without result, by the state of the node."""
+        """Error for a wait without result, depending on the state of the node."""
         if self._judge.node.is_alive:
             return ReceiveTimeout(found)
         if self._judge.node.was_seen:

@@ -1,4 +1,4 @@
-"""Estimate of a node's monotonic clock, which gives the age of grids independently of wall clocks."""
+"""Estimate of a node's monotonic clock, for ages of grids that do not depend on wall clocks."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from transport.messages.status_message import Status, decode_status
 from transport.queries.remote_clock import ClockBound, RemoteClock
 
 logger = logging.getLogger(__name__)
-# [s] Between two queries.
+# Interval of queries [s].
 PERIOD = 10.0
-# [s] An offset of the wall clocks, or a change of it, is logged above this.
+# Offsets of the wall clocks, or changes of the offset, above this are logged [s].
 LOGGED_CHANGE = 1.0
 
 
@@ -30,7 +30,7 @@ class ClockOffset:
 
     Attributes:
         offset: the node's wall clock minus this machine's [s].
-        doubt: largest possible error of the offset [s].
+        doubt: bound of the error of the offset [s].
         jumps: number of jumps of this machine's wall clock since the client was opened.
     """
 
@@ -40,10 +40,10 @@ class ClockOffset:
 
 
 class NodeClock(RemoteClock):
-    """Monotonic clock of a node, bounded by queries of its status. A faster answer gives a tighter bound.
+    """Monotonic clock of a node, bounded by queries of its status; a faster reply gives a tighter bound.
 
     Attributes:
-        offset: offset of the two wall clocks; None until the node answers.
+        offset: offset of the two wall clocks; None until the node has replied.
     """
 
     def __init__(self, session: Session, robot: str, report: Callable[[Status, float], str]) -> None:
@@ -52,7 +52,7 @@ class NodeClock(RemoteClock):
         Args:
             session: open session.
             robot: name of the robot.
-            report: gets each status and the instant of its query [s]; returns the reason to reject it, or "".
+            report: called with each status and the time of its query [s]; returns the reason to reject it, or "".
         """
         self._lock = threading.Lock()
         self._bounds: Recent[str, ClockBound] = Recent(8)
@@ -63,17 +63,16 @@ class NodeClock(RemoteClock):
         super().__init__(session, status_key(robot), period=PERIOD)
 
     def age(self, run: str, reading: float) -> float | None:
-        """Time [s] since the clock of a run of the node showed `reading`; None if that clock is not known.
+        """Time since the clock of a run of the node showed `reading` [s]; None if that clock is not known.
 
-        The node reads its clock some time after the query is sent. The time of sending is used, so that an age is never
-        too small.
+        The node reads its clock after the query was sent. The time of sending is used, so the age is never too small.
         """
         with self._lock:
             bound = self._bounds.get(run)
         return None if bound is None else max(0.0, clock.now() - bound.earliest(reading))
 
     def latest(self, run: str, reading: float) -> float:
-        """Latest instant [s] at which the clock of a run of the node showed `reading`; infinite if not known."""
+        """Latest time at which the clock of a run of the node can have shown `reading` [s]; infinite if unknown."""
         with self._lock:
             bound = self._bounds.get(run)
         return math.inf if bound is None else bound.latest(reading)
@@ -82,7 +81,7 @@ class NodeClock(RemoteClock):
         wall = time.time_ns() - round((clock.now() - asked) * 1e9)
         status = decode_status(payload)
         if self._report(status, asked):
-            # The answer came from a run that has ended, or from another node.
+            # The reply is from a run that has ended, or from another node.
             return False
         word = read_word(status, asked)
         if word is None or not (word.run and word.clock):

@@ -1,4 +1,4 @@
-"""Messages beside the grids: the points of the last scan, what the camera saw, and the range images."""
+"""Messages for viewers: points, camera image and range images of the last scan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, c
 
 
 class ViewSender(Resource):
-    """Publishes points, picture and range images of each scan at the lowest priority; late subscribers get the last."""
+    """Publishes points, camera image and range images of each scan at the lowest priority; keeps the last of each."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
         """Declare the keys.
@@ -35,10 +35,10 @@ class ViewSender(Resource):
         super().__init__(session)
 
     def send(self, make: Callable[[], Iterable[Any]]) -> None:
-        """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns at once.
+        """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns immediately.
 
         Args:
-            make: returns the message objects; called on a thread of its own, only the newest if several wait.
+            make: returns the message objects; called on a thread of the outbox, only the newest if several wait.
         """
 
         def put() -> None:
@@ -48,10 +48,10 @@ class ViewSender(Resource):
         self._outbox.post("views", put)
 
     def send_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
-        """Send the sensor_msgs/Image messages of RANGE_IMAGES; returns at once.
+        """Send the sensor_msgs/Image messages of RANGE_IMAGES; returns immediately.
 
         Args:
-            make: function that gives the messages by name; called when somebody has subscribed to one, or asks later.
+            make: returns the messages by name; called only if one is subscribed to or queried later.
         """
 
         def payload(name: str) -> bytearray:
@@ -64,7 +64,7 @@ class ViewSender(Resource):
         self._outbox.post("range images", put)
 
     def flush(self, timeout: float) -> None:
-        """Wait until all is sent; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
         self._outbox.flush(timeout)
 
     def _release(self) -> None:

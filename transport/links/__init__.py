@@ -1,4 +1,4 @@
 """Zenoh sessions, publishers, receivers, queryables and liveliness tokens, for any payload.
 
-Imports `messages`, `security` and the files beside the rooms; the other rooms and the files above them use it.
+Imports `messages`, `security` and the files above these folders; used by the other folders.
 """

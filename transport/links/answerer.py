@@ -1,4 +1,4 @@
-"""Queryables that answer on separate threads: a slow link delays no other, and excess queries are dropped."""
+"""Queryables that reply on separate threads: a slow link does not delay others, and excess queries are dropped."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from transport.links.session import Resource, Session
 from transport.messages.scan_messages import Refusal, encode_refusal
 from transport.messages.typestore import REFUSAL, cdr
 
-# Questions that may wait for an answer; more are dropped, so that a flood of them fills no memory.
+# Largest number of pending queries; more are dropped, so that a flood cannot exhaust memory.
 MAXIMUM_PENDING = 64
 
 
 class Answerer(Resource):
-    """Answers the queries of one key.
+    """Queryable of one key.
 
     Attributes:
         key: key of the queryable.
@@ -39,10 +39,10 @@ class Answerer(Resource):
         Args:
             session: open session.
             key: key of the queryable.
-            answer: sends the replies to a query, on a thread of its own.
-            limit: questions that are answered at a time; more are dropped.
-            in_order: questions are taken up one after the other, and `answer` drops each query itself once the last
-                of its replies, which it may post on the outbox, is sent.
+            answer: sends the replies to a query, on a thread of the outbox.
+            limit: largest number of pending queries; more are dropped.
+            in_order: process queries one after the other. `answer` must then drop each query itself after its last
+                reply, which may be posted on the outbox.
 
         Raises:
             SessionClosed: the session is closed.
@@ -57,7 +57,7 @@ class Answerer(Resource):
         super().__init__(session)
 
     def _on_query(self, query: Any) -> None:
-        # Zenoh's thread: only hand over.
+        # Runs on Zenoh's thread, which must not be blocked.
         number = str(next(self._numbers))
         with suppress(SessionClosed):
             if self._outbox.pending < self._limit:
@@ -79,5 +79,5 @@ class Answerer(Resource):
 
 
 def refuse(query: Any, code: str, message: str, request_id: str = "") -> None:
-    """Reply to a query by a guara_msgs/Refusal."""
+    """Reply to a query with a guara_msgs/Refusal."""
     query.reply_err(encode_refusal(Refusal(id=request_id, code=code, message=message)), encoding=cdr(REFUSAL))

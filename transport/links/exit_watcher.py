@@ -1,7 +1,7 @@
 """Closing of open sessions when the main thread ends, so that Zenoh does not keep a crashed script alive.
 
-An open session with a subscriber keeps the interpreter waiting for ever, and `atexit` functions run too late
-to help. One thread for the whole process waits for the end of the main thread, without ever waking before.
+An open session with a subscriber blocks the exit of the interpreter, and `atexit` functions run too late. One thread
+for the whole process therefore joins the main thread.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _watcher: threading.Thread | None = None
 
 
 class Closable(Protocol):
-    """Anything with `close()`, which must be safe to call twice."""
+    """Object with `close()`, which must be safe to call twice."""
 
     def close(self) -> None:
-        """Release all that is held."""
+        """Release all resources."""
 
 
 def watch(resource: Closable) -> None:
@@ -31,7 +31,7 @@ def watch(resource: Closable) -> None:
     with _lock:
         _open.add(resource)
         if _watcher is None or not _watcher.is_alive():
-            # Not a daemon: the interpreter must wait for it, and so for the sessions to be closed.
+            # Not a daemon: the interpreter must wait until the sessions are closed.
             _watcher = supervised("transport-exit-watcher", _run, daemon=False)
             _watcher.start()
 

@@ -1,4 +1,4 @@
-"""Recovery of a publisher's last message after a loss, in pieces of a size that suits the link."""
+"""Recovery of a publisher's last message after a loss, in pieces whose size adapts to the link."""
 
 from __future__ import annotations
 
@@ -15,58 +15,58 @@ from transport.links.recent import Recent
 from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
 
-# On a slower link [byte/s] most published messages are lost in part, and their fragments delay others: a reader
-# unsubscribes there and fetches the announced messages.
+# On a link slower than this [byte/s] most published messages lose fragments, and the rest delays others: the reader
+# unsubscribes and fetches announced messages instead.
 SUBSCRIBING_RATE = 3e6
-# [s] A piece must come within this time, since an answer may be lost; the second is for pieces larger than FIRST_PIECE,
-# which are asked for only over a quick link. Pieces are made larger below QUICK and smaller above SLOW.
+# Timeouts of a piece, since a reply may be lost [s]; the second one for pieces larger than FIRST_PIECE, which are only
+# requested over a quick link. Pieces grow if they take less than QUICK and shrink if they take more than SLOW.
 PIECE_TIMEOUT, LARGE_PIECE_TIMEOUT = 5.0, 1.0
 QUICK, SLOW = 0.025, 0.25
-# [byte] First and smallest piece: below one batch of Zenoh (64 KiB), so that small messages never wait for more.
+# First and smallest piece [byte]: below one batch of Zenoh (64 KiB), so that a small message fits into one.
 FIRST_PIECE, SMALLEST_PIECE = 48 * 1024, 16 * 1024
-# Pieces that may be lost one after the other before the next announcement is waited for, and [s] between them.
+# Consecutive failures before waiting for the next announcement, and the time between attempts [s].
 ATTEMPTS = 20
 BETWEEN_ATTEMPTS = 0.1
-# Publishers whose numbers are remembered; one more with each restart of a node.
+# Number of publishers that are remembered; every restart of a node adds one.
 REMEMBERED = 32
 CLOSE_TIMEOUT = 2.0
-# [s] Longest wait, also while nothing is known of the link yet, and shortest: a machine may be busy for a short time.
+# Longest wait for a message, also before anything is known of the link, and shortest, for a busy machine [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
-# A message is taken as lost after this multiple of the largest lateness of those before.
+# A message counts as lost after this multiple of the largest delay so far.
 MARGIN = 4.0
-# Decay of the largest lateness with each message.
+# Decay of the largest delay with each message.
 KEPT = 0.9
 
 
 class Patience:
-    """Estimate of how late published messages arrive after their announcement.
+    """Estimate of the delay of published messages after their announcement.
 
-    An announcement is small and overtakes what it announces. On a quick link the message is there milliseconds later,
-    so that a lost one is noticed soon; on a slow one it takes as long as the link needs for it.
+    An announcement is small and overtakes the message. On a quick link the message follows within milliseconds, so a
+    loss is noticed soon; on a slow one it takes as long as its transfer.
     """
 
     def __init__(self) -> None:
-        """Nothing is known yet."""
+        """Start without an estimate."""
         self._lateness: float | None = None
 
     def learn(self, lateness: float) -> None:
-        """Record that a message arrived this long after its announcement [s]; 0 or less if it arrived before it."""
+        """Record the delay of a message after its announcement [s]; 0 or less if it arrived before."""
         late = max(0.0, lateness)
         self._lateness = late if self._lateness is None else max(late, KEPT * self._lateness)
 
     @property
     def grace(self) -> float:
-        """[s] to wait after an announcement."""
+        """Time to wait for a message after its announcement [s]."""
         if self._lateness is None:
             return LONGEST_GRACE
         return min(LONGEST_GRACE, max(SHORTEST_GRACE, MARGIN * self._lateness))
 
 
 class Fetcher:
-    """Fetches the last message of each publisher of a key when it did not come by itself.
+    """Fetches the last message of each publisher of a key if it was not received.
 
     Attributes:
-        fetched: messages that were fetched.
+        fetched: number of messages fetched.
     """
 
     def __init__(
@@ -77,22 +77,22 @@ class Fetcher:
         on_lost: Callable[[int], None],
         subscribe: Callable[[bool], None] = lambda wanted: None,
     ) -> None:
-        """Listen to announcements and ask what there is.
+        """Subscribe to announcements and query the existing messages.
 
         Args:
             session: open session.
             key: key of the publishers.
-            deliver: called with each payload that is newer than those before, on Zenoh's thread or on the fetcher's.
+            deliver: called with each payload that is newer than those before, on Zenoh's thread or the fetcher's.
             on_lost: called with the number of messages that were lost for good.
-            subscribe: called on the fetcher's thread when the link has shown to be too slow for messages that come by
-                themselves (False), and when it is quick again (True).
+            subscribe: called on the fetcher's thread with False when the link is too slow for a subscription, and with
+                True when it is quick again.
         """
         self._session, self._key, self._deliver, self._on_lost = session, key, deliver, on_lost
         self._subscribe, self._is_subscribed = subscribe, True
         self._changed = threading.Condition()
         self._delivery = threading.Lock()
         self._newest: Recent[str, int] = Recent(REMEMBERED)
-        # Number that each publisher announced last, and when it was first heard.
+        # Last number announced by each publisher, and the time at which it was first received.
         self._announced: Recent[str, tuple[int, float]] = Recent(REMEMBERED)
         self._is_closed = False
         self._size = FIRST_PIECE
@@ -103,7 +103,7 @@ class Fetcher:
         self._thread.start()
 
     def take(self, source: str, number: int, payload: bytes) -> None:
-        """Deliver a message that arrived without a fetch, unless a later one of its publisher was delivered before."""
+        """Deliver a message received by subscription, unless a later one of its publisher was delivered before."""
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._patience.learn(time.monotonic() - heard_at if announced == number else 0.0)
@@ -143,7 +143,7 @@ class Fetcher:
         with self._changed:
             announced, heard_at = self._announced.get(source, (-1, 0.0))
             self._announced[source] = number, heard_at if announced == number else time.monotonic()
-            # Most announcements repeat what is known: the thread need not wake for them.
+            # Most announcements repeat a known number: do not wake the thread for them.
             if number > self._newest.get(source, -1):
                 self._changed.notify_all()
 
@@ -154,7 +154,7 @@ class Fetcher:
         return None
 
     def _left(self) -> float:
-        """[s] until what is wanted counts as lost."""
+        """Time until the announced message counts as lost [s]."""
         wanted = self._wanted()
         _, heard_at = (0, 0.0) if wanted is None else self._announced[wanted[0]]
         return max(0.0, heard_at + self._patience.grace - time.monotonic())
@@ -179,7 +179,7 @@ class Fetcher:
                 raise
 
     def _fetch(self, source: str, number: int) -> None:
-        """Fetch the last message of one publisher, and forget the announcement when that cannot be done."""
+        """Fetch the last message of one publisher; forget the announcement if that fails."""
         buffer = bytearray()
         failures, took, fetched = 0, 0.0, 0
         while not self._is_closed and failures < ATTEMPTS:
@@ -241,7 +241,7 @@ class Fetcher:
         number: int,
         on_piece: Callable[[str, tuple[int, int, int], bytes], None],
     ) -> None:
-        """Ask for one piece and wait for the end of the answers, of which there may be none."""
+        """Query one piece and wait for the end of the replies, of which there may be none."""
         finished = threading.Event()
         timeout = LARGE_PIECE_TIMEOUT if size > FIRST_PIECE else PIECE_TIMEOUT
 

@@ -1,12 +1,12 @@
-"""Last message of a publisher, kept for late subscribers and slow links, which query it in pieces.
+"""Last message of a publisher, kept for late subscribers and for slow links, which query it in pieces.
 
-The keys and the heartbeat are those of Zenoh's advanced publisher, so that its advanced subscribers (and those of
-rmw_zenoh) are served too. Zenoh's own answers late joiners on the thread and under the lock that its puts need: one
-slow late joiner holds up all readers for seconds. Here each question is answered on a thread of its own.
+Keys and heartbeat are those of Zenoh's advanced publisher, so that advanced subscribers (also those of rmw_zenoh) are
+served too. Zenoh's own publisher replies to late joiners on the thread and under the lock of its puts, so that one slow
+joiner delays all readers for seconds. Here every query is answered on a thread of its own.
 
-A reply cannot carry the number of the message (Zenoh's Python has no argument for it), so an advanced subscriber may be
-handed a message by its number and again by a reply. Messages of a `stamped` publisher are known by their timestamps,
-which replies carry: each is handed over once. Such a subscriber learns of a loss when the token appears anew.
+A reply cannot carry the number of the message (Zenoh's Python API has no argument for it), so an advanced subscriber
+may get a message twice: published, by number, and as a reply. A `stamped` publisher identifies messages by timestamps,
+which replies do carry, so each is delivered once; its subscribers query again when the token is declared anew.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from transport.links.answerer import Answerer, refuse
 from transport.links.session import Session
 
 logger = logging.getLogger(__name__)
-# Questions that are answered at a time; more are dropped, and asked again.
+# Largest number of pending queries; more are dropped, and repeated by the readers.
 MAXIMUM_ANSWERS = 16
-# [byte] Largest piece; it fits into the queue of a link (`configuration.QUEUES`).
+# Largest piece [byte]; it fits into the queue of a link (`configuration.QUEUES`).
 MAXIMUM_PIECE = 768 * 1024
-# Messages kept beyond the last one for readers that are still fetching them, and [s] how long they are kept after a
-# question; a message that nobody asked for is dropped when the next comes.
+# Number of older messages kept for readers that are still fetching them, and the time for which they are kept after a
+# query [s]; a message that was never queried is dropped when the next one is published.
 KEPT = 3
 KEPT_FOR = 10.0
 # Attachment of a piece: number of the message, its length in bytes, offset of the piece in it.
@@ -41,29 +41,29 @@ Payload = bytes | bytearray
 
 
 class MadeOnce:
-    """Payload that is encoded at its first use and kept."""
+    """Payload that is encoded at its first use and cached."""
 
     def __init__(self, make: Callable[[], Payload]) -> None:
-        """Make nothing yet."""
+        """Encode by `make` when needed."""
         self._make: Callable[[], Payload] | None = make
         self._made: Payload = b""
         self._lock = threading.Lock()
 
     def __call__(self) -> Payload:
-        """The payload."""
+        """Return the payload."""
         with self._lock:
             if self._make is not None:
                 self._made, self._make = self._make(), None
             return self._made
 
 
-# Time of the last query before there is one, and value kept while there is no message.
+# Time of the last query if there was none, and entry of a number that is not kept.
 NEVER = -math.inf
 NOTHING: tuple[MadeOnce, bytes | None, float] = (MadeOnce(bytes), None, NEVER)
 
 
 def announcement_key(key: str, source: str = "*/*") -> str:
-    """Key on which the number of the last message is repeated, and which advanced subscribers query."""
+    """Key on which the number of the last message is announced, and which advanced subscribers query."""
     return f"{key}/@adv/pub/{source}/_"
 
 
@@ -92,9 +92,9 @@ class LastMessage:
             key: key of the publisher.
             source: identity of the publisher, as in `zenoh_api.source_of`.
             encoding: encoding of the publisher's payloads.
-            answers: whether a query of the key itself gets the last message too.
-            stamped: messages are known by their timestamps; after each the token is declared anew, in place of the
-                heartbeat, so that subscribers ask for the last message.
+            answers: True if a query of the key itself also returns the last message.
+            stamped: identify messages by timestamps. Instead of the heartbeat, the token is declared anew after each
+                message, so that subscribers query the last one.
         """
         self._session, self._key, self._encoding = session, key, encoding
         self._pieces = pieces_key(key, source)
@@ -108,11 +108,11 @@ class LastMessage:
         self._is_stamped, self._announcements = stamped, announcements
         self._token = zenoh_api.declare_token(session.raw, announcements)
         self._beat = zenoh_api.declare_publisher(session.raw, announcements, "INTERACTIVE_LOW")
-        # Repeated, so that the loss of a message is noticed though nothing follows it.
+        # Repeated, so that the loss of a message is noticed even if nothing follows it.
         session.pulse.add(self, self._repeat)
 
     def keep(self, number: int, payload: MadeOnce, attachment: bytes | None, stamp: Any = None) -> None:
-        """Make this message the last one; `stamp` is its timestamp, where it has one."""
+        """Make this message the last one; `stamp` is its timestamp, if it has one."""
         now = time.monotonic()
         with self._lock:
             self._last, self._stamp = number, stamp
@@ -128,7 +128,7 @@ class LastMessage:
 
         Raises:
             SessionClosed: the session is closed.
-            TransportError: it cannot be sent.
+            TransportError: the announcement cannot be sent.
         """
         if self._last < 0 or self._is_closing or self._is_stamped:
             return
@@ -145,7 +145,7 @@ class LastMessage:
                 logger.error("%s", error)
 
     def _renew_token(self) -> None:
-        """Declare the token anew after each message, once: its subscribers ask for what they may have lost."""
+        """Declare the token anew, once after each message, so that subscribers query what they may have lost."""
         with self._lock:
             if self._renewed == self._last or self._is_closing:
                 return
@@ -172,7 +172,7 @@ class LastMessage:
 
     def _answer_piece(self, query: Any) -> None:
         if query.parameters.get("piece") is None:
-            # Advanced subscribers ask `KEY/@adv/**`: theirs is the other queryable.
+            # A query of `KEY/@adv/**` by an advanced subscriber, which the other queryable answers.
             return
         begin, size = _whole(query.parameters.get("piece"), 0), _whole(query.parameters.get("size"), 0)
         with self._lock:
@@ -205,7 +205,7 @@ def _whole(text: str | None, default: int) -> int:
 
 
 def _is_within(number: int, span: str | None) -> bool:
-    """Check whether a number lies in a range of an advanced subscriber, `FIRST..LAST`, either end optional."""
+    """Test a number against the range `FIRST..LAST` of an advanced subscriber; either end may be missing."""
     if span is None:
         return True
     first, _, last = span.partition("..")

@@ -1,4 +1,4 @@
-"""Zenoh liveliness tokens: declared by a node, watched by its clients."""
+"""Zenoh liveliness tokens, declared by a node and watched by its clients."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from transport.links.session import Resource, Session
 
 
 class AliveToken(Resource):
-    """Liveliness token of this session; it disappears for others when the session closes or is lost."""
+    """Liveliness token of a session; others see it disappear when the session closes or is lost."""
 
     def __init__(self, session: Session, key: str) -> None:
-        """Declare the token on `key`, for instance that of `keys.alive_key`."""
+        """Declare the token on `key`, for example `keys.alive_key(robot)`."""
         self.key = key
         self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         super().__init__(session)
@@ -27,7 +27,7 @@ class TokenWatcher(Resource):
     """Watcher of all tokens that match a key expression.
 
     Attributes:
-        names: last chunk of the key of each token that is alive.
+        names: last chunk of the key of each live token.
     """
 
     def __init__(self, session: Session, keys: str, on_change: Callable[[frozenset[str]], None]) -> None:
@@ -54,7 +54,7 @@ class AliveWatcher(TokenWatcher):
     """Watcher of the token on one key.
 
     Attributes:
-        was_seen: the token has been alive at least once since the watcher began.
+        was_seen: True if the token has been alive at least once.
     """
 
     def __init__(self, session: Session, key: str, on_change: Callable[[bool], None] = lambda is_alive: None) -> None:
@@ -70,7 +70,7 @@ class AliveWatcher(TokenWatcher):
         return bool(self.names)
 
     def wait(self, alive: bool, timeout: float) -> bool:
-        """Wait until the token is alive (or gone); False after `timeout` [s] or if the watcher was closed."""
+        """Wait until the token is alive (or gone); False after `timeout` [s], or when the watcher is closed."""
         with self._changed:
             self._changed.wait_for(lambda: self.is_alive == alive or self.is_closed, timeout)
             return self.is_alive == alive

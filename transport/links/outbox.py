@@ -1,4 +1,4 @@
-"""Background sender: the caller never waits, and lanes never wait for one another."""
+"""Background sender: callers never wait, and lanes never wait for each other."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from transport.exceptions import ReceiveTimeout, SessionClosed
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# [s] How long closing waits for messages that are being sent.
+# Longest wait for pending messages on closing [s].
 CLOSE_TIMEOUT = 2.0
 
 
 class Outbox:
-    """Runs actions on threads of its own: those of one lane one after the other, oldest first, lanes side by side.
+    """Runs actions on background threads: those of a lane in order, different lanes in parallel.
 
-    In a lane at most one action of a key waits: a newer one of the same key replaces it, which is counted. A lane's
-    thread lives while there is something to do.
+    At most one action per key and lane waits: a newer one replaces it. The thread of an empty lane ends.
 
     Attributes:
-        sent: actions that were run without error.
-        superseded: actions that were replaced by a newer one before they ran.
-        failed: actions that raised.
-        last_error: text of the last error, empty when there was none.
-        longest: time that the slowest action took [s].
+        sent: number of actions that succeeded.
+        superseded: number of actions that were replaced before they ran.
+        failed: number of actions that raised.
+        last_error: text of the last error, or "".
+        longest: duration of the slowest action [s].
     """
 
     def __init__(self) -> None:
@@ -41,17 +40,17 @@ class Outbox:
 
     @property
     def pending(self) -> int:
-        """Actions that wait, and those that run."""
+        """Number of actions that are waiting or running."""
         with self._changed:
             return sum(map(len, self._lanes.values())) + len(self._threads)
 
     def post(self, key: str, action: Callable[[], None], *, lane: str = "") -> None:
-        """Hand over an action; returns at once.
+        """Queue an action; returns immediately.
 
         Args:
-            key: names what is sent; a waiting action of the same key and lane is dropped.
+            key: name of the message; a waiting action with the same key and lane is dropped.
             action: function that encodes and sends.
-            lane: name of the lane; its actions run in order, and no other lane waits for them.
+            lane: name of the lane.
 
         Raises:
             SessionClosed: the outbox is closed.
@@ -64,7 +63,7 @@ class Outbox:
                 self.superseded += 1
             waiting[key] = action
             if lane not in self._threads:
-                # A daemon: a put that a broken link holds must not keep the interpreter; close() joins it.
+                # A daemon: a put that blocks on a broken link must not keep the interpreter alive; close() joins it.
                 thread = supervised(
                     f"transport-outbox {lane}",
                     lambda: self._run(lane),
@@ -74,7 +73,7 @@ class Outbox:
                 thread.start()
 
     def flush(self, timeout: float, *, lane: str | None = None) -> None:
-        """Wait until all that was posted, or all of one lane, has been sent.
+        """Wait until all actions, or those of one lane, have run.
 
         Raises:
             ReceiveTimeout: it took longer than `timeout` [s].
@@ -88,7 +87,7 @@ class Outbox:
                 raise ReceiveTimeout(f"{self.pending} messages were not sent within {timeout:g} s")
 
     def close(self) -> None:
-        """Send what waits, as far as that is quick, and end the threads; safe to call twice."""
+        """Run the waiting actions, for up to `CLOSE_TIMEOUT`, and end the threads; safe to call twice."""
         deadline = time.monotonic() + CLOSE_TIMEOUT
         with self._changed:
             self._closed = True
@@ -99,7 +98,7 @@ class Outbox:
         self._abandoned = True
 
     def _on_failure(self, lane: str, failure: Failure) -> None:
-        """Leave the lane to a new thread, which the next action starts, when its own has failed for good."""
+        """Clear the lane if its thread has failed for good; the next action starts a new one."""
         if failure.is_final:
             with self._changed:
                 self._lanes.pop(lane, None)
@@ -124,7 +123,7 @@ class Outbox:
                 action()
             except Exception as failure:
                 error = f"{key}: {failure}"
-                # The close of the session is reported elsewhere; messages lost by it are no further error.
+                # Messages lost because the session was closed are not an error.
                 is_expected = self._closed or isinstance(failure, SessionClosed)
                 logger.log(logging.INFO if is_expected else logging.ERROR, "sending on %s failed: %s", key, failure)
             with self._changed:

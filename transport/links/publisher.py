@@ -1,4 +1,4 @@
-"""Publishers of one key: plain, or latched, whose last message late subscribers get."""
+"""Publishers of one key: plain, or latched, which keep the last message for late subscribers."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from transport import zenoh_api
 from transport.links.last_message import LastMessage, MadeOnce, Payload
 from transport.links.session import Resource, Session
 
-# Each priority has a queue of its own on each link: what is small never waits behind what is large.
+# Each priority has its own queue on each link, so that small messages do not wait for large ones.
 URGENT = "INTERACTIVE_HIGH"
 SMALL = "INTERACTIVE_LOW"
 LARGE = "DATA_LOW"
 LARGEST = "BACKGROUND"
-# [s] Longest wait for a put that is under way.
+# Longest wait for a running put on closing [s].
 CLOSE_TIMEOUT = 2.0
 
 
@@ -26,7 +26,7 @@ class Publisher(Resource):
 
     Attributes:
         key: key on which it publishes.
-        count: payloads that were put.
+        count: number of payloads published.
     """
 
     def __init__(
@@ -44,13 +44,13 @@ class Publisher(Resource):
 
         Args:
             session: open session.
-            key: where to publish.
-            latched: whether late joiners get the last payload, and receivers notice losses.
+            key: key on which to publish.
+            latched: True if late subscribers get the last payload, and receivers detect losses.
             priority: priority on congested links, one of `URGENT`, `SMALL`, `LARGE`, `LARGEST`.
-            encoding: encoding of all payloads, as in `transport.messages.typestore`; None says nothing.
-            answers: whether a query (`get`) of the key itself gets the last payload too.
-            stamped: payloads carry timestamps in place of numbers, as replies can too: Zenoh's advanced subscribers
-                are handed each payload once, and `NewestReceiver` notices no loss.
+            encoding: Zenoh encoding of the payloads, as `typestore.cdr`; None = unspecified.
+            answers: True if a query (`get`) of the key itself also returns the last payload.
+            stamped: identify payloads by timestamps instead of numbers. Zenoh's advanced subscribers then get each
+                payload once, but `NewestReceiver` does not detect losses.
 
         Raises:
             SessionClosed: the session is closed.
@@ -71,11 +71,10 @@ class Publisher(Resource):
         super().__init__(session)
 
     def put(self, payload: Payload | Callable[[], Payload], attachment: bytes | None = None) -> None:
-        """Send one payload. Returns without error when nobody listens or the link is down.
+        """Publish a payload. Not an error if there are no subscribers or the link is down.
 
         Args:
-            payload: payload, or a function that makes it, which is called when somebody has subscribed, or when
-                somebody asks for it later.
+            payload: payload, or a function that makes it, called only if there are subscribers or a later query.
             attachment: bytes that are sent with the payload.
 
         Raises:
@@ -99,7 +98,7 @@ class Publisher(Resource):
     def _release(self) -> None:
         if self._last is not None:
             self._last.close()
-        # Zenoh refuses to undeclare a publisher that another thread uses; the session's end undeclares it too.
+        # Zenoh cannot undeclare a publisher in use by another thread; then closing the session undeclares it.
         if self._lock.acquire(timeout=CLOSE_TIMEOUT):
             try:
                 self._session.undeclare(self._raw)

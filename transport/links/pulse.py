@@ -1,4 +1,4 @@
-"""Periodic messages of a Zenoh session, sent together from one thread."""
+"""Periodic messages of a session, sent together from one thread."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Callable
 
 from transport.supervision import report, supervised
 
-# [s] Between two beats.
+# Period [s].
 PERIOD = 0.5
 CLOSE_TIMEOUT = 2.0
 
 
 class Pulse:
-    """Calls all added actions at each beat, on a thread that lives from the first action until `close`.
+    """Calls all added actions periodically, on a thread that runs from the first action until `close`.
 
-    Each message wakes its sender, the router and the reader; several that are sent together wake each of them once.
+    Every message wakes the sender, the router and the reader; messages sent together wake each of them once.
     """
 
     def __init__(self) -> None:
@@ -26,12 +26,12 @@ class Pulse:
         self._thread: threading.Thread | None = None
 
     def add(self, owner: object, action: Callable[[], None], *, first: bool = False) -> None:
-        """Call `action` at each beat from now on, until `owner` is removed; it must be quick.
+        """Call `action` in each period from now on, until `owner` is removed.
 
         Args:
             owner: object that the action belongs to; a second action of the same owner replaces the first.
-            action: function that sends a small message.
-            first: whether to call it before the actions that are there already, as for one that is slow.
+            action: function that sends a small message; must be quick.
+            first: call it before the existing actions.
         """
         with self._lock:
             self._actions = {owner: action, **self._actions} if first else {**self._actions, owner: action}
@@ -40,7 +40,7 @@ class Pulse:
                 self._thread.start()
 
     def remove(self, owner: object) -> None:
-        """No longer call what `owner` added, but for a call that runs just now; safe to call twice."""
+        """Remove the action of `owner`; a call in progress is not interrupted. Safe to call twice."""
         with self._lock:
             self._actions = {other: action for other, action in self._actions.items() if other is not owner}
 

@@ -1,4 +1,4 @@
-"""A received message with its time of arrival, decoded at its first use."""
+"""Received messages with their time of arrival, decoded at their first use."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Received(Generic[T]):
-    """A message with the time of its arrival.
+    """Message with its time of arrival.
 
     Attributes:
         message: decoded message.
-        number: counts the samples of this receiver, from 1.
-        arrival: time of its arrival by `transport.clock.now()` [s].
-        arrival_stamp: [ns] since the epoch, by this machine's clock.
+        number: number of the sample at this receiver, from 1.
+        arrival: time of arrival by `transport.clock.now()` [s].
+        arrival_stamp: time of arrival by this machine's wall clock [ns since the epoch].
     """
 
     message: T
@@ -32,7 +32,7 @@ class Received(Generic[T]):
 
     @property
     def age(self) -> float:
-        """[s] since the arrival."""
+        """Time since the arrival [s]."""
         return clock.now() - self.arrival
 
 
@@ -40,7 +40,7 @@ class Sample(Generic[T]):
     """Payload with its time of arrival, decoded at most once."""
 
     def __init__(self, payload: bytes, number: int, decode: Callable[[bytes], T]) -> None:
-        """Take the present as the time of its arrival."""
+        """Record the current time as the time of arrival."""
         self.number = number
         self.taken = False
         self._arrival = (clock.now(), time.time_ns())
@@ -50,7 +50,7 @@ class Sample(Generic[T]):
         self._result: Received[T] | MessageError | None = None
 
     def open(self, *, counts: bool = True) -> Received[T]:
-        """The message with its arrival; from now on it counts as asked for, unless `counts` is False.
+        """Decode the message; it then counts as read unless `counts` is False.
 
         Raises:
             MessageError: the payload is not a valid message.

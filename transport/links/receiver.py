@@ -16,7 +16,7 @@ from transport.links.session import Resource, Session
 from transport.supervision import Seldom, report
 
 logger = logging.getLogger(__name__)
-# [s] How long closing waits for a callback of the user to return.
+# Longest wait for a user's callback on closing [s].
 CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
@@ -25,17 +25,17 @@ T = TypeVar("T")
 class NewestReceiver(Resource, Generic[T]):
     """Receiver of one key that keeps only the newest message.
 
-    Zenoh's thread copies each payload, which replaces the one before; the thread that asks decodes it. A slow reader
-    therefore never sees an old message, and never delays another. What was published before, or lost on a
-    slow link, is fetched.
+    Zenoh's thread copies each payload over the one before, and the reading thread decodes it. A slow reader therefore
+    never sees an old message and never delays another reader. Messages published earlier, or lost on a slow link, are
+    fetched.
 
     Attributes:
-        key: key that it receives.
-        received: samples that arrived.
-        superseded: samples that a newer one replaced before anybody asked for them.
-        missed: samples that were published and lost on the way.
-        rejected: samples that were not a valid message.
-        refused: samples from another sender, or out of order.
+        key: key of the messages.
+        received: number of samples that arrived.
+        superseded: number of samples replaced by a newer one before they were read.
+        missed: number of samples published but lost.
+        rejected: number of samples that were not a valid message.
+        refused: number of samples from another sender, or out of order.
     """
 
     def __init__(
@@ -51,11 +51,11 @@ class NewestReceiver(Resource, Generic[T]):
 
         Args:
             session: open session.
-            key: key to receive.
-            decode: makes a message of a payload; raises MessageError when it is not one.
-            latched: ask for the last message that was published before, and notice losses.
-            refusal: returns the reason to refuse a message, empty to accept it; called once for each that arrives, on
-                Zenoh's thread. Refusals are counted and logged at a limited rate.
+            key: key of the messages.
+            decode: decodes a payload; raises MessageError if it is not valid.
+            latched: fetch the last message published before, and detect losses.
+            refusal: returns the reason to refuse a message, or ""; called once for each, on Zenoh's thread. Refusals
+                are counted and logged at a limited rate.
 
         Raises:
             SessionClosed: the session is closed.
@@ -80,7 +80,7 @@ class NewestReceiver(Resource, Generic[T]):
         self._listen(True)
 
     def _listen(self, wanted: bool) -> None:
-        """Subscribe, or unsubscribe: what is published is then fetched piece by piece."""
+        """Subscribe, or unsubscribe to fetch messages piece by piece instead."""
         with self._listening:
             if wanted and self._raw is None and not self.is_closed:
                 self._raw = zenoh_api.declare_subscriber(self._session.raw, self.key, self._on_sample)
@@ -90,12 +90,12 @@ class NewestReceiver(Resource, Generic[T]):
 
     @property
     def fetched(self) -> int:
-        """Samples that did not come by themselves and were fetched, at the beginning or after a loss on the way."""
+        """Number of samples that were fetched, because they were published earlier or lost."""
         return 0 if self._fetcher is None else self._fetcher.fetched
 
     def _on_sample(self, sample: Any) -> None:
-        # Copied here, not when it is read: the payload may lie in memory shared with the publisher, and a
-        # process that was stopped for a while must not find it overwritten.
+        # Copied here and not when read: the payload may be in memory shared with the publisher, which would have
+        # overwritten it by the time a suspended process continues.
         payload = sample.payload.to_bytes()
         number = zenoh_api.number_of(sample)
         if self._fetcher is None or number is None:
@@ -112,7 +112,7 @@ class NewestReceiver(Resource, Generic[T]):
                 refusal = ""
             if refusal:
                 self.refused += 1
-                self._refusals.log("message on %s not taken: %s", self.key, refusal)
+                self._refusals.log("message on %s refused: %s", self.key, refusal)
                 return
         with self._changed:
             if self._sample is not None and not self._sample.taken:
@@ -135,32 +135,32 @@ class NewestReceiver(Resource, Generic[T]):
             raise
 
     def latest(self) -> Received[T] | None:
-        """The newest message, or None when none came yet.
+        """Newest message; None before the first.
 
         Raises:
-            MessageError: the newest sample is not a valid message; an older one is not returned instead.
+            MessageError: the newest sample is not a valid message; no older one is returned instead.
         """
         with self._changed:
             sample = self._sample
         return None if sample is None else self._open(sample)
 
     def wait_for(self, predicate: Callable[[T], bool], timeout: float | None) -> Received[T]:
-        """Wait for a newest message that `predicate` accepts; as `wait_until`, but of the message alone."""
+        """As `wait_until`, with a predicate of the message alone."""
         return self.wait_until(lambda received: predicate(received.message), timeout)
 
     def wait_until(
         self, predicate: Callable[[Received[T]], bool], timeout: float | None, *, after: int = 0
     ) -> Received[T]:
-        """Wait for a newest message that `predicate` accepts; samples that are no valid message are skipped.
+        """Wait for a newest message that `predicate` accepts; invalid samples are skipped.
 
         Args:
             predicate: called in this thread with each newest message and its arrival.
-            timeout: longest wait [s]; None waits without end. Ctrl-C ends the wait.
-            after: number of a sample; only later ones count.
+            timeout: longest wait [s]; None = no limit. Ctrl-C ends the wait.
+            after: number of a sample; only later ones are considered.
 
         Raises:
-            ReceiveTimeout: none came in time.
-            SessionClosed: the receiver was closed meanwhile.
+            ReceiveTimeout: none arrived in time.
+            SessionClosed: the receiver was closed.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
@@ -177,18 +177,18 @@ class NewestReceiver(Resource, Generic[T]):
                 return received
 
     def has_newer(self, received: Received[T]) -> bool:
-        """Check whether a message has arrived after a received one."""
+        """True if another message has arrived after this one."""
         return self.received > received.number
 
     def nothing(self, timeout: float) -> str:
-        """Text about a wait of `timeout` seconds that ended without a message."""
+        """Error text of a wait of `timeout` seconds without a result."""
         return (
-            f"no message on {self.key!r} that fits within {timeout:g} s; {self.received} arrived, "
+            f"no matching message on {self.key!r} within {timeout:g} s; {self.received} arrived, "
             f"{self.rejected} were damaged, {self.missed} were lost"
         )
 
     def _next(self, after: int, timeout: float | None) -> Sample[T] | None:
-        """The newest sample with a larger number than `after`; None when `timeout` [s] passed before."""
+        """Wait for the newest sample with a number above `after`; None after `timeout` [s]."""
 
         def newer() -> Sample[T] | None:
             self._check_open()
@@ -202,16 +202,16 @@ class NewestReceiver(Resource, Generic[T]):
             raise SessionClosed(f"the receiver of {self.key!r} is closed")
 
     def on_newest(self, callback: Callable[[Received[T]], None]) -> None:
-        """Call `callback` with the newest message, again and again, on a thread of its own.
+        """Call `callback` with each newest message on a thread of its own.
 
-        Of what arrives meanwhile it gets the newest alone. An error that it raises is logged, and it is called again
-        with the next message.
+        Of the messages that arrive during a call only the newest is passed on. An exception of the callback is logged,
+        and it is called again with the next message.
 
         Raises:
             SessionClosed: the receiver is closed.
         """
         self._check_open()
-        # A daemon: a callback that never returns must not keep the interpreter from ending.
+        # A daemon thread: a callback that never returns must not keep the interpreter alive.
         thread = self._session.thread(f"transport-{self.key}", lambda: self._dispatch(callback))
         self._threads.append(thread)
         thread.start()

@@ -1,4 +1,4 @@
-"""Dictionary of the entries that were set last."""
+"""Dictionary that keeps the most recently set entries."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ V = TypeVar("V")
 
 
 class Recent(dict[K, V]):
-    """Dictionary of at most `most` entries; setting one makes it the newest, and drops the oldest beyond them."""
+    """Dictionary of at most `most` entries; setting one makes it the newest, and the oldest is dropped if necessary."""
 
     def __init__(self, most: int) -> None:
-        """Begin empty."""
+        """Start empty."""
         super().__init__()
         self._most = most
 

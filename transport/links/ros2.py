@@ -1,4 +1,4 @@
-"""Bridge to ROS 2: messages published as rmw_zenoh does, so that ROS 2 nodes see them as topics."""
+"""Bridge to ROS 2: publishes messages in the way of rmw_zenoh, so that ROS 2 nodes see them as topics."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from transport.links.publisher import Publisher
 from transport.links.session import Resource, Session
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, cdr, dds_type_name, type_hash
 
-# Name of the node as ROS 2 tools show it.
+# Node name shown by ROS 2 tools.
 NODE_NAME = "guara_perception"
 
-# Reliable, transient local, keep last 1, everything else at its default.
+# Quality of service: reliable, transient local, keep last 1, otherwise defaults.
 QOS = ":1:,1:,:,:,,"
 
 # Highest ROS domain id.
@@ -27,17 +27,17 @@ FIRST_ENTITY_ID = 10
 
 
 def data_key(domain: int, topic: str, type_name: str) -> str:
-    """Key under which rmw_zenoh exchanges one topic; `topic` without the slash in front."""
+    """Key of a topic in rmw_zenoh; `topic` without leading slash."""
     return f"{domain}/{topic}/{dds_type_name(type_name)}/{type_hash(type_name)}"
 
 
 def node_token_key(domain: int, zenoh_id: str) -> str:
-    """Key of the liveliness token by which ROS 2 tools know this node."""
+    """Key of the liveliness token that represents this node in ROS 2."""
     return f"@ros2_lv/{domain}/{zenoh_id}/{NODE_ID}/{NODE_ID}/NN/%/%/{NODE_NAME}"
 
 
 def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, type_name: str) -> str:
-    """Key of the liveliness token by which ROS 2 tools know one publisher; `topic` without slash in front."""
+    """Key of the liveliness token that represents a publisher in ROS 2; `topic` without leading slash."""
     mangled = "%" + topic.replace("/", "%")
     return (
         f"@ros2_lv/{domain}/{zenoh_id}/{NODE_ID}/{entity_id}/MP/%/%/{NODE_NAME}/{mangled}/"
@@ -46,19 +46,19 @@ def publisher_token_key(domain: int, zenoh_id: str, entity_id: int, topic: str, 
 
 
 def publisher_id(token_key: str) -> bytes:
-    """The 16 bytes that identify a publisher: the hash of its token's key, low half first."""
+    """Identity of a publisher, 16 bytes: the hash of its token's key, low half first."""
     import xxhash
 
     return bytes(xxhash.xxh3_128_intdigest(token_key.encode()).to_bytes(16, "little"))
 
 
 def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
-    """Attachment of a sample as in rmw_zenoh: sequence from 1, time [ns], length of the id, the id."""
+    """Attachment of a sample in rmw_zenoh: sequence from 1, time [ns], length of the id, the id."""
     return struct.pack("<qqB", sequence, stamp, len(identity)) + identity
 
 
 class _Topic:
-    """One topic: its publisher, token and count."""
+    """Topic with its publisher, token and sequence number."""
 
     def __init__(self, session: Session, domain: int, entity_id: int, topic: str, type_name: str) -> None:
         token_key = publisher_token_key(domain, session.zenoh_id, entity_id, topic, type_name)
@@ -81,16 +81,16 @@ class _Topic:
 
 
 class Ros2Bridge(Resource):
-    """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and a late subscriber gets the last message.
+    """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and transient local for late subscribers.
 
-    `/<robot>/occupancy` and `/<robot>/grid_map` are there from the start, others from their first message on.
+    `/<robot>/occupancy` and `/<robot>/grid_map` exist from the start, other topics from their first message on.
     """
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT, domain: int = 0) -> None:
         """Declare the node and the two topics.
 
         Raises:
-            ConfigurationError: a domain that ROS 2 does not have, or a name that no ROS 2 topic can have.
+            ConfigurationError: the domain is not valid, or the name cannot be part of a ROS 2 topic.
             KeyNameError: the robot's name cannot be part of a key.
         """
         if not 0 <= domain <= MAXIMUM_DOMAIN:
@@ -112,8 +112,8 @@ class Ros2Bridge(Resource):
         """Send a CDR payload.
 
         Args:
-            name: name of the topic below `/<robot>/`; with a slash in front it is the whole name.
-            type_name: name of the message type, such as `nav_msgs/msg/OccupancyGrid`; a topic always has the same.
+            name: name of the topic below `/<robot>/`, or the full name with a leading slash.
+            type_name: message type of the topic, such as `nav_msgs/msg/OccupancyGrid`.
             payload: payload of that type.
         """
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"

@@ -1,4 +1,4 @@
-"""Zenoh sessions of nodes and clients, which close all that was declared in them."""
+"""Zenoh sessions of nodes and clients, which close everything declared in them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from transport.security.folder import configured_endpoints, load_configuration, 
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# [s] Between two attempts to connect; short, so that Ctrl-C is answered at once.
+# Interval of attempts to connect [s]; short, so that Ctrl-C takes effect immediately.
 RETRY_INTERVAL = 0.1
 
 CHECK_LISTEN = (
@@ -45,19 +45,19 @@ Configuration = Mapping[str, Any] | str
 
 
 class Session:
-    """An open Zenoh session with everything declared in it; use it in a `with` block.
+    """Open Zenoh session with everything declared in it; use it in a `with` block.
 
-    Open one with `open_node` or `open_client`. Whatever is declared through this package is closed with
-    it, at the end of the main thread at the latest, so that a script that crashes does not hang.
+    Made by `open_node` or `open_client`. Everything declared through this package is closed with it, at the latest when
+    the main thread ends, so that a script that crashes does not hang.
 
     Attributes:
         endpoints: addresses at which it listens or to which it connects.
-        pulse: sender of what is repeated twice a second.
-        is_closed: whether `close` was called.
+        pulse: sender of periodic messages.
+        is_closed: True after `close`.
     """
 
     def __init__(self, configuration: Configuration, endpoints: tuple[str, ...]) -> None:
-        """Open at once or fail; see `open_node` and `open_client`."""
+        """Open the session, without retries; see `open_node` and `open_client`."""
         warm_up()
         self._raw: Any = zenoh_api.open_raw(configuration)
         self._lock = threading.RLock()
@@ -81,7 +81,7 @@ class Session:
         """The Zenoh session.
 
         Raises:
-            SessionClosed: it is closed.
+            SessionClosed: the session is closed.
         """
         if self.is_closed:
             raise SessionClosed(f"the Zenoh session is closed; {self._cause}")
@@ -89,15 +89,15 @@ class Session:
 
     @property
     def zenoh_id(self) -> str:
-        """Zenoh's id of this session, hexadecimal."""
+        """Hexadecimal Zenoh id of this session."""
         return str(self.raw.zid())
 
     def links(self) -> tuple[str, ...]:
-        """Addresses of the other ends of all links that are up now; empty when nobody is connected."""
+        """Remote addresses of all current links."""
         return () if self.is_closed else tuple(str(link.dst) for link in self._raw.info.links())
 
     def own(self, resource: Closable) -> None:
-        """Close `resource` together with this session, before it.
+        """Close `resource` with this session, before the session itself.
 
         Raises:
             SessionClosed: the session is closed already.
@@ -108,19 +108,19 @@ class Session:
             self._resources.append(resource)
 
     def disown(self, resource: Closable) -> None:
-        """Forget a resource that was closed by itself."""
+        """Forget a resource that has been closed."""
         with self._lock:
             if resource in self._resources:
                 self._resources.remove(resource)
 
     def undeclare(self, *declared: Any) -> None:
-        """Withdraw what was declared in Zenoh, which has done so itself when it is closed."""
+        """Undeclare Zenoh entities, unless the session is closed, which undeclares them too."""
         if not self._raw.is_closed():
             for entry in declared:
                 entry.undeclare()
 
     def thread(self, name: str, target: Callable[[], Any]) -> threading.Thread:
-        """A supervised thread, not started yet; the session closes when it fails for good, and what uses it raises."""
+        """Make a supervised thread, not started; the session closes if it fails for good, so that its users raise."""
         return supervised(name, target, on_failure=self._on_failure)
 
     def _on_failure(self, failure: Failure) -> None:
@@ -129,11 +129,11 @@ class Session:
             self.close()
 
     def attempt(self, action: Callable[[], Any], what: str) -> Any:
-        """Run a call into Zenoh and turn its error into one of this package.
+        """Call Zenoh and convert its errors into those of this package.
 
         Raises:
             SessionClosed: the session is closed.
-            TransportError: Zenoh refused; the text says what was tried.
+            TransportError: Zenoh reported an error; the message begins with `what`.
         """
         try:
             return action()
@@ -143,7 +143,7 @@ class Session:
             raise TransportError(f"{what}: {zenoh_api.error_text(error)}") from error
 
     def close(self) -> None:
-        """Close all that was declared, newest first, then the session; safe to call twice."""
+        """Close everything declared, newest first, then the session; safe to call twice."""
         with self._lock:
             if self.is_closed:
                 return
@@ -174,22 +174,22 @@ def open_node(
     """Open the session of a node that publishes.
 
     Args:
-        listen: endpoints that clients connect to; the node is the Zenoh router. None takes this machine only,
-            or what the security folder says.
-        connect: endpoint of an external router; then the node listens nowhere.
-        uplink: endpoint of a further router that the node dials besides listening, and again whenever the link is
-            gone; nobody waits for it. What is asked for there is sent once, however many read it behind it.
+        listen: endpoints for clients; the node is their Zenoh router. None = this machine only, or the endpoints of the
+            security folder.
+        connect: endpoint of an external router; the node then does not listen.
+        uplink: endpoint of another router that the node connects to besides listening, with reconnection; does not
+            wait for it. Every message is sent over it once, however many readers are behind it.
         security: folder made by `guara security init`, or its folder `node`.
-        allow_insecure: listen beyond this machine, or have an uplink there, without security.
+        allow_insecure: allow endpoints or an uplink beyond this machine without security.
         shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
-            millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
-        timeout: [s] to wait for an external router.
+            millisecond per grid, but leaks 17 MB and 2 descriptors for each process that dies.
+        timeout: time to wait for an external router [s].
 
     Raises:
-        ConfigurationError: an endpoint is not valid, or open to other machines without security; `connect` and
-            `uplink` at once.
+        ConfigurationError: an endpoint is not valid, or open to other machines without security; both `connect` and
+            `uplink` are given.
         SecurityError: the security folder is incomplete.
-        ConnectionFailed: the port is taken, or the external router does not answer.
+        ConnectionFailed: the port is in use, or the external router does not respond.
     """
     if connect is not None and uplink is not None:
         raise ConfigurationError(
@@ -201,7 +201,7 @@ def open_node(
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
-        # Clients behind the router at the other end of an uplink reach this node through it.
+        # Clients of the router at the other end of an uplink can reach this node too.
         check_exposure((*endpoints, *(() if uplink is None else (uplink,))), allow_insecure=allow_insecure)
         return listen_with(node_configuration(endpoints, uplink=uplink, shared_memory=shared_memory), endpoints)
     folder = role_folder(security, "node")
@@ -219,17 +219,15 @@ def open_client(
     """Open the session of a client: a planner, a viewer, the gait controller.
 
     Args:
-        endpoint: where the node or the router listens. None takes the default on this machine, or what the
-            security folder says.
+        endpoint: endpoint of the node or router. None = the default on this machine, or that of the security folder.
         security: folder of a role, such as `DIR/planner`, made by `guara security init`.
-        shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine. Saves a
-            millisecond per grid; a process that lives on keeps 17 MB and 2 descriptors of each that died.
-        timeout: time to wait for the router, which is dialled again until then [s]; Ctrl-C ends the wait.
+        shared_memory: as in `open_node`.
+        timeout: time for attempts to connect [s]; Ctrl-C ends the wait.
 
     Raises:
         ConfigurationError: the endpoint is not valid, or not encrypted although a security folder is given.
         SecurityError: the security folder is incomplete.
-        ConnectionFailed: no connection within `timeout`; the text lists what to check.
+        ConnectionFailed: no connection within `timeout`; the message lists what to check.
     """
     return _open_client(endpoint, security, "planner", shared_memory=shared_memory, timeout=timeout)
 
@@ -249,7 +247,7 @@ def _open_client(
 
 
 def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Session:
-    """Open a session that listens, from a whole Zenoh configuration; errors as in `open_node`."""
+    """Open a session that listens, from a complete Zenoh configuration; errors as in `open_node`."""
     try:
         return Session(configuration, endpoints)
     except zenoh_api.zenoh_error() as error:
@@ -259,7 +257,7 @@ def listen_with(configuration: Configuration, endpoints: tuple[str, ...]) -> Ses
 
 
 def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeout: float) -> Session:
-    """Open a client's session from a whole Zenoh configuration; errors as in `open_client`."""
+    """Open a client's session from a complete Zenoh configuration; errors as in `open_client`."""
     deadline = time.monotonic() + timeout
     while True:
         try:
@@ -274,22 +272,22 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
 
 
 class Resource(ABC):
-    """Something declared in a session, which closes it at the latest with itself.
+    """Base class of objects that are declared in a session and closed with it.
 
     Attributes:
-        is_closed: whether `close` was called.
+        is_closed: True after `close`.
     """
 
     is_closed = False
 
     def __init__(self, session: Session) -> None:
-        """Belong to `session`."""
+        """Register with `session`."""
         self._session = session
         self._close_lock = threading.Lock()
         session.own(self)
 
     def close(self) -> None:
-        """Withdraw it; safe to call twice, from any thread, and after the session."""
+        """Undeclare it; safe to call twice, from any thread, and after the session was closed."""
         with self._close_lock:
             if self.is_closed:
                 return
@@ -299,4 +297,4 @@ class Resource(ABC):
 
     @abstractmethod
     def _release(self) -> None:
-        """Withdraw what was declared; called once."""
+        """Undeclare and release everything; called once."""

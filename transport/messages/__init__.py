@@ -1,4 +1,4 @@
-"""Messages in Python, checked on construction, and their CDR payloads; independent of Zenoh.
+"""Messages as dataclasses, checked on construction, and their CDR payloads; independent of Zenoh.
 
-Any module may import it; of the transport it imports only errors, names of keys and array types.
+Imports only errors, keys and array types of the transport; used by all other folders.
 """

@@ -1,4 +1,4 @@
-"""Questions over Zenoh and their answers: grids, scans, status, the clock of another machine.
+"""Queries over Zenoh and their servers: grids, scans, status, the clock of another machine.
 
-Imports `links`, `messages` and the files beside the rooms; `grids`, client and server use it.
+Imports `links`, `messages` and the files above these folders; used by `grids`, client and server.
 """

@@ -1,4 +1,4 @@
-"""Queries whose replies are yielded one by one, until a deadline or until the other side dies."""
+"""Queries whose replies are yielded one by one, until a deadline or until the server disappears."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from transport import zenoh_api
 from transport.links.session import Session
 
-# [s] Beyond the caller's timeout, so that the answerer's own message that the deadline passed can still arrive.
+# Time added to the caller's timeout, so that the server's own timeout message can still arrive [s].
 GRACE = 0.5
 
-# [s] Between two checks of a waiting caller that the other side still lives.
+# Interval of liveliness checks while waiting [s].
 POLL = 0.05
 
 ZENOH_TIMEOUT = b"Timeout"
@@ -21,15 +21,15 @@ ZENOH_TIMEOUT = b"Timeout"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One event of an open query.
+    """Event of an open query.
 
     Attributes:
-        key: key of a reply; access rules judge it, so that it says whose reply it is.
+        key: key of a reply; access rules restrict it, so it identifies the sender.
         payload: payload of a reply, or None.
         error: payload of an error reply, or None.
-        timed_out: the deadline passed.
-        vanished: the other side died while the query was open.
-        ended: no more replies will come.
+        timed_out: True if the deadline passed.
+        vanished: True if the server disappeared while the query was open.
+        ended: True if no more replies will follow.
     """
 
     key: str = ""
@@ -50,20 +50,20 @@ def ask(
     priority: str = "INTERACTIVE_HIGH",
     encoding: str | None = None,
 ) -> Iterator[Answer]:
-    """Send a query and yield what comes back; the last answer is `ended`, `timed_out` or `vanished`.
+    """Send a query and yield the replies; the last event is `ended`, `timed_out` or `vanished`.
 
     Args:
         session: open session.
         key: key of the queryable.
         payload: payload of the query.
-        timeout: time after which the caller no longer waits [s]; Ctrl-C ends the wait.
-        is_alive: whether the other side still lives; called while waiting.
+        timeout: longest wait [s]; Ctrl-C ends it.
+        is_alive: returns True while the server is alive; called while waiting.
         priority: priority of the query and its replies on congested links.
-        encoding: encoding of the payload, as in `transport.messages.typestore`.
+        encoding: Zenoh encoding of the payload.
 
     Raises:
         SessionClosed: the session is closed.
-        TransportError: Zenoh refused the query.
+        TransportError: Zenoh rejected the query.
     """
     answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
 

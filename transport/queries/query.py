@@ -20,7 +20,7 @@ from transport.messages.terrain_message import TerrainMessage, crop_terrain
 from transport.messages.typestore import QUERY_REQUEST, TERRAIN, cdr, compact
 from transport.queries.asking import ask
 
-# Questions that are answered at a time; more are dropped.
+# Largest number of pending queries; more are dropped.
 MAXIMUM_ANSWERS = 16
 
 Provider = Callable[[str], TerrainMessage | None]
@@ -30,7 +30,7 @@ class QueryServer(Answerer):
     """Answers queries for the newest grid of one robot."""
 
     def __init__(self, session: Session, provider: Provider, *, robot: str = DEFAULT_ROBOT) -> None:
-        """Declare the queryable; `provider(extent)` returns the newest message or None, and must be quick."""
+        """Declare the queryable; `provider(extent)` returns the newest message or None without blocking."""
         self._provider = provider
         super().__init__(session, query_key(robot), self._reply, limit=MAXIMUM_ANSWERS)
 
@@ -60,22 +60,22 @@ def query_terrain(
     timeout: float = 5.0,
     encoding: str = "lossless",
 ) -> TerrainMessage:
-    """Ask for the newest grid, or the cells that a region touches.
+    """Query the newest grid, or the cells that a region touches.
 
     Args:
         session: open session.
         robot: instance name.
         extent: "footprint" or "map".
-        region: [m] (x_min, x_max, y_min, y_max) in the frame of the grid; None for all of it.
+        region: (x_min, x_max, y_min, y_max) in the frame of the grid [m]; None for the whole grid.
         timeout: longest wait [s].
-        encoding: "lossless" or "compact"; a node of an earlier version answers lossless.
+        encoding: "lossless" or "compact"; nodes of earlier versions reply lossless.
 
     Raises:
         KeyNameError: unknown encoding.
-        MessageError: the extent or the region is not allowed, or lies off the grid.
+        MessageError: the extent is not allowed, or the region is not allowed or outside the grid.
         StaleTerrain: the node has no grid yet.
-        ScannerUnavailable: nobody answers, or this side may not ask.
-        ReceiveTimeout: no answer in time.
+        ScannerUnavailable: no reply, or no permission to query.
+        ReceiveTimeout: no reply in time.
     """
     request = QueryRequest(extent=extent, region=region)
     payload = encode_query_request(request)

@@ -1,4 +1,4 @@
-"""Clock of another process, bounded by a round trip: it was read between question and answer."""
+"""Clock of another process, bounded by a round trip: it was read between query and reply."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from transport.links.session import Resource, Session
 from transport.queries.asking import ask
 
 logger = logging.getLogger(__name__)
-# [s] Between attempts while nobody answers.
+# Interval of attempts while there is no reply [s].
 RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
 CLOSE_TIMEOUT = 2.0
-# Drift of two clocks: a time server slews a wall clock by 500 ppm at most, oscillators add 50 ppm each.
+# Relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, oscillators add 50 ppm each.
 DRIFT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class ClockBound:
-    """The other clock showed `reading` at some instant between `asked` and `answered` of this machine's clock [s]."""
+    """Bound of another clock: it showed `reading` between `asked` and `answered` of this machine's clock [s]."""
 
     reading: float
     asked: float
     answered: float
 
     def earliest(self, reading: float) -> float:
-        """Earliest instant [s] of this machine's clock at which the other clock can have shown `reading` [s]."""
+        """Earliest time by this machine's clock at which the other clock can have shown `reading` [s]."""
         since = reading - self.reading
         return self.asked + since - DRIFT * abs(since)
 
     def latest(self, reading: float) -> float:
-        """Latest instant [s] of this machine's clock at which the other clock can have shown `reading` [s]."""
+        """Latest time by this machine's clock at which the other clock can have shown `reading` [s]."""
         since = reading - self.reading
         return self.answered + since + DRIFT * abs(since)
 
     def after(self, newer: ClockBound) -> ClockBound:
-        """The bound to use once `newer` is known too: the tighter one, or the newer where the clock was set."""
+        """Better of this bound and a newer one: the tighter, or the newer if the clock was set in between."""
         drift = DRIFT * (newer.answered - self.answered)
         was_set = (
             newer.reading - newer.asked < self.reading - self.answered - drift
@@ -51,14 +51,14 @@ class ClockBound:
 
 
 class RemoteClock(Resource):
-    """Clock of another process, read now and then by a query on a thread of its own.
+    """Clock of another process, queried periodically on a background thread.
 
     Attributes:
         key: key that is queried.
     """
 
     def __init__(self, session: Session, key: str, *, period: float) -> None:
-        """Begin to ask every `period` [s]."""
+        """Start querying every `period` [s]."""
         self.key, self._period = key, period
         self._tried = threading.Event()
         self._wake = threading.Event()
@@ -67,16 +67,16 @@ class RemoteClock(Resource):
         self._thread.start()
 
     def wake(self) -> None:
-        """Ask now: somebody who answers has come, or the answer is needed."""
+        """Query now, because a server appeared or the reading is needed."""
         self._tried.clear()
         self._wake.set()
 
     def wait(self, timeout: float) -> None:
-        """Wait until it was asked at least once since `wake`, `timeout` [s] at most."""
+        """Wait for the end of a query since `wake`, at most `timeout` [s]."""
         self._tried.wait(max(0.0, timeout))
 
     def ask(self, timeout: float = ANSWER_TIMEOUT) -> bool:
-        """Ask now, in this thread; whether an answer came.
+        """Query now, in this thread; True if a valid reply arrived.
 
         Raises:
             SessionClosed: the session is closed.
@@ -95,10 +95,10 @@ class RemoteClock(Resource):
 
     @abstractmethod
     def _take(self, payload: bytes, asked: float, answered: float) -> bool:
-        """Read an answer, asked for and received at these instants [s]; False to wait for that of somebody else.
+        """Process a reply, given the times of query and reply [s]; return False to wait for another one.
 
         Raises:
-            MessageError: it is none.
+            MessageError: the reply is not valid.
         """
 
     def _run(self) -> None:

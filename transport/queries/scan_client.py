@@ -1,4 +1,4 @@
-"""Client of scan requests: sends one, follows its progress and raises its failure."""
+"""Client of scan requests: sends a request, follows its progress and raises its failure."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REQUEST, cdr
 from transport.queries.asking import ask
 
-# [s] A process that died is known to be gone within this time.
+# Time within which the death of a process is noticed [s].
 GONE_WITHIN = 0.5
-# [s] A grid may take this long after its scan was reported as done, however little of the timeout is left.
+# Least time to wait for the grid after its scan was reported as done [s].
 ARRIVES_WITHIN = 2.0
 
 
 def new_request_id() -> str:
-    """An id that no other request has."""
+    """Make a unique request id."""
     return uuid.uuid4().hex
 
 
@@ -52,27 +52,27 @@ def request_scan(
     on_progress: Callable[[ScanReply], None] | None = None,
     is_alive: Callable[[], bool] | None = None,
 ) -> ScanReply:
-    """Ask for a scan and wait for its end.
+    """Request a scan and wait until it is done.
 
     Args:
         session: open session.
         robot: instance name.
         mode: "coarse" or "standard".
         timeout: time within which the scan must be done [s]; Ctrl-C ends the wait.
-        request_id: the same id again returns the same scan, not a second one; None makes a new id.
-        on_progress: called in this thread with each reply that says how far the scan is.
-        is_alive: tells whether the node still lives, to notice a hung one before the timeout.
+        request_id: a repeated id returns the same scan instead of a second one; None = a new id.
+        on_progress: called in this thread with each PROGRESS reply.
+        is_alive: returns True while the node is alive, to notice a hung one before the timeout.
 
     Returns:
-        The DONE reply: its step and the sequence of the terrain message, which was published before.
+        The DONE reply, with step and sequence of the terrain message, which was published before.
 
     Raises:
         MessageError: the mode or the timeout is not allowed.
-        ScannerUnavailable: nobody answers, or this side may not ask.
-        ScanBusy: the scanner works on another request.
-        ScanFailed: the scanner refused, or could not finish; `code` says why.
+        ScannerUnavailable: no reply, or no permission to request scans.
+        ScanBusy: the scanner is working on another request.
+        ScanFailed: the scanner refused or could not finish; `code` is the cause.
         ScanTimeout: not done in time.
-        ScannerGone: the scanner died while it worked.
+        ScannerGone: the scanner died during the scan.
     """
     request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
     deadline = time.monotonic() + timeout
@@ -86,7 +86,7 @@ def request_scan(
             break
         if _has_gone(is_alive):
             raise ScannerGone(f"the node of {robot!r} went away before it answered")
-        # A node that has just come up is known to live a little before it is known to scan: it is asked once more.
+        # The token of a node that has just started is seen slightly before its queryable: try once more.
     raise ScannerUnavailable(
         f"no scanner answers on {scan_key(robot)!r}: no node of robot {robot!r} runs, or this side may not "
         f"trigger scans (the role of its certificate)"
@@ -98,12 +98,12 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
 
     Args:
         done: reply that ended the request.
-        before: number of samples that had arrived before the request.
+        before: number of samples received before the request.
     """
 
     def is_result(received: Received[TerrainMessage]) -> bool:
         terrain = received.message
-        # Sequences start again with the node: a later number counts only for what came after the request.
+        # Sequences restart with the node, so a later one counts only if it arrived after the request.
         is_later = received.number > before and terrain.sequence > done.sequence
         return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
 
@@ -118,7 +118,7 @@ def _asked(
     on_progress: Callable[[ScanReply], None] | None,
     is_alive: Callable[[], bool] | None,
 ) -> ScanReply | None:
-    """Send a request and follow it; the DONE reply, or None when nobody answers."""
+    """Send a request and follow it; return the DONE reply, or None if there is no reply."""
     accepted = False
     payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)
     for answer in ask(session, scan_key(robot), payload, timeout, is_alive=is_alive, encoding=encoding):
@@ -148,7 +148,7 @@ def _asked(
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:
-    """Check whether the node has died; the end of its replies may be noticed before its token vanishes."""
+    """Test that the node has died; the end of its replies may be noticed before its token disappears."""
     deadline = time.monotonic() + GONE_WITHIN
     while is_alive():
         if time.monotonic() > deadline:
@@ -161,7 +161,7 @@ def _read_refusal(payload: bytes) -> Refusal:
     try:
         return decode_refusal(payload)
     except MessageError:
-        # Zenoh itself answers with plain text, for example when a queryable raised.
+        # Zenoh itself replies with plain text, for example if a queryable raised.
         return Refusal(id="", code="failed", message=payload[:200].decode("utf-8", "replace"))
 
 

@@ -1,4 +1,4 @@
-"""Server of scan requests: at most one scan per request, and one final reply to each that is accepted."""
+"""Server of scan requests: at most one scan per request id, and one final reply to each accepted request."""
 
 from __future__ import annotations
 
@@ -26,17 +26,21 @@ from transport.messages.typestore import SCAN_REPLY, cdr
 from transport.supervision import Failure, supervised
 
 logger = logging.getLogger(__name__)
-# Finished requests whose result a repeated request gets.
+# Number of finished requests whose result is kept for repeated requests.
 REMEMBERED = 32
-# [s] How long closing waits for the handler to give up.
+# Longest wait for the handler on closing [s].
 CLOSE_TIMEOUT = 2.0
 
 
 class ScanJob:
-    """One accepted request, as the handler sees it."""
+    """Accepted request, passed to the handler.
+
+    Attributes:
+        request: the request.
+        cancelled: set when the handler should stop.
+    """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
-        """Made by the server."""
         self.request = request
         self.cancelled = threading.Event()
         self._deadline = time.monotonic() + request.timeout
@@ -44,16 +48,16 @@ class ScanJob:
 
     @property
     def remaining(self) -> float:
-        """[s] until the deadline of the request; 0 when it has passed."""
+        """Time until the deadline of the request [s]; 0 after it."""
         return max(0.0, self._deadline - time.monotonic())
 
     def progress(self, stripes_done: int, stripes_total: int) -> None:
-        """Report the progress of the scan; returns at once."""
+        """Report the progress of the scan; returns immediately."""
         self._report(stripes_done, stripes_total)
 
 
 class _Work:
-    """A running request: its job, the queries to answer, the latest progress, and the final reply once it is sent."""
+    """Running request: its job, the open queries, the latest progress, and the final reply once sent."""
 
     def __init__(self, job: ScanJob, queries: list[Any]) -> None:
         self.job = job
@@ -70,10 +74,10 @@ Admission = Callable[[ScanRequest], None]
 
 
 class ScanServer(Answerer):
-    """Answers scan requests of one robot.
+    """Server of scan requests of one robot.
 
-    One request at a time is worked on. A repeated id joins the running scan or gets the result of the finished
-    one. When the deadline passes, the asker gets a reply FAILED at once and `ScanJob.cancelled` is set.
+    It works on one request at a time. A repeated id joins the running scan or gets the result of the finished one. At
+    the deadline the client gets a FAILED reply and `ScanJob.cancelled` is set.
     """
 
     def __init__(
@@ -88,11 +92,11 @@ class ScanServer(Answerer):
 
         Args:
             session: open session.
-            handler: runs on a thread of its own; looks at `job.cancelled`, reports progress, and returns the
-                grid when it is sent. Raises ScanFailed (with a code) when it cannot.
+            handler: called on a background thread; must check `job.cancelled`, report progress, and return the grid
+                after publishing it, or raise ScanFailed with a code.
             robot: instance name.
-            admission: called before a request is accepted; raises ScanFailed with the code of the refusal, such
-                as "not_stationary".
+            admission: called before a request is accepted; raises ScanFailed with the code of the refusal, such as
+                "not_stationary".
         """
         self._handler = handler
         self._admission = admission
@@ -109,7 +113,7 @@ class ScanServer(Answerer):
         return self._work is not None
 
     def _reply(self, query: Any, reply: ScanReply) -> None:
-        """Post a reply: those to one query go out in order, and none waits for the link of another."""
+        """Post a reply: those to one query are sent in order, and none waits for the link of another query."""
         payload = encode_scan_reply(reply)
         is_last = reply.state in (ScanState.DONE, ScanState.FAILED)
 
@@ -118,7 +122,7 @@ class ScanServer(Answerer):
             if is_last:
                 query.drop()
 
-        # The query lives as long as this action, and with it no other can have its id.
+        # The action keeps the query alive, so its `id` is unique.
         self._outbox.post("last" if is_last else reply.state.name, send, lane=str(id(query)))
 
     def _refuse(self, query: Any, request_id: str, code: str, message: str) -> None:
@@ -206,7 +210,7 @@ class ScanServer(Answerer):
     def _finish(self, work: _Work, last: ScanReply, *, returned: bool = False) -> None:
         with self._lock:
             if returned:
-                # Free before the asker hears of the end, so that its next request is not called busy.
+                # Before the final reply, so that the client's next request is not refused as busy.
                 self._work = None
             if work.last is not None or self._is_stopped:
                 return
@@ -217,7 +221,7 @@ class ScanServer(Answerer):
                 self._reply(query, last)
 
     def _release(self) -> None:
-        # A running scan ends as failed, and its handler gets some time to return.
+        # A running scan fails, and its handler gets some time to return.
         work = self._work
         if work is not None:
             work.job.cancelled.set()

@@ -1,4 +1,4 @@
-"""Status of a node, published once a second and on change, and returned to queries."""
+"""Status of a node: published once a second and on change, and returned to queries."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from transport.messages.status_message import Status, StatusItem, encode_status
 from transport.messages.typestore import STATUS, cdr
 
 logger = logging.getLogger(__name__)
-# Beats of the session's pulse, half a second each, between two messages without change.
+# Number of pulse periods, half a second each, between two messages without change.
 BEATS = 2
-# [s] Between two messages on change: a thousand bad messages a second must not cause a thousand statuses.
+# Least time between two messages on change [s], so that a flood of events does not become a flood of messages.
 LEAST_GAP = 0.05
 CLOSE_TIMEOUT = 2.0
 
 
 class StatusReporter(Resource):
-    """Publishes what `collect` returns: once a second with the session's pulse, and at once on change."""
+    """Publishes the items that `collect` returns: once a second with the session's pulse, and on change."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class StatusReporter(Resource):
         *,
         robot: str = DEFAULT_ROBOT,
     ) -> None:
-        """Start reporting; `collect` runs on either thread, one at a time, and must be quick."""
+        """Start reporting; `collect` is called from several threads and must be quick."""
         self._collect = collect
         self._beats = 0
         self._reporting = threading.Lock()
@@ -49,11 +49,11 @@ class StatusReporter(Resource):
         session.pulse.add(self, self._on_beat, first=True)
 
     def changed(self) -> None:
-        """Report now, or `LEAST_GAP` after the last report on change; returns at once."""
+        """Report now, or `LEAST_GAP` after the last report on change; returns immediately."""
         self._wake.set()
 
     def follow(self, take: Callable[[bytearray], None]) -> None:
-        """Hand the payload of each status that is sent to `take` too, which must be quick."""
+        """Also pass the payload of each status sent to `take`, which must be quick."""
         self._followers.append(take)
 
     def _run(self) -> None:
@@ -76,7 +76,7 @@ class StatusReporter(Resource):
 
     def _report(self) -> None:
         try:
-            # What was collected later must not be sent earlier.
+            # Statuses must be sent in the order of collection.
             with self._reporting:
                 payload = self._status()
                 self._publisher.put(payload)

@@ -1,6 +1,6 @@
-"""Recordings in MCAP files: scans, grids and the calibration, written during a walk, read back, recovered if cut.
+"""Recordings of scans, grids and calibration in MCAP files: writing, reading, and recovery of truncated files.
 
-Imported by the programs that write, show and replay them; it imports the messages.
+Imports the messages; used by the programs that write, show and replay recordings.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Append-only file of whole records: a record that a full disk left incomplete is truncated."""
+"""Append-only file of complete records: what a full disk left incomplete is truncated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 class GrowingFile:
-    """Buffers what is written and appends it all or nothing; what could not be appended stays in the buffer.
+    """File that buffers writes and appends the buffer completely or not at all.
 
     Attributes:
         pending: bytes that were not appended yet.
@@ -27,30 +27,29 @@ class GrowingFile:
         """
         how = os.O_TRUNC if empties else os.O_EXCL
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | how | os.O_CLOEXEC, 0o666)
-        # Tells others that the file still grows; the lock goes with the process. Some network disks have none.
+        # The lock tells other processes that the file still grows. Some network file systems do not support it.
         with suppress(OSError):
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
         self.pending = bytearray()
 
     def write(self, data: bytes) -> int:
-        """Collect; never fails."""
+        """Add to the buffer; never fails."""
         self.pending += data
         return len(data)
 
     def tell(self) -> int:
-        """Offset at which the next byte will stand."""
+        """Offset of the next byte in the file."""
         return self._size + len(self.pending)
 
     def flush(self) -> None:
-        """Do nothing: only `append` writes, and reports errors."""
+        """Do nothing: only `append` writes to the file."""
 
     def append(self) -> None:
-        """Append all that was collected.
+        """Append the buffer to the file.
 
         Raises:
-            OSError: the disk is full or gone. The file then ends where it ended before, and everything is still there
-                for the next attempt.
+            OSError: the disk is full or gone. File and buffer are unchanged, so that `append` can be repeated.
         """
         if not self.pending:
             return
@@ -60,7 +59,7 @@ class GrowingFile:
                 while written < len(view):
                     written += os.write(self._descriptor, view[written:])
         except OSError:
-            # The incomplete record must go: a reader stops at it, and would never see what follows.
+            # Remove the incomplete record: a reader stops at it and would not see what follows.
             os.ftruncate(self._descriptor, self._size)
             os.lseek(self._descriptor, self._size, os.SEEK_SET)
             raise
@@ -68,7 +67,7 @@ class GrowingFile:
         self.pending.clear()
 
     def sync(self) -> None:
-        """Wait for the disk.
+        """Flush to the disk.
 
         Raises:
             OSError: the disk is gone.
@@ -76,7 +75,7 @@ class GrowingFile:
         os.fsync(self._descriptor)
 
     def close(self) -> None:
-        """Close the file; what was not appended is lost. Safe to call twice."""
+        """Close the file; the buffer is lost. Safe to call twice."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -1,4 +1,4 @@
-"""Limits on the memory that reading a recording takes: 128 kB of a hostile file can unpack to gigabytes."""
+"""Limits on the memory for reading a recording: 128 kB of a hostile file can decompress to gigabytes."""
 
 from __future__ import annotations
 
@@ -10,42 +10,42 @@ from typing import Any
 
 from transport.exceptions import RecordingError
 
-# [byte] Largest chunk once unpacked; one holds 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
+# Largest decompressed chunk [byte]: usually 1 MiB, or a single frame (12 Mpx of three channels at 16 bit: 72 MB).
 MAXIMUM_CHUNK = 96 * 1024 * 1024
-# [byte] A file may unpack to this, plus its own length times the ratio.
+# Largest decompressed size of a file [byte]: this constant plus its own size times the ratio.
 MAXIMUM_UNPACKED, MAXIMUM_RATIO = 256 * 1024 * 1024, 100
-# A file may hold this number of records, plus its own length divided by the bytes for each.
+# Largest number of records in a file: this constant plus its own size divided by the bytes for each.
 MAXIMUM_RECORDS, BYTES_PER_RECORD = 100_000, 64
 
 
 class BoundedFile(BufferedReader):
-    """A file of which no more bytes are read than it has left, whatever a length in it says."""
+    """File whose reads are limited to the bytes that remain, whatever lengths it states."""
 
     def __init__(self, path: Path) -> None:
-        """Open it for reading; OSError when that fails."""
+        """Open for reading; OSError if that fails."""
         super().__init__(FileIO(path))
         self.size = path.stat().st_size
 
     def read(self, count: int | None = -1) -> bytes:
-        """At most `count` bytes."""
+        """Read at most `count` bytes."""
         left = max(0, self.size - self.tell())
         return super().read(left if count is None or count < 0 else min(count, left))
 
 
 class Unpacker:
-    """Unpacks the chunks of one file, and refuses more than a recording of its length can hold."""
+    """Decompressor of the chunks of one file, with limits that depend on the file's size."""
 
     def __init__(self, size: int) -> None:
-        """For a file of `size` bytes."""
+        """Set the limits for a file of `size` bytes."""
         self._bytes = MAXIMUM_UNPACKED + MAXIMUM_RATIO * size
         self._records = MAXIMUM_RECORDS + size // BYTES_PER_RECORD
 
     def records(self, chunk: Any) -> Iterator[Any]:
-        """The schemas, channels and messages of a chunk, one by one.
+        """Iterate over the schemas, channels and messages of a chunk.
 
         Raises:
-            RecordingError: it unpacks to too much.
-            Exception: whatever damaged bytes provoke in the decompressor and in MCAP.
+            RecordingError: a limit is exceeded.
+            Exception: errors of the decompressor and of MCAP for damaged data.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
@@ -77,7 +77,7 @@ class Unpacker:
         if chunk.compression == "zstd":
             import zstandard
 
-            # The size in the frame itself counts for the decompressor, not the one that it is given.
+            # The decompressor uses the size stated in the frame, not `max_output_size`.
             stated = zstandard.get_frame_parameters(chunk.data).content_size
             if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
                 raise RecordingError(f"a chunk of {size} bytes says that it unpacks to {stated}")

@@ -1,4 +1,4 @@
-"""Reads a recording: its scans, their frames, the grids and the calibration."""
+"""Reader of recordings: scans, frames, grids and calibration."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compre
 
 
 class StoredMessage(NamedTuple):
-    """A message in a file: offset of its chunk, topic, own stamp [ns], time of writing [ns], payload."""
+    """Message in a file: offset of its chunk, topic, publish time [ns], log time [ns], payload."""
 
     chunk: int
     topic: str
@@ -33,16 +33,16 @@ class StoredMessage(NamedTuple):
 
 
 class Recording:
-    """An open MCAP recording; use it in a `with` block. Each frame is read from the file when it is needed.
+    """Open MCAP recording; use it in a `with` block. Frames and grids are read from the file on demand.
 
     Attributes:
-        path: file.
-        scans: scans in the order in which they were recorded; the last of a recovered file may not be whole.
-        calibration: text of the attached `calibration.json`, None when there is none.
+        path: the file.
+        scans: scans in the order of recording; the last one of a recovered file may be incomplete.
+        calibration: text of the attached `calibration.json`; None if there is none.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file and read all but the frames and grids; see `open_recording`."""
+        """Open the file and read everything except frames and grids; see `open_recording`."""
         from mcap.reader import make_reader
 
         self.path = Path(path)
@@ -61,10 +61,10 @@ class Recording:
         except RecordingError:
             self._file.close()
             raise
-        except Exception as error:  # cut bytes provoke errors of the container, the decompressor and of Python
+        except Exception as error:  # truncated data raise errors of the container, the decompressor and Python
             self._file.close()
             raise RecordingError(
-                f"{self.path} is no whole recording ({type(error).__name__}: {error}); if it was cut, "
+                f"{self.path} is not a complete recording ({type(error).__name__}: {error}); if it was truncated, "
                 f"`guara recover` restores what is in it"
             ) from error
 
@@ -91,14 +91,14 @@ class Recording:
         raise RecordingError(f"{self.path} holds no frame of {topic} at {stamp} ns")
 
     def terrains(self, extent: str = "footprint") -> Iterator[TerrainMessage]:
-        """The grids of one extent, in order; MessageError for a damaged one."""
+        """Iterate over the grids of one extent, in order; MessageError for a damaged one."""
         if extent not in EXTENTS:
             raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
         for payload in self._payloads("terrain" if extent == "footprint" else "map"):
             yield decode_terrain(payload)
 
     def stance_pauses(self) -> Iterator[StancePause]:
-        """The announcements of stance pauses, in order; MessageError for a damaged one."""
+        """Iterate over the announcements of stance pauses, in order; MessageError for a damaged one."""
         for payload in self._payloads("stance"):
             yield decode_stance_pause(payload)
 
@@ -108,7 +108,7 @@ class Recording:
             yield decode_stance_stream(payload)
 
     def messages(self, short: str) -> Iterator[Any]:
-        """Message objects of one topic, by its short name (without the robot), in order.
+        """Iterate over the message objects of a topic, given by its short name (without the robot), in order.
 
         Raises:
             RecordingError: unknown topic.
@@ -120,7 +120,7 @@ class Recording:
             yield decode(payload, TYPES[short])
 
     def written(self, short: str) -> Iterator[tuple[int, Any]]:
-        """As `messages`, each with the time at which it was written [ns since the epoch]."""
+        """As `messages`, each with its log time [ns since the epoch]."""
         for found in self._messages(self._topics(short)):
             yield found.log_time, decode(found.payload, TYPES[short])
 
@@ -137,7 +137,7 @@ class Recording:
             yield found.payload
 
     def _messages(self, topics: list[str], chunk: int | None = None) -> Iterator[StoredMessage]:
-        """Messages of some topics, all or those of the chunk at one offset, in the order of writing."""
+        """Iterate over the messages of some topics, of all chunks or of one by its offset, in the order of writing."""
         if not topics:
             return
         summary = cast(Any, self._summary)
@@ -145,20 +145,20 @@ class Recording:
         try:
             for at, message in self._stored(summary, set(wanted), chunk):
                 if message.channel_id in wanted:
-                    # The stamp of a frame stands in publish_time; in recordings of earlier versions also in log_time.
+                    # publish_time is the stamp of a frame; in recordings of earlier versions log_time is too.
                     topic = wanted[message.channel_id]
                     yield StoredMessage(at, topic, message.publish_time, message.log_time, message.data)
         except GeneratorExit:
             raise
-        except Exception as error:  # the container, the decompressor and Python each have their own
+        except Exception as error:  # errors of the container, the decompressor and Python
             raise RecordingError(
                 f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
             ) from error
 
     def _stored(self, summary: Any, channels: set[int], chunk: int | None) -> Iterator[tuple[int, Any]]:
-        """Messages of the chunks that may hold some of these channels, or of that at one offset, in order.
+        """Iterate over the messages of chunks that may contain these channels, or of the one at an offset, in order.
 
-        Each with the offset of its chunk in the file; 0 in a file without an index of chunks.
+        Each with the offset of its chunk in the file; 0 in a file without a chunk index.
         """
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk, Message
@@ -175,7 +175,7 @@ class Recording:
             at = index.chunk_start_offset
             is_there = chunk in (None, at)
             if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
-                # Behind the opcode and the length of the record.
+                # After the opcode and the length of the record.
                 self._file.seek(at + 9)
                 for record in unpacker.records(Chunk.read(ReadDataStream(cast(Any, self._file)))):
                     if isinstance(record, Message):
@@ -237,6 +237,6 @@ def open_recording(path: str | Path) -> Recording:
     """Open an MCAP recording.
 
     Raises:
-        RecordingError: the file cannot be read, is no MCAP file, or was cut.
+        RecordingError: the file cannot be read, is not an MCAP file, or is truncated.
     """
     return Recording(path)

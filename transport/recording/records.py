@@ -1,4 +1,4 @@
-"""Records of a scan in a recording: frames, stripes, and the scan that they belong to."""
+"""Records of a recorded scan: frames, stripes, and the scan itself."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ KINDS = {name: kind for kind, name in ENCODINGS.items()}
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FrameRecord:
-    """A picture of the camera: either its pixels, or the bytes of a picture file.
+    """Camera image: either its pixels, or the content of an image file.
 
     Attributes:
-        pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None for a picture file.
-        data: bytes of a picture file; None for pixels.
+        pixels: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, read-only; None for an image file.
+        data: content of an image file; None for pixels.
         format: "jpeg" or "png"; empty for pixels.
         stamp: [ns] since the epoch.
     """
@@ -43,13 +43,13 @@ class FrameRecord:
     stamp: int = 0
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the fields.
 
         Raises:
-            MessageError: both or none of pixels and data, an unknown format, another shape or dtype.
+            MessageError: both or neither of pixels and data, an unknown format, or a wrong shape or dtype.
         """
         if (self.pixels is None) == (self.data is None):
-            raise MessageError("a frame needs either pixels or the bytes of a picture file, not both or none")
+            raise MessageError("a frame needs either pixels or the bytes of an image file, not both or none")
         if self.data is not None and self.format not in COMPRESSED_FORMATS:
             allowed = ", ".join(map(repr, COMPRESSED_FORMATS))
             raise MessageError(f"format of a frame is {self.format!r}; allowed: {allowed}")
@@ -66,11 +66,11 @@ class FrameRecord:
 
 @dataclass(frozen=True, slots=True)
 class FrameReference:
-    """Position of a frame in a recording.
+    """Reference to a frame in a recording.
 
     Attributes:
         topic: topic of the frame's message.
-        stamp: [ns] of the frame; no two frames of a topic share one.
+        stamp: stamp of the frame, unique in its topic [ns].
     """
 
     topic: str
@@ -79,16 +79,16 @@ class FrameReference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripeRecord:
-    """One stripe of a recorded scan.
+    """Stripe of a recorded scan.
 
     Attributes:
         index: index in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
-        on: frame with the laser on, None when it was lost.
-        off: frame with the laser off, None when there is none; stripes may share one.
+        on: frame with the laser on; None if it was lost.
+        off: frame with the laser off; None if there is none. Stripes may share one.
         stamp: [ns] since the epoch.
-        dark: frame of the dark flash after the stripe, None where none was due or it was lost.
-        is_dark_due: whether the code of the sweep has a dark flash there.
+        dark: frame of the dark flash after the stripe; None if there was none or it was lost.
+        is_dark_due: True if the flash code of the sweep has a dark flash after the stripe.
     """
 
     index: int
@@ -102,7 +102,7 @@ class StripeRecord:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ScanRecord:
-    """A recorded scan.
+    """Recorded scan.
 
     Attributes:
         robot: instance name.
@@ -110,10 +110,10 @@ class ScanRecord:
         stamp: [ns] since the epoch.
         step: number of the stance pause.
         stance: stance at the beginning.
-        calibration_hash: hash of the calibration that was used; empty without one.
-        stance_end: stance after the scan, None when it was not read.
-        stripes: the stripes, in the order in which they were taken.
-        is_whole: whether the recording holds the scan to its end.
+        calibration_hash: hash of the calibration; may be empty.
+        stance_end: stance after the scan; None if it was not read.
+        stripes: the stripes, in the order of scanning.
+        is_whole: True if the recording contains the complete scan.
     """
 
     robot: str
@@ -127,7 +127,7 @@ class ScanRecord:
     is_whole: bool = True
 
     def __post_init__(self) -> None:
-        """Check.
+        """Check the fields.
 
         Raises:
             MessageError: an unknown mode, or a mirror angle that is not finite.
@@ -144,8 +144,8 @@ def _kind(pixels: Array) -> tuple[str, int]:
 
 
 def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> Any:
-    """Make a sensor_msgs/Image message object of pixels (h, w) or (h, w, channels) in one of ROS's encodings."""
-    # The message says little endian, also when it is written on a big-endian machine.
+    """Make a sensor_msgs/Image message object from pixels (h, w) or (h, w, channels) in a ROS encoding."""
+    # Little endian, also on a big-endian machine.
     pixels = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("<"))
     height, width = pixels.shape[:2]
     return message_class(IMAGE)(
@@ -160,7 +160,7 @@ def image_message(pixels: Array, encoding: str, frame_id: str, stamp: int) -> An
 
 
 def make_frame(frame: FrameRecord, stamp: int) -> Any:
-    """A sensor_msgs/Image or sensor_msgs/CompressedImage message object."""
+    """Make a sensor_msgs/Image or sensor_msgs/CompressedImage message object."""
     header = make_header(stamp, CAMERA_FRAME)
     if frame.pixels is None:
         data = np.frombuffer(frame.data or b"", dtype=np.uint8)
@@ -169,10 +169,10 @@ def make_frame(frame: FrameRecord, stamp: int) -> Any:
 
 
 def read_frame(message: Any, stamp: int) -> FrameRecord:
-    """A FrameRecord from a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
+    """Read a sensor_msgs/Image or sensor_msgs/CompressedImage message object.
 
     Raises:
-        MessageError: an encoding that is not among ENCODINGS, or data of another length than the size says.
+        MessageError: an encoding that is not in ENCODINGS, or data whose length does not match the size.
     """
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return FrameRecord(data=message.data.tobytes(), format=message.format, stamp=stamp)

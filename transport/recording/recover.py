@@ -1,4 +1,4 @@
-"""Recovery of cut or damaged recordings: every intact record is copied into a new file with an index."""
+"""Recovery of truncated or damaged recordings: every intact record is copied into a new file with an index."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from transport.exceptions import RecordingError
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.topic_file import CHUNK_SIZE
 
-# [byte] Longer records are taken as damage; a chunk has 1 MiB, or one frame of a few MiB.
+# Longer records [byte] count as damaged.
 RECORD_LIMIT = MAXIMUM_CHUNK + 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """Result of the recovery of a damaged recording.
+    """Result of the recovery of a recording.
 
     Attributes:
-        messages: messages that were saved.
-        attachments: attachments that were saved.
-        damaged_chunks: chunks of full length with damaged content, which were left out.
-        bytes_lost: bytes at the end of the file that belong to no whole record.
-        was_whole: the file had its index and nothing was lost.
+        messages: number of messages recovered.
+        attachments: number of attachments recovered.
+        damaged_chunks: number of complete chunks with damaged content, which were left out.
+        bytes_lost: number of bytes at the end of the file that are not a complete record.
+        was_whole: True if the file had its end and nothing was lost.
     """
 
     messages: int
@@ -41,7 +41,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     """Copy all intact records of `source` into the new file `destination`.
 
     Raises:
-        RecordingError: `source` cannot be read or is no MCAP file, or `destination` exists or cannot be written.
+        RecordingError: `source` cannot be read or is not an MCAP file; `destination` exists or cannot be written.
     """
     from mcap.writer import CompressionType, Writer
 
@@ -49,7 +49,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
     if new.exists():
         raise RecordingError(f"{new} exists; give another name, or remove it first")
     partial = new.with_name(f".{new.name}.part")
-    # Number of messages, attachments and damaged chunks, position in the file, and whether its end was reached.
+    # Numbers of messages, attachments and damaged chunks; position in the file; 1 once its end was reached.
     counts = Counter[str]()
     try:
         size = old.stat().st_size
@@ -73,7 +73,7 @@ def recover_recording(source: str | Path, destination: str | Path) -> Recovery:
 
 
 def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
-    """Records in the order of the file, those of a chunk one by one; ends silently where the file is cut."""
+    """Iterate over the records in the order of the file, also those in chunks, up to where the file is truncated."""
     from mcap.records import Chunk, DataEnd
     from mcap.stream_reader import StreamReader
 
@@ -85,7 +85,7 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
             record = next(records)
         except StopIteration:
             return
-        except Exception as error:  # EndOfFile, struct.error and whatever else cut bytes provoke
+        except Exception as error:  # EndOfFile, struct.error or any other error that truncated data cause
             if counts["position"] == 0:
                 raise RecordingError(f"{path} is no MCAP file ({error})") from error
             return
@@ -96,10 +96,10 @@ def _records(stream: Any, counts: Counter[str], path: Path) -> Iterator[Any]:
         if not isinstance(record, Chunk):
             yield record
             continue
-        # All of a chunk or nothing: a message without those before it in its chunk has no meaning.
+        # All of a chunk or nothing: a message may be meaningless without those before it.
         try:
             inner = list(unpacker.records(record))
-        except Exception:  # the decompressor has errors of its own kind
+        except Exception:  # errors of the decompressor and of MCAP
             counts["damaged"] += 1
             continue
         yield from inner

@@ -1,4 +1,4 @@
-"""An MCAP file in the making, to which payloads are added by topic; what was flushed survives the process."""
+"""MCAP file to which payloads are added by topic; flushed data survive the process."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
 from transport.recording.topics import TYPES, full_name, quality_of_service
 
-# [byte] Larger chunks compress no better, and a killed process loses the last one.
+# Size of a chunk [byte]; larger ones compress no better, and a killed process loses the last one.
 CHUNK_SIZE = 1024 * 1024
-# [byte] What a full disk refused is kept in memory up to here, about one scan.
+# Largest buffer for data that a full disk did not accept [byte]: about one scan.
 MAXIMUM_PENDING = 64 * 1024 * 1024
 
 
 class TopicFile:
-    """Not thread-safe. A topic is known to the file from its first payload on."""
+    """MCAP file that is being written; not thread-safe. Topics are registered at their first payload."""
 
     def __init__(self, path: Path, robot: str, *, atomic: bool, sync: bool) -> None:
-        """Create the file; arguments as those of `RecordingWriter`.
+        """Create the file; arguments as in `RecordingWriter`.
 
         Raises:
             RecordingError: the file exists or cannot be written.
@@ -46,11 +46,11 @@ class TopicFile:
 
     @property
     def size(self) -> int:
-        """Size of the file, with what waits for the disk [byte]."""
+        """Size of the file, including buffered data [byte]."""
         return self._file.tell()
 
     def attach(self, name: str, kind: str, content: bytes) -> None:
-        """Attach a file's content; a full disk gets it later.
+        """Attach the content of a file; buffered if the disk is full.
 
         Raises:
             RecordingError: the file is closed.
@@ -61,25 +61,25 @@ class TopicFile:
             self._file.append()
 
     def add(self, short: str, payload: bytes | bytearray, stamp: int | None = None) -> None:
-        """Add a CDR payload by the name of its topic in `TYPES`; `stamp` [ns] is its publish time, None for now.
+        """Add a CDR payload by the name of its topic in `TYPES`; `stamp` is its publish time [ns], None = now.
 
         Raises:
-            RecordingError: the file is closed, or what a full disk refused has grown beyond `MAXIMUM_PENDING`.
+            RecordingError: the file is closed, or the disk is full and the buffer exceeds `MAXIMUM_PENDING`.
         """
         self._check_open()
         if len(self._file.pending) > MAXIMUM_PENDING:
             self.flush()
-        # The clock may be set back during a recording; readers want the order of writing.
+        # The clock may be set back during a recording; log_time must keep the order of writing.
         self._log_time = max(self._log_time, time.time_ns())
         self._writer.add_message(
             self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
         )
-        # Nothing of this is acknowledged yet: an error that lasts is raised by the flush that acknowledges it.
+        # Not acknowledged yet: a persistent error is raised by the next flush.
         with suppress(OSError):
             self._file.append()
 
     def flush(self) -> None:
-        """Hand all that was added to the operating system, and to the disk with `sync`.
+        """Write everything added to the file, and to the disk with `sync`.
 
         Raises:
             RecordingError: the disk is full or gone, or the file is closed.
@@ -94,7 +94,7 @@ class TopicFile:
             raise RecordingError(f"cannot write {self._path}: {error.strerror}") from error
 
     def close(self) -> None:
-        """Write the index, and give an atomic file its name; safe to call twice.
+        """Write the index, and rename an atomic file; safe to call twice.
 
         Raises:
             RecordingError: the disk is full or gone.
@@ -114,7 +114,7 @@ class TopicFile:
             self._file.close()
 
     def discard(self) -> None:
-        """Remove what was written."""
+        """Close and delete the file."""
         self._closed = True
         self._file.close()
         self._partial.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Topics of a recording, and the type of each."""
+"""Topics of a recording and their types."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from transport.messages.typestore import (
     TEXT,
 )
 
-# Type of each topic by its short name: what follows `/<robot>/`, or the whole name where it holds no robot's.
-# A late subscriber to one of these wants only the messages that follow,
+# Types of topics by short name: the part after `/<robot>/`, or the full name of topics without a robot.
+# Volatile topics: late subscribers get only the messages that follow,
 STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
@@ -37,7 +37,7 @@ STREAMED = {
     "stance_stream": STANCE_STREAM,
     "/tf": FRAMES,
 }
-# to one of the others the last message too.
+# Transient local topics are added: late subscribers get the last message too.
 TYPES = STREAMED | {
     "terrain": TERRAIN,
     "map": TERRAIN,
@@ -55,10 +55,10 @@ TYPES = STREAMED | {
     "/robot_description": TEXT,
 }
 
-# What ROS 2 takes for no limit of time: 2^63 - 1 ns.
+# Infinite duration in ROS 2: 2^63 - 1 ns.
 _ENDLESS = "{sec: 9223372036, nsec: 854775807}"
 
-# Name of the attachment that holds the calibration.
+# Name of the attachment with the calibration.
 CALIBRATION_NAME = "calibration.json"
 
 
@@ -68,12 +68,12 @@ def full_name(short: str, robot: str) -> str:
 
 
 def short_name(topic: str) -> str:
-    """Name of a topic without the robot's, empty when nothing follows; names without a robot's stay as they are."""
+    """Short name of a topic, the inverse of `full_name`; empty if nothing follows the robot's name."""
     return topic if topic in TYPES else topic.lstrip("/").partition("/")[2]
 
 
 def quality_of_service(short: str) -> str:
-    """Quality of service of a topic as YAML of rosbag2, with which `ros2 bag play` publishes it."""
+    """Quality of service of a topic for `ros2 bag play`, as YAML of rosbag2."""
     depth, durability = (10, "volatile") if short in STREAMED else (1, "transient_local")
     return "\n".join(
         (

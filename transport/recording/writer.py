@@ -1,4 +1,4 @@
-"""Writer of recordings; what it has acknowledged survives a killed process."""
+"""Writer of recordings; acknowledged data survive the death of the process."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
 
 class RecordingWriter:
-    """Writer of an MCAP file of ROS 2 messages; use it in a `with` block, from any thread.
+    """Writer of an MCAP file of ROS 2 messages; use it in a `with` block. Thread-safe.
 
-    A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. What is acknowledged survives
-    the end of the process. Records that a full disk refused are kept, up to `MAXIMUM_PENDING`, and written when there
-    is space again; the file never holds an incomplete record before a whole one.
+    A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. Acknowledged data survive the end
+    of the process. Records that a full disk did not accept are buffered, up to `MAXIMUM_PENDING`, and written when
+    there is space again; the file never contains an incomplete record before a complete one.
 
-    In the file, log_time is when a message was written and never goes back. publish_time is the same, but for frames:
-    theirs is the stamp by which stripes refer to them.
+    In the file, log_time is the time of writing and never decreases. publish_time is the same, except for frames, where
+    it is the stamp by which stripes refer to them.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class RecordingWriter:
             path: new file, usually `*.mcap`.
             robot: instance name, part of the topics.
             calibration: text of `calibration.json` to attach.
-            atomic: whether to write under another name, and give the file its own when it is whole.
-            sync: whether to wait for the disk at each acknowledgement too, against loss of power.
+            atomic: write under a temporary name and rename the file when it is complete.
+            sync: flush to the disk at each acknowledgement, against loss of power.
 
         Raises:
-            RecordingError: the file exists or cannot be created; a full disk is reported at the next acknowledgement.
+            RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement.
         """
         self.path = Path(path)
         self._robot = check_name(robot)
@@ -70,7 +70,7 @@ class RecordingWriter:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Finish the file; an atomic one is dropped when the block was left by an error."""
+        """Finish the file; delete an atomic one if the block was left by an exception."""
         with self._lock:
             if error is not None and self._atomic:
                 self._file.discard()
@@ -79,7 +79,7 @@ class RecordingWriter:
 
     @property
     def size(self) -> int:
-        """[byte] Size of the file so far."""
+        """Current size of the file [byte]."""
         with self._lock:
             return self._file.size
 
@@ -89,7 +89,7 @@ class RecordingWriter:
         return self._scan is not None
 
     def begin_scan(self, scan: ScanRecord) -> None:
-        """Start a scan; its stripes are added one by one, whatever `scan.stripes` holds.
+        """Start a scan; stripes are added by `add_stripe`, and `scan.stripes` is ignored.
 
         Raises:
             RecordingError: another scan is open.
@@ -102,9 +102,9 @@ class RecordingWriter:
             self._scan, self._stripes = scan, 0
 
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
-        """Add a picture, and return the reference to pass to `add_stripe`.
+        """Add a frame and return the reference for `add_stripe`.
 
-        A frame without a stamp gets that of the open scan; stamps are moved by nanoseconds to be unique.
+        A frame without a stamp gets that of the open scan; stamps are increased by nanoseconds to be unique.
         """
         kind = "on" if laser_on else "off"
         short = f"camera/{kind}" if frame.pixels is not None else f"camera/{kind}/compressed"
@@ -129,9 +129,9 @@ class RecordingWriter:
         Args:
             index: index in the standard pattern.
             mirror_angle: commanded mirror angle [rad].
-            on: picture with the laser on, None when it was lost.
-            off: picture with the laser off; a reference to share one between stripes.
-            stamp: [ns]; None takes that of the picture, or of the scan.
+            on: frame with the laser on; None if it was lost.
+            off: frame with the laser off; a reference to share one between stripes.
+            stamp: [ns]; None = that of the frame, or of the scan.
 
         Raises:
             RecordingError: no scan is open.
@@ -146,11 +146,11 @@ class RecordingWriter:
             self._stripes += 1
 
     def add_dark(self, index: int, mirror_angle: float, frame: FrameRecord | FrameReference | None, stamp: int) -> None:
-        """Add the dark flash after a stripe of the open scan, right after the stripe.
+        """Add the dark flash after a stripe of the open scan; call it right after `add_stripe`.
 
         Args:
             index, mirror_angle: those of the stripe.
-            frame: its picture, None when it was lost.
+            frame: frame of the dark flash; None if it was lost.
             stamp: [ns].
 
         Raises:
@@ -162,7 +162,7 @@ class RecordingWriter:
             self._file.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
-        """End the open scan; when this returns the scan is safe.
+        """End the open scan and acknowledge it.
 
         Raises:
             RecordingError: no scan is open, or the disk is full.
@@ -178,12 +178,12 @@ class RecordingWriter:
             self._file.flush()
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
-        """Add a grid of either extent; when this returns it is safe."""
+        """Add a grid of either extent and acknowledge it."""
         short = "terrain" if terrain.extent == "footprint" else "map"
         self._put(short, encode_terrain(terrain))
 
     def add_stance_pause(self, pause: StancePause) -> None:
-        """Add the begin or end of a stance pause; when this returns it is safe."""
+        """Add an announcement of a stance pause and acknowledge it."""
         self._put("stance", encode_stance_pause(pause))
 
     def add_stance_stream(self, stream: StanceStream) -> None:
@@ -192,7 +192,7 @@ class RecordingWriter:
             self._file.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
-        """Add a message object of one of the other topics, such as "occupancy" or "/tf", by its name in `TYPES`.
+        """Add a message object of any other topic in `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
 
         Raises:
             RecordingError: unknown topic, or a message of another type.
@@ -200,10 +200,10 @@ class RecordingWriter:
         self.add_messages([(short, message)])
 
     def add_messages(self, named: Iterable[tuple[str, Any]]) -> None:
-        """Add several message objects, by topic as in `add_message`; all are safe when this returns.
+        """Add several message objects, by topic as in `add_message`, and acknowledge them.
 
         Raises:
-            RecordingError: as in `add_message`; what came before the faulty one is kept.
+            RecordingError: as in `add_message`; the messages before the faulty one are added.
         """
         with self._lock:
             for short, message in named:
@@ -215,12 +215,12 @@ class RecordingWriter:
             self._file.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
-        """Add the CDR payload of a status of the node, as it was sent; safe once a later message is."""
+        """Add the CDR payload of a status of the node; acknowledged with a later message."""
         with self._lock:
             self._file.add("status", payload)
 
     def flush(self) -> None:
-        """Hand all that was added to the operating system, and to the disk with `sync`.
+        """Write everything added to the file, and to the disk with `sync`.
 
         Raises:
             RecordingError: the disk is full or gone.
@@ -229,7 +229,7 @@ class RecordingWriter:
             self._file.flush()
 
     def close(self) -> None:
-        """Write the index, and give an atomic file its name; safe to call twice.
+        """Write the index, and rename an atomic file; safe to call twice.
 
         Raises:
             RecordingError: the disk is full or gone.

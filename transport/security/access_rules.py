@@ -1,4 +1,4 @@
-"""Access rules, by role, of a node that is its own router and of a router that serves several robots."""
+"""Access rules by role, for a node that is its own router and for a router of several robots."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from transport.keys import (
     summary_key,
 )
 
-# Roles of a robot that get a certificate; the node is the router that enforces the rules.
+# Roles of a robot with a certificate each; the node is the router that enforces the rules.
 ROLES = ("node", "gait", "planner", "viewer")
 
-# Roles that belong to no robot: a router of a site, and a fleet member that sees the robots alive and their status.
+# Roles outside robots: a site router, and a fleet member, which may see the live robots and their status.
 ROUTER, FLEET = "router", "fleet"
 
 SUBSCRIBING = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
 SERVING = ("put", "reply", "declare_queryable", "liveliness_token")
 FLEET_KEYS = (FLEET_STATUS, FLEET_ALIVE)
 
-# What each role may do with one robot. A router that reads from below may neither request scans nor say how the robot
-# stands: its certificate speaks for all behind it.
+# Rules of each role for one robot. A router that reads from a node may neither request scans nor announce stances,
+# because its certificate stands for all clients behind it.
 READING = ("read", "history", "send", "ask")
 POLICIES = {"planner": (*READING, "trigger"), "viewer": READING, "gait": ("stance_in", "stance_out")}
 THIN = ("thin_read", "thin_ask", "thin_send")
 WATCHING = ("fleet_read", "fleet_ask", "fleet_send")
-# At a router: what brings a robot's grids, and a node that is its client and takes stance pauses from there.
+# Rules at a router for a source of a robot's grids, and for a node as its client, which also gets stance pauses there.
 SOURCE = ("source_in", "source_out", "look", "looked")
 CLIENT_NODE = (*SOURCE, "stance_to", "stance_from")
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """The links of a router to other routers, by the common names of their certificates.
+    """Other routers linked to a router, by the common names of their certificates.
 
     Attributes:
-        above: routers that it dials; they read from it.
-        below: routers that dial it, each with the robots whose grids it may bring.
-        scans: whether the routers above may request scans.
-        summary_only: whether the routers above get only summaries, status and signs of life.
+        above: routers that it connects to; they read from it.
+        below: routers that connect to it, each with the robots whose grids it may send.
+        scans: True if the routers above may request scans.
+        summary_only: True if the routers above get only summaries, status and liveliness tokens.
     """
 
     above: Sequence[str] = ()
@@ -60,7 +60,7 @@ class Neighbours:
 
 
 class _Rules:
-    """Rules and policies as Zenoh takes them; a rule is written once, when a policy first names it."""
+    """Builder of the rules, subjects and policies of a Zenoh configuration."""
 
     def __init__(self) -> None:
         self._rules: dict[str, dict[str, Any]] = {}
@@ -68,14 +68,14 @@ class _Rules:
         self._policies: list[dict[str, Any]] = []
 
     def write(self, name: str, flow: str, messages: Iterable[str], keys: Iterable[str]) -> None:
-        # A rule without `flows` would hold in both directions.
+        # A rule without `flows` would apply to both directions.
         rule = {"id": name, "permission": "allow", "flows": [flow]}
         self._rules[name] = {**rule, "messages": list(messages), "key_exprs": list(keys)}
 
     def allow(self, subject: str, names: Sequence[str], rules: Sequence[str]) -> None:
-        """Allow these rules to owners of these common names; a subject without names would stand for everybody."""
+        """Grant these rules to the owners of these common names; a subject without names would match everybody."""
         if names:
-            # One property per subject: several would all have to hold at once.
+            # One property per subject: all properties of a subject must match.
             self._subjects.append({"id": subject, "cert_common_names": list(names)})
             self._policies.append({"rules": list(rules), "subjects": [subject]})
 
@@ -96,17 +96,17 @@ def access_control(
     routers: Sequence[str] = (),
     scanning_routers: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The `access_control` section of the Zenoh configuration of a node that is its own router.
+    """Section `access_control` of the Zenoh configuration of a node that is its own router.
 
-    Nothing is allowed but: planner and viewer read everything under `<robot>/perception/v1` and ask for the
-    newest grid and the status; the planner also requests scans; gait publishes stance pauses and tells its clock; a
-    second node may show that it waits for the name; a router that the node dials reads as a viewer does.
+    Allowed are only: planner and viewer read everything under `<robot>/perception/v1` and query the newest grid and
+    the status; the planner also requests scans; the gait publishes stance pauses and its clock; a second node declares
+    that it waits for the name; a router that the node connects to reads like a viewer.
 
     Args:
         robot: instance name.
-        members: common names that have each role; None = the role's own name.
+        members: common names of the members with each role; None = the role's own name.
         routers: common names of routers that may read what the node publishes.
-        scanning_routers: those of them that may also request scans, for whoever is behind them.
+        scanning_routers: those of them that may also request scans for the clients behind them.
     """
     rules = _Rules()
     _write_reading(rules, robot)
@@ -123,16 +123,16 @@ def access_control(
 def router_access_control(
     robots: Mapping[str, Mapping[str, Sequence[str]]], *, neighbours: Neighbours, fleet: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """The `access_control` section of a router that serves several robots.
+    """Section `access_control` of a router that serves several robots.
 
-    Each robot's planner, viewer and gait may do with that robot what they may at its node, and nothing with another;
-    each node brings its own robot's grids. A router below brings the grids of its robots and nothing else, one above
-    reads; no link between routers carries stance pauses.
+    Planner, viewer and gait of each robot have the same rights as at its node, and none for other robots; each node
+    sends the grids of its own robot. A router below sends the grids of its robots and nothing else, a router above
+    reads; no link between routers transfers stance pauses.
 
     Args:
-        robots: instance name -> role -> common names that have it.
+        robots: instance name -> role -> common names of its members.
         neighbours: other routers.
-        fleet: common names of the members that see which robots are alive, and their status.
+        fleet: common names of the members that may see the live robots and their status.
     """
     rules = _Rules()
     _write_watching(rules)
@@ -156,7 +156,7 @@ def router_access_control(
 
 
 def _perception(robot: str) -> list[str]:
-    # `**` does not cover chunks that start with `@`: they are spelt out.
+    # `**` does not match chunks that start with `@`, so these are listed.
     prefix = perception_prefix(robot)
     return [f"{prefix}/**", f"{prefix}/**/@adv/**", f"{prefix}/@alive/**"]
 
@@ -168,7 +168,7 @@ def _stance_keys(robot: str) -> list[str]:
 
 
 def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
-    """Rules for reading what a robot publishes, asking for grids and scans, and announcing stance pauses."""
+    """Add rules for reading what a robot publishes, querying grids and scans, and announcing stance pauses."""
     perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{label}read", "ingress", SUBSCRIBING, perception)
     rules.write(f"{label}history", "ingress", ["query"], [f"{perception_prefix(robot)}/**/@adv/**"])
@@ -180,11 +180,11 @@ def _write_reading(rules: _Rules, robot: str, label: str = "") -> None:
 
 
 def _write_source(rules: _Rules, robot: str) -> None:
-    """Rules for the link to a robot's node, or to the router that it is behind."""
+    """Add rules for the link to a robot's node, or to the router in front of it."""
     perception, stance_keys = _perception(robot), _stance_keys(robot)
     rules.write(f"{robot} source_in", "ingress", SERVING, perception)
     rules.write(f"{robot} source_out", "egress", [*SUBSCRIBING, "query"], [*perception, *FLEET_KEYS])
-    # A node looks for others of its name.
+    # A node looks for others with its name.
     rules.write(f"{robot} look", "ingress", SUBSCRIBING[1:], perception[-1:])
     rules.write(f"{robot} looked", "egress", ["liveliness_token"], perception[-1:])
     rules.write(f"{robot} stance_to", "egress", SERVING, stance_keys)
@@ -192,7 +192,7 @@ def _write_source(rules: _Rules, robot: str) -> None:
 
 
 def _write_thin(rules: _Rules, robot: str) -> None:
-    """Rules for those who get only summary, status and sign of life of a robot."""
+    """Add rules for routers that get only summary, status and liveliness tokens of a robot."""
     keys = [summary_key(robot), status_key(robot), f"{perception_prefix(robot)}/@alive/**"]
     rules.write(f"{robot} thin_read", "ingress", SUBSCRIBING, keys)
     rules.write(f"{robot} thin_ask", "ingress", ["query"], [status_key(robot)])
@@ -200,7 +200,7 @@ def _write_thin(rules: _Rules, robot: str) -> None:
 
 
 def _write_watching(rules: _Rules) -> None:
-    """Rules for those who see of every robot whether it lives, and its status."""
+    """Add rules for members that may see the live robots and their status."""
     rules.write("fleet_read", "ingress", SUBSCRIBING, FLEET_KEYS)
     rules.write("fleet_ask", "ingress", ["query"], FLEET_KEYS[:1])
     rules.write("fleet_send", "egress", SERVING, FLEET_KEYS)

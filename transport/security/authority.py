@@ -13,20 +13,20 @@ from transport.exceptions import SecurityError
 
 T = TypeVar("T")
 
-# [days] A CA is replaced with the robot's security folder, not during its life.
+# Lifetime of a CA [days]; it is not renewed, but replaced with the whole security folder.
 AUTHORITY_DAYS = 3650
 
-# [days] The longest life that common TLS libraries accept for a certificate of a server.
+# Longest lifetime that common TLS libraries accept for a server's certificate [days].
 CERTIFICATE_DAYS = 825
 
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """A certificate with its private key.
+    """Certificate with its private key.
 
     Attributes:
         certificate: PEM text.
-        key: PEM text, not encrypted: keep it readable by its owner only.
+        key: PEM text, not encrypted; store it readable by its owner only.
     """
 
     certificate: bytes
@@ -50,7 +50,7 @@ def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
 
     now = datetime.datetime.now(datetime.UTC)
     end = now + datetime.timedelta(days=days)
-    # An hour back, for a robot whose clock is a little behind.
+    # Valid from an hour ago, for a robot whose clock is slightly behind.
     begin = min(now, end) - datetime.timedelta(hours=1)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
     return (
@@ -79,7 +79,7 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
 
 
 def make_authority(common_name: str) -> Credentials:
-    """A new CA: self-signed, P-256, good for signing certificates and nothing else."""
+    """Make a CA: self-signed, P-256, for signing certificates only."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
@@ -101,13 +101,13 @@ def make_authority(common_name: str) -> Credentials:
 def make_certificate(
     authority: Credentials, common_name: str, hosts: Sequence[str], *, days: int = CERTIFICATE_DAYS
 ) -> Credentials:
-    """A certificate signed by `authority`, for both ends of a TLS connection.
+    """Make a certificate signed by `authority`, for both ends of a TLS connection.
 
     Args:
         authority: CA.
-        common_name: name of the owner, such as `<robot>.<role>`; the access rules know it by this name.
-        hosts: names and addresses under which the owner can be reached.
-        days: [days] life from now; negative for one that has expired.
+        common_name: name of the owner, such as `<robot>.<role>`, used in the access rules.
+        hosts: host names and addresses of the owner.
+        days: lifetime from now [days]; negative for an expired certificate.
     """
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization

@@ -34,7 +34,7 @@ from transport.security.members import (
 )
 from transport.security.whole_folder import write_file
 
-# Remaining validity of a certificate below which a warning is given [days].
+# Remaining validity below which a warning is given [days].
 WARNING_DAYS = 30
 
 
@@ -59,11 +59,11 @@ def _files(root: Path, ending: str) -> list[Path]:
 
 
 def judge_security(folder: str | Path) -> tuple[Health, str]:
-    """Assess a security folder: keys that others can read, certificates that expire, outdated access rules.
+    """Check a security folder for keys that others can read, expiring certificates and outdated access rules.
 
     Returns:
-        ERROR for a key that others can read or a certificate that has expired, WARN for one that expires within
-        `WARNING_DAYS` and for access rules of an earlier version, else OK.
+        ERROR for a key that others can read or an expired certificate; WARN for a certificate that expires within
+        `WARNING_DAYS` or access rules of another version; else OK. With a text.
 
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
@@ -82,11 +82,11 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     for node in (root, root / "node", *sorted(root.glob("*/node"))):
         if (node / "node.pem").is_file() and (node / CONFIGURATION).is_file() and not _has_current_rules(node):
             return Health.WARN, (
-                "the access rules were made by another version: planners may have to judge ages by wall clocks, and "
-                "the gait may not tell its clock, without which no scan is confirmed; "
+                "the access rules were made by another version: planners may have to compute ages by wall clocks, and "
+                "the gait may not be allowed to report its clock, without which no scan is confirmed; "
                 "`guara security renew`, then copy the folder again"
             )
-    return Health.OK, f"{len(left)} certificates, the first ends in {days:.0f} days ({name})"
+    return Health.OK, f"{len(left)} certificates, the first expires in {days:.0f} days ({name})"
 
 
 def _is_open(key: Path) -> bool:
@@ -105,11 +105,11 @@ def _has_current_rules(node: Path) -> bool:
 def renew(folder: str | Path, names: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Renew keys and certificates of members with the same CA; empty `names` renews all. Common names are kept.
 
-    Configurations that an earlier version wrote are updated: access rules of nodes and routers, queues of links.
+    Also updates configurations of earlier versions: access rules of nodes and routers, queues of links.
 
     Args:
-        folder: made by `init_security`.
-        names: names of roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
+        folder: folder made by `init_security`.
+        names: roles or members; with several robots `<robot>.<role>`; routers as `<name>.router`.
 
     Returns:
         Names of the renewed members.
@@ -143,16 +143,16 @@ def _complete_queues(configuration: dict[str, Any]) -> bool:
 
 
 def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), listen: str = "tls/0.0.0.0:7447") -> Path:
-    """Add a robot: make the folders of its roles, with certificates by the same CA.
+    """Add a robot: make the folders of its roles, with certificates of the same CA.
 
     Args:
-        folder: made by `init_security`.
+        folder: folder made by `init_security`.
         robot: instance name.
-        hosts: names and addresses by which clients reach its node.
-        listen: where its node will listen.
+        hosts: host names and addresses of its node for clients.
+        listen: endpoint of its node.
 
     Returns:
-        The folder of the robot, which holds those of its roles.
+        The folder of the robot, which contains those of its roles.
 
     Raises:
         SecurityError: the name is taken, or the folder lacks its CA.
@@ -168,7 +168,7 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), li
 
 
 def check_free(members: Members, name: str, member: Path) -> None:
-    """Raise SecurityError for a name of a robot, router or fleet member that is or was in use."""
+    """Check that a name of a robot, router or fleet member was never used; SecurityError if it was."""
     if member.exists() or name in RESERVED or name in members.robots or name in members.revoked:
         raise SecurityError(f"the name {name!r} is taken or was revoked; names are never used again")
 
@@ -177,10 +177,9 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     """Add a member with the rights of a role, such as a second planner.
 
     Args:
-        folder: made by `init_security`.
+        folder: folder made by `init_security`.
         name: name of the member; with several robots `<robot>.<name>`.
-        role: "planner", "viewer" or "gait" of the robot; or "fleet", which sees through routers which robots are
-            alive.
+        role: "planner", "viewer" or "gait" of the robot; or "fleet", which may see the live robots of routers.
 
     Returns:
         Its folder. The folders of the node and of its routers change too; copy them to their machines again.
@@ -200,7 +199,7 @@ def add(folder: str | Path, name: str, role: str) -> Path:
     target = own.folder / own_name
     if own_name in own.revoked or own_name in (*RESERVED, ROUTER, FLEET) or target.exists():
         raise SecurityError(f"the name {own_name!r} is taken or was revoked; names are never used again")
-    # Same prefix as in the names of the robot's other members, empty in folders of an earlier version.
+    # The prefix of the robot's other members, empty in folders of an earlier version.
     prefix = common_name(own.folder / "node" / "node.pem").removesuffix("node")
     full = prefix + own_name
     _check_length(full)
@@ -249,11 +248,11 @@ def _check_length(full: str) -> None:
 
 
 def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
-    """Revoke a member: its certificate still opens a link, but nothing is allowed on it.
+    """Revoke a member: its certificate can still connect, but has no rights.
 
     Returns:
-        Changed folders of nodes and routers. Copy them to their machines and restart these programs: they are read at
-        start only.
+        Changed folders of nodes and routers. Copy them to their machines and restart the programs, which read them
+        only at start.
 
     Raises:
         SecurityError: no such member, or it is the node itself.
@@ -274,7 +273,7 @@ def revoke(folder: str | Path, name: str) -> tuple[Path, ...]:
 
 
 def hosts_of(certificate: Path) -> list[str]:
-    """Names and addresses of the owner of a certificate; SecurityError if it states none."""
+    """Host names and addresses in a certificate; SecurityError if it contains none."""
     from cryptography import x509
 
     kind = x509.SubjectAlternativeName
@@ -283,5 +282,5 @@ def hosts_of(certificate: Path) -> list[str]:
 
 
 def _write_certificate(member: Path, credentials: Credentials) -> None:
-    replace_file(member / f"{member.name}.key", credentials.key, 0o600)
+    replace_file(member / f"{member.name}.key", credentials.key, private=True)
     replace_file(member / f"{member.name}.pem", credentials.certificate)

@@ -1,4 +1,4 @@
-"""Security folder: a CA, and for each role a folder with certificate, key and Zenoh configuration."""
+"""Security folder: a CA, and a folder with certificate, key and Zenoh configuration for each role."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from transport.security.whole_folder import create_folder, write_file
 # Name of the Zenoh configuration in a role's folder.
 CONFIGURATION = "zenoh.json5"
 
-# Where a secured node listens: on all of its networks, because nobody gets in without a certificate.
+# Endpoint of a secured node: all interfaces, because clients need a certificate.
 DEFAULT_LISTEN = "tls/0.0.0.0:7447"
 
-# [byte], and depth of nesting: ours has 3 kB and a depth of six. Zenoh's reader ends the process where nesting takes
-# all of its stack.
+# Limits of size [byte] and nesting; ours has 3 kB and six levels. Deep nesting overflows the stack of Zenoh's parser,
+# which ends the process.
 LARGEST_CONFIGURATION = 256 * 1024
 DEEPEST_CONFIGURATION = 32
 
-# A certificate's common name has 64 characters at most, and `.planner` or the name of a member comes after the robot's.
+# A common name has at most 64 characters, and contains `.planner` or the name of a member after the robot's.
 LONGEST_NAME = 31
-# Folders in a security folder that are no robot's.
+# Folders in a security folder that do not belong to a robot.
 RESERVED = (*ROLES, "ca")
 
 TLS = "transport/link/tls"
@@ -53,7 +53,7 @@ FILES = (
 
 
 def tls_links(name: str, *, listens: bool, prefix: str = "") -> dict[str, Any]:
-    """TLS part of `transport/link` of the member `name`; the names of its files begin with `prefix`."""
+    """TLS part of `transport/link` for the member `name`; names of files begin with `prefix`."""
     files = {
         "root_ca_certificate": f"{prefix}ca.pem",
         "connect_private_key": f"{prefix}{name}.key",
@@ -85,23 +85,23 @@ def init_security(
 ) -> Path:
     """Make a CA and the folders of all roles: `ca`, `node`, `gait`, `planner`, `viewer`.
 
-    The common name of a certificate is `<robot>.<role>`. With several robots there is one CA, and the folders of the
-    roles stand in a folder per robot. Give each machine only the folders of its roles, and keep `ca` off the robot.
-    The folder appears whole or not at all.
+    The common name of a certificate is `<robot>.<role>`. With several robots there is one CA, and a folder per robot
+    with the folders of its roles. Give each machine only the folders of its roles, and keep `ca` off the robot. The
+    folder is created completely or not at all.
 
     Args:
         folder: new folder.
-        robot: instance name, or several; the access rules hold for its keys.
-        hosts: names and addresses by which clients reach the node, beside localhost and this machine's name; with
-            several robots one for each, in the same order, or none.
-        listen: where the node will listen.
+        robot: instance name, or several; the access rules apply to its keys.
+        hosts: host names and addresses of the node for clients, besides localhost and this machine's name; with several
+            robots one for each, in the same order, or none.
+        listen: endpoint of the node.
 
     Returns:
         The folder.
 
     Raises:
-        SecurityError: the folder exists and is not empty, or cannot be written; a robot twice.
-        ConfigurationError: `listen` is no TLS endpoint.
+        SecurityError: the folder exists and is not empty, or cannot be written; a robot is given twice.
+        ConfigurationError: `listen` is not a TLS endpoint.
     """
     robots = [robot] if isinstance(robot, str) else list(robot)
     for name in robots:
@@ -133,11 +133,11 @@ def init_security(
 
 
 def check_robot(name: str) -> str:
-    """`name` if it can be a robot's and the first part of a certificate's name.
+    """Check that a name can be a robot's and the first part of a common name, and return it.
 
     Raises:
         KeyNameError: it cannot be part of a key.
-        SecurityError: it is too long, or the name of something else in a security folder.
+        SecurityError: it is too long, or the name of another folder in a security folder.
     """
     check_name(name)
     if len(name) > LONGEST_NAME or name in RESERVED:
@@ -159,14 +159,14 @@ def write_roles(folder: Path, authority: Credentials, robot: str, *, hosts: Sequ
 
 
 def own_hosts(hosts: Sequence[str]) -> list[str]:
-    """Names and addresses of a machine that listens: those given, localhost, and this machine's name."""
+    """Host names and addresses of this machine: those given, localhost, and its own name."""
     return list(dict.fromkeys([*hosts, "localhost", "127.0.0.1", "::1", socket.gethostname()]))
 
 
 def write_member(
     own: Path, authority: Credentials, common_name: str, hosts: Sequence[str], configuration: dict[str, Any]
 ) -> None:
-    """Write certificate, key and configuration of one member into its new, empty folder; files bear its name."""
+    """Write certificate, key and configuration of a member into its new, empty folder, which gives their names."""
     credentials = make_certificate(authority, common_name, hosts)
     write_file(own / "ca.pem", authority.certificate)
     write_file(own / f"{own.name}.pem", credentials.certificate)
@@ -175,10 +175,10 @@ def write_member(
 
 
 def role_folder(folder: str | Path, role: str) -> Path:
-    """The folder of one role, given itself or the folder that `init_security` made.
+    """Folder of a role, given itself or the folder that `init_security` made.
 
     Raises:
-        SecurityError: there is no Zenoh configuration in either.
+        SecurityError: neither contains a Zenoh configuration.
     """
     path = Path(folder)
     for candidate in (path, path / role):
@@ -191,7 +191,7 @@ def role_folder(folder: str | Path, role: str) -> Path:
 
 
 def _configuration_text(folder: Path) -> str:
-    """The text of a role's Zenoh configuration; ValueError when it nests so deep that Zenoh's reader would crash."""
+    """Text of a role's Zenoh configuration; ValueError if its nesting would crash Zenoh's parser."""
     with (folder / CONFIGURATION).open("rb") as file:
         content = file.read(LARGEST_CONFIGURATION + 1)
     if len(content) > LARGEST_CONFIGURATION:
@@ -213,16 +213,15 @@ def load_configuration(
     shared_memory: bool = True,
     local: bool = False,
 ) -> str:
-    """The Zenoh configuration of a role's folder, with the paths of its files made absolute.
+    """Zenoh configuration of a role's folder, with absolute paths of its files.
 
     Args:
         folder: folder of a role.
         listen: endpoints instead of the configured ones.
-        connect: endpoint instead of the configured one; a node then is a client of that router.
-        uplink: endpoint of a further router that a node dials, and again whenever the link is gone.
+        connect: endpoint instead of the configured one; a node becomes a client of that router.
+        uplink: endpoint of another router that a node connects to, with reconnection.
         shared_memory: let Zenoh pass large payloads through /dev/shm between processes of one machine.
-        local: take the files that lie in the folder, wherever the configuration says that they will lie, and dial
-            nobody but `connect` and `uplink`.
+        local: use the files in this folder, whatever paths are configured, and connect only to `connect` and `uplink`.
 
     Raises:
         SecurityError: the configuration cannot be read, or a file that it names is missing.
@@ -262,13 +261,13 @@ def _existing(folder: Path, name: str, *, is_key: bool) -> Path:
     if is_key and mode & 0o077:
         raise SecurityError(
             f"{path} has mode {mode:03o}: others on this machine can read the key and act as its owner. "
-            f"chmod 600 it; if others may have read it, `guara security renew` makes a new one"
+            f"chmod 600 it; if others may have read it, make a new one with `guara security renew`"
         )
     return path
 
 
 def read_configuration(folder: Path, key: str) -> Any:
-    """One value of a role's Zenoh configuration, None where it is not set; `key` is a path with slashes.
+    """One value of a role's Zenoh configuration; None if not set. `key` is a path with slashes.
 
     Raises:
         SecurityError: the configuration cannot be read.
@@ -280,10 +279,10 @@ def read_configuration(folder: Path, key: str) -> Any:
 
 
 def configured_robot(folder: Path) -> str:
-    """The instance name for which the access rules of a node's folder were made.
+    """Instance name for which the access rules of a node's folder were made.
 
     Raises:
-        SecurityError: the configuration cannot be read, or holds no rules.
+        SecurityError: the configuration cannot be read, or has no rules.
     """
     try:
         rules = read_configuration(folder, "access_control/rules") or []
@@ -293,13 +292,13 @@ def configured_robot(folder: Path) -> str:
 
 
 def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:
-    """The endpoints of a role's folder; kind is "listen" or "connect".
+    """Endpoints in a role's folder; kind is "listen" or "connect".
 
     Raises:
         SecurityError: the configuration cannot be read.
     """
     found = read_configuration(folder, f"{kind}/endpoints")
-    # Zenoh writes endpoints either as one list, or as one list per mode of a session.
+    # Endpoints are one list, or one list per mode of the session.
     if isinstance(found, dict):
         found = [endpoint for endpoints in found.values() for endpoint in endpoints]
     return tuple(found or ())

@@ -1,10 +1,9 @@
-"""Members of a security folder, and the access rules that follow from them."""
+"""Members of a security folder, and their access rules."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,20 +14,20 @@ from transport.exceptions import SecurityError
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
-from transport.security.whole_folder import create_folder
+from transport.security.whole_folder import create_folder, write_file
 
-# In `ca`: the role of each member that was added, the routers, and who was revoked.
+# File in `ca` with the added members and their roles, the routers, and the revoked members.
 MEMBERS = "members.json"
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """The members of one robot.
+    """Members of one robot.
 
     Attributes:
-        folder: folder that holds the folders of its roles.
-        added: role of each member beyond one per role.
-        revoked: names of members that were revoked.
+        folder: folder that contains the folders of its roles.
+        added: name -> role of the members beyond one per role.
+        revoked: names of revoked members.
     """
 
     folder: Path
@@ -37,19 +36,19 @@ class Robot:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All members, those that were revoked too."""
+        """Names of all members, including revoked ones."""
         return (*ROLES, *self.added)
 
 
 @dataclass(frozen=True, slots=True)
 class Router:
-    """A router of a site.
+    """Site router.
 
     Attributes:
-        robots: instance names of those that it serves.
-        uplink: name of the router that it dials, empty for none.
-        scans: whether the routers above, and whoever reads at robots that dial it, may request scans through it.
-        summary_only: whether the router above gets only summaries, status and signs of life.
+        robots: instance names of the robots that it serves.
+        uplink: name of the router that it connects to; empty for none.
+        scans: True if scans may be requested through it, by routers above and by its clients.
+        summary_only: True if the router above gets only summaries, status and liveliness tokens.
     """
 
     robots: tuple[str, ...]
@@ -60,14 +59,14 @@ class Router:
 
 @dataclass(frozen=True, slots=True)
 class Members:
-    """A security folder with its CA.
+    """Members of a security folder with its CA.
 
     Attributes:
         root: the folder.
         robots: instance name -> members of that robot.
-        routers: name, which is that of its folder too -> router.
-        fleet: names of the members that see which robots are alive.
-        revoked: routers and fleet members that were revoked.
+        routers: name of the router and its folder -> router.
+        fleet: names of the members that may see the live robots.
+        revoked: names of revoked routers and fleet members.
     """
 
     root: Path
@@ -78,7 +77,7 @@ class Members:
 
     @property
     def everybody(self) -> dict[str, Path]:
-        """The folder of each member by the name that commands take; of a single robot that is the role alone."""
+        """Name of each member in commands -> its folder; members of a single robot are named by role alone."""
         found = {
             (name if len(self.robots) == 1 else f"{robot}.{name}"): own.folder / name
             for robot, own in self.robots.items()
@@ -89,13 +88,13 @@ class Members:
 
     @property
     def shut_out(self) -> frozenset[str]:
-        """Names of those of `everybody` that were revoked."""
+        """Names in `everybody` that were revoked."""
         gone = {own.folder / name for own in self.robots.values() for name in own.revoked}
         gone |= {self.root / name for name in self.revoked}
         return frozenset(name for name, folder in self.everybody.items() if folder in gone)
 
     def find(self, name: str) -> tuple[str, Path]:
-        """The whole name of a member and its folder; one of a single robot may be given with the robot's name too.
+        """Full name and folder of a member; the name of a single robot may be given too.
 
         Raises:
             SecurityError: there is no such member.
@@ -108,7 +107,7 @@ class Members:
         raise SecurityError(f"{self.root} has no member {name!r}; members: {', '.join(everybody)}")
 
     def names_of(self, robot: str) -> dict[str, list[str]]:
-        """The common names that have each role of a robot, without those that were revoked."""
+        """Common names of the members with each role of a robot, without revoked ones."""
         own = self.robots[robot]
         roles = {**{role: role for role in ROLES}, **own.added}
         named: dict[str, list[str]] = {role: [] for role in ROLES}
@@ -118,7 +117,7 @@ class Members:
         return named
 
     def routers_of(self, robot: str, *, scanning: bool = False) -> list[str]:
-        """Common names of the routers that serve a robot, or of those through which scans may be requested."""
+        """Common names of the routers that serve a robot, or (scanning) of those that may request scans."""
         return [
             f"{name}.{ROUTER}"
             for name, router in self.routers.items()
@@ -134,7 +133,7 @@ class Members:
         )
 
     def rules_of_router(self, name: str) -> dict[str, Any]:
-        """The access rules of a router."""
+        """Access rules of a router."""
         router = self.routers[name]
         above = [f"{router.uplink}.{ROUTER}"] if router.uplink and router.uplink not in self.revoked else []
         below = {
@@ -151,17 +150,17 @@ class Members:
     def save(self) -> tuple[Path, ...]:
         """Write the rules of nodes and routers, then the list of members.
 
-        The rules come first: the list must never name a member whom the rules do not know yet.
+        The rules are written first, so that the list never contains a member without rules.
 
         Returns:
             The folders that changed and must be copied again.
 
         Raises:
-            SecurityError: a configuration is not as it was made, or cannot be written.
+            SecurityError: a configuration was edited by hand in a way that cannot be read, or cannot be written.
         """
         rules = {own.folder / "node": self._rules_of_node(robot) for robot, own in self.robots.items()}
         rules |= {self.root / name: self.rules_of_router(name) for name in self.routers}
-        # All are read before the first is written: one that cannot be changed stops the others too.
+        # All are read before the first is written, so that an unreadable one leaves all unchanged.
         for folder in rules:
             edit_configuration(folder / CONFIGURATION, lambda _: False)
             read_configuration(folder, "mode")
@@ -185,15 +184,15 @@ class Members:
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:
-        """The same with a robot's members replaced, or with one more robot."""
+        """Copy with the members of a robot replaced, or a robot added."""
         return replace(self, robots={**self.robots, robot: own})
 
 
 def open_members(folder: str | Path) -> Members:
-    """The members of a folder that `init_security` made.
+    """Read the members of a folder made by `init_security`.
 
     Raises:
-        SecurityError: there is no list of members that can be read.
+        SecurityError: the list of members cannot be read.
     """
     root = Path(folder)
     folders = sorted(path.parent.parent for path in root.glob(f"*/node/{CONFIGURATION}"))
@@ -205,7 +204,7 @@ def open_members(folder: str | Path) -> Members:
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         lists = found.get("robots")
         if lists is None:
-            # As an earlier version wrote it: of the one robot.
+            # Format of an earlier version, for one robot.
             lists, found = dict.fromkeys(robots, found), {}
         members = {}
         for robot, own in robots.items():
@@ -221,7 +220,7 @@ def open_members(folder: str | Path) -> Members:
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:
-    """Make the folder of a new member by `write`, then save all members; the folder is removed if that fails.
+    """Make the folder of a new member by `write`, then save all members; remove the folder if that fails.
 
     Raises:
         SecurityError: the folder cannot be written, or as in `Members.save`.
@@ -236,10 +235,10 @@ def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Me
 
 
 def open_authority(folder: str | Path) -> Credentials:
-    """The CA of a security folder.
+    """Read the CA of a security folder.
 
     Raises:
-        SecurityError: it is not there.
+        SecurityError: it is missing.
     """
     root = Path(folder)
     try:
@@ -251,7 +250,7 @@ def open_authority(folder: str | Path) -> Credentials:
 
 
 def common_name(certificate: Path) -> str:
-    """The common name in a certificate, by which the access rules know its owner.
+    """Common name in a certificate, which identifies its owner in the access rules.
 
     Raises:
         SecurityError: it cannot be read, or has none.
@@ -272,10 +271,10 @@ def _put_rules(path: Path, rules: dict[str, Any]) -> bool:
 
 
 def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> bool:
-    """Read a member's configuration, let `change` alter it, and write it when `change` returns that it did.
+    """Edit a member's configuration in place by `change`; write it, and return True, if `change` does.
 
     Raises:
-        SecurityError: it is not as it was made, or cannot be written.
+        SecurityError: it cannot be read as made by `guara security`, or cannot be written.
     """
     try:
         configuration = json.loads(path.read_text(encoding="utf-8"))
@@ -287,12 +286,9 @@ def edit_configuration(path: Path, change: Callable[[dict[str, Any]], bool]) -> 
         raise SecurityError(f"cannot change {path}: {error}; it must be as `guara security` made it") from error
 
 
-def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
-    """Write a file whole or not at all; one that is there is replaced."""
+def replace_file(path: Path, data: bytes, *, private: bool = False) -> None:
+    """Write or replace a file atomically."""
     temporary = path.with_name(f".{path.name}.part")
     temporary.unlink(missing_ok=True)
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-        os.fsync(file.fileno())
+    write_file(temporary, data, private=private)
     temporary.replace(path)

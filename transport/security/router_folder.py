@@ -1,4 +1,4 @@
-"""Folder of a router that serves several robots: certificate, and a complete configuration for a stock `zenohd`."""
+"""Folder of a router of several robots: certificate, and a complete configuration for a stock `zenohd`."""
 
 from __future__ import annotations
 
@@ -37,30 +37,30 @@ def make_router(
     summary_only: bool = False,
     place: str | None = None,
 ) -> Path:
-    """Make a router's folder, and let the nodes of its robots and the router above take it in.
+    """Make a router's folder, and add it to the rules of its robots' nodes and of the router above.
 
-    The rules give it no more than it needs: at a node it reads, as a viewer does; what it brings to the router above
-    are the grids of its own robots. A router's certificate speaks for all behind it.
+    It gets only the rights it needs: at a node it reads like a viewer, and to the router above it sends the grids of
+    its own robots. Its certificate stands for all clients behind it.
 
     Args:
-        folder: made by `init_security`; a new one is made with all its robots.
-        robots: instance names of those that it serves; the folders of those that are new are made too.
-        name: name of the router; its folder is `folder/name`, its certificate's common name `<name>.router`.
-        hosts: names and addresses by which robots, clients and routers below reach it.
-        listen: where it listens.
-        uplink: name of a router in the same folder that it dials; empty for none.
-        uplink_host: name or address by which it reaches that one; empty takes the first of that one's hosts.
-        scans: whether planners that read through this router from a node's uplink, or from above it, may request scans.
-        summary_only: whether the router above gets only summaries, status and signs of life: for a slow link, and for
-            a router of very many robots, which then need not know of every key.
-        place: folder in which its files will lie where it runs; None takes where they are made.
+        folder: folder made by `init_security`; if it does not exist, it is made with all robots.
+        robots: instance names of the robots that it serves; folders of new ones are made too.
+        name: name of the router; its folder is `folder/name`, the common name of its certificate `<name>.router`.
+        hosts: its host names and addresses for robots, clients and routers below.
+        listen: its endpoint.
+        uplink: name of a router in the same folder that it connects to; empty for none.
+        uplink_host: host name or address of that router; empty = the first of its hosts.
+        scans: True if planners that are linked to nodes through this router, or are above it, may request scans.
+        summary_only: True if the router above gets only summaries, status and liveliness tokens: for a slow link, or
+            for a router of very many robots, which then handles fewer keys.
+        place: folder of its files on the machine where it runs; None = the folder made here.
 
     Returns:
         The new folder. Those of the nodes of its robots and of the router above change and must be copied again.
 
     Raises:
         SecurityError: a name is taken or unknown, no robot is given, or a robot is not served by the router above.
-        ConfigurationError: `listen` is no TLS endpoint.
+        ConfigurationError: `listen` is not a TLS endpoint.
     """
     check_tls(listen)
     for robot in robots:

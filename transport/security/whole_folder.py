@@ -12,10 +12,11 @@ from transport.exceptions import SecurityError
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
-    """Create a file; a private one is never readable by anyone but its owner."""
+    """Create a file and flush it to the disk; a private one is never readable by others."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o644)
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
+        os.fsync(file.fileno())
 
 
 def create_folder(target: Path, write: Callable[[Path], None]) -> None:
@@ -23,7 +24,7 @@ def create_folder(target: Path, write: Callable[[Path], None]) -> None:
 
     Args:
         target: folder to create; an empty one is replaced.
-        write: writes the files into the folder that it is given.
+        write: function that writes the files into the given folder.
 
     Raises:
         SecurityError: the folder cannot be written, or exists and is not empty.

@@ -116,7 +116,7 @@ def test_a_folder_of_an_earlier_version_works_and_says_so_until_it_is_renewed(
                 client = transport.PerceptionClient(other)
                 assert client.wait_for_step(1, timeout=20.0, max_age=60.0).sequence == 1
                 assert (client.clock_offset is not None) == is_renewed
-        assert ("does not answer for its clock" in caplog.text) != is_renewed
+        assert ("does not report its clock" in caplog.text) != is_renewed
         caplog.clear()
         if not is_renewed:
             renew(folder)
