@@ -1,7 +1,7 @@
-"""Devices of the rangefinder: the USB laser board, cameras, and scans taken with both.
+"""Devices of the rangefinder: the USB laser board, cameras, and scans with both.
 
-Usable alone. Real devices, an emulated board at the USB level (`drivers.emulator`) and replayed frames have the
-same interface. pyusb and OpenCV are imported when a device is opened.
+Usable on its own. Real devices, an emulated board at the USB level (`drivers.emulator`) and replayed frames have the
+same interfaces. pyusb and OpenCV are imported when a device is opened.
 """
 
 from __future__ import annotations

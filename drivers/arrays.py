@@ -1,4 +1,4 @@
-"""Names for the types of arrays, for all of this package; shapes and units stand where they are used."""
+"""Array types of this package."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ Array = npt.NDArray[Any]
 Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
-# What a camera delivers, (h, w) or (h, w, 3).
+# Camera image, (h, w) or (h, w, 3).
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]

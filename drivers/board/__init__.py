@@ -1,4 +1,4 @@
-"""The laser board over USB: its protocol, the session with it, laser and mirror.
+"""Laser board over USB: protocol, session, laser and mirror.
 
-Imports the files beside the rooms of `drivers`; `sweep`, the emulator and `app` use it.
+Imports the files directly in `drivers`; used by `sweep`, the emulator and `app`.
 """

@@ -1,4 +1,4 @@
-"""Interface of a laser board in a scan: open, identity, status, laser, home, a step of the mirror, close."""
+"""Interface of a laser board: open, identity, status, laser, homing, mirror motion, close."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from drivers.board.protocol import describe_faults
 from drivers.errors import BoardError, LaserRefused, MirrorOutOfRange, MirrorTimeout
 
 logger = logging.getLogger(__name__)
-# Longest wait for the mirror to come to rest [s], and interval between two polls [s].
+# Longest wait for the mirror to come to rest, and polling interval [s].
 MOTION_TIMEOUT, POLL_PERIOD = 5.0, 0.002
 
 
 class Board(ABC):
-    """Base class of all laser boards, a context manager. To wire another board, write the eight abstract members.
+    """Base class of laser boards, a context manager. Implement the eight abstract members to support another board.
 
-    Guarantees of a board, whatever its host does, because people stand in front of it:
+    A board must guarantee the following whatever its host does, because people stand in front of the laser:
 
     - The laser is off at power-up, after opening, after closing, and when the host is gone.
-    - It turns the laser off by itself after `identity.watchdog` without a call of `status` or of another method that
-      reaches it, 0.4 s at most, and after `identity.laser_limit` of light without a rest. Nothing on the host feeds
+    - It turns the laser off by itself after `identity.watchdog` (at most 0.4 s) without a call of `status` or another
+      method that reaches the board, and after `identity.laser_limit` of light without a rest. Nothing on the host feeds
       its watchdog in the background.
-    - `status` reports the light that a sensor sees (flag LASER_SENSED), not the command, where it has one (HAS_SENSOR).
-    - `identity.angle_of(step)` is the angle of the mirror to half a step once `home` has run, until the power is lost;
+    - `status` reports the light seen by a sensor (flag LASER_SENSED), not the command, if it has one (HAS_SENSOR).
+    - After `home`, until power is lost, `identity.angle_of(step)` is the angle of the mirror to within half a step.
       MOVING is reported until the mirror has settled.
 
-    `tests/drivers/board/test_any_board.py` tests all of this that can be tested without instruments.
+    `tests/drivers/board/test_any_board.py` tests everything that can be tested without instruments.
     """
 
     def __enter__(self) -> Self:
-        """Open the board, and close it when the program ends, however it ends."""
+        """Open the board; it is closed at the end of the program at the latest."""
         self.open()
         guard.watch(self)
         return self
@@ -44,7 +44,7 @@ class Board(ABC):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Turn the laser off and close; a failure to do so never hides an earlier error."""
+        """Turn the laser off and close; a failure to do so does not hide an earlier exception."""
         try:
             self.close()
         except BoardError as failure:
@@ -68,7 +68,7 @@ class Board(ABC):
         """Connect, with the laser off; does nothing when open.
 
         Raises:
-            BoardError: it cannot be reached.
+            BoardError: the board cannot be reached.
         """
 
     @abstractmethod
@@ -76,41 +76,41 @@ class Board(ABC):
         """Turn the laser off and disconnect; does nothing when closed.
 
         Raises:
-            LaserStuckOn: the laser still shines.
+            LaserStuckOn: the laser is still on.
         """
 
     @abstractmethod
     def status(self) -> BoardStatus:
-        """Ask for the status; this also feeds the watchdog.
+        """Read the status, which also feeds the watchdog.
 
         Raises:
-            BoardNotOpen: open it first.
+            BoardNotOpen: the board is not open.
             BoardError: the board does not answer.
         """
 
     @abstractmethod
     def laser_on(self) -> BoardStatus:
-        """Switch the laser on and check that it shines.
+        """Switch the laser on and check that it is on.
 
         Raises:
             LaserRefused: the board refuses; the message names the fault.
-            LaserDead: it does not shine.
+            LaserDead: the laser stays dark.
         """
 
     @abstractmethod
     def laser_off(self) -> BoardStatus:
-        """Switch the laser off and check that it is dark.
+        """Switch the laser off and check that it is off.
 
         Raises:
-            LaserStuckOn: it did not go off on command.
+            LaserStuckOn: the laser did not go off on command.
         """
 
     @abstractmethod
     def home(self) -> int:
-        """Find the home switch and wait; return the steps that were lost since it was last found (0: none).
+        """Find the home switch and wait; return the number of steps lost since it was last found.
 
         Raises:
-            HomeNotFound: the switch was not met.
+            HomeNotFound: the switch was not found.
             MirrorTimeout: it took too long.
         """
 
@@ -119,31 +119,32 @@ class Board(ABC):
         """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
 
         Args:
-            step: step to go to.
+            step: target step.
             wait: return only when the mirror has come to rest.
 
         Raises:
-            MirrorOutOfRange: outside the travel.
-            MirrorNotHomed: home first.
+            MirrorOutOfRange: the step is outside the travel.
+            MirrorNotHomed: the home position is unknown.
             MirrorTimeout: it took too long.
         """
 
     def clear_faults(self) -> BoardStatus:
-        """Clear every fault whose cause is gone and return the status; this default, for a board that keeps none."""
+        """Clear every fault whose cause is gone and return the status; the default is for boards without faults."""
         return self.status()
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board ready for a scan: clear faults, find home if unknown; return the status.
+        """Make the board ready for a scan: clear faults, home if necessary; return the status.
 
         Args:
-            timeout: longest search for a board that is gone [s]; this default searches once.
+            timeout: longest search for a lost board [s]; the default implementation does not search.
 
         Raises:
-            LaserRefused: a fault whose cause is still there.
-            BoardError: it cannot be reached or homed.
+            LaserRefused: the cause of a fault persists.
+            BoardError: the board cannot be reached or homed.
         """
         status = self.status()
         if status.faults:
+            logger.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
             status = self.clear_faults()
         if status.faults:
             raise LaserRefused(f"the laser board cannot work: {describe_faults(status.faults)}")
@@ -153,24 +154,24 @@ class Board(ABC):
         return status
 
     def wait_until_still(self, timeout: float | None = None) -> BoardStatus:
-        """Wait until the motion last commanded has ended and settled.
+        """Wait until the last commanded motion has ended and settled.
 
         Args:
-            timeout: longest wait [s]; None for the board's own.
+            timeout: longest wait [s]; None = the board's default.
 
         Raises:
-            MirrorTimeout: it still moves.
+            MirrorTimeout: the mirror is still moving.
         """
         return self.still_since(timeout)[0]
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still`; return the status, and an instant before which the motion ended [s, host].
+        """As `wait_until_still`; return the status, and a host time by which the motion had ended [s].
 
         Args:
-            timeout: longest wait [s]; None for the board's own.
+            timeout: longest wait [s]; None = the board's default.
 
         Raises:
-            MirrorTimeout: it still moves.
+            MirrorTimeout: the mirror is still moving.
         """
         patience = MOTION_TIMEOUT if timeout is None else timeout
         deadline = timing.monotonic() + patience
@@ -181,24 +182,24 @@ class Board(ABC):
         return status, timing.monotonic()
 
     def go_to_angle(self, angle: float, *, wait: bool = True) -> float:
-        """Turn the mirror to `angle` [rad] and return the angle of the nearest step, to which it turns.
+        """Turn the mirror to the step nearest to `angle` [rad] and return the angle of that step [rad].
 
         Args:
-            angle: mirror angle; zero when the laser plane falls along -z of the body, positive towards +x.
+            angle: mirror angle; zero when the laser plane points along -z of the body, positive towards +x.
             wait: return only when the mirror has come to rest.
 
         Raises:
-            MirrorOutOfRange: outside the travel, or not finite.
-            MirrorNotHomed: home first.
+            MirrorOutOfRange: the angle is outside the travel, or not finite.
+            MirrorNotHomed: the home position is unknown.
             MirrorTimeout: it took too long.
         """
         return self.go_to_step(self.step_at(angle), wait=wait)
 
     def step_at(self, angle: float) -> int:
-        """The step nearest to a mirror angle [rad].
+        """Step nearest to a mirror angle [rad].
 
         Raises:
-            MirrorOutOfRange: outside the travel, or not finite.
+            MirrorOutOfRange: the angle is outside the travel, or not finite.
         """
         identity = self.identity
         low, high = identity.angle_of(identity.min_step), identity.angle_of(identity.max_step)

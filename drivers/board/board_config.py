@@ -1,4 +1,4 @@
-"""Configuration of a laser board: its USB ids, and how long to wait for it."""
+"""Configuration of a laser board: USB ids and timeouts."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class BoardConfig:
     Attributes:
         vendor_id: USB vendor id, 0 ... 0xFFFF.
         product_id: USB product id, 0 ... 0xFFFF.
-        serial: serial number, needed only when several boards are plugged in.
-        timeout: longest duration of a transfer [s]. Short, since the watchdog allows 0.4 s of silence; a command is not
-            repeated for longer than half of these 0.4 s.
-        attempts: number of attempts of a transfer that times out, stalls or comes back damaged.
+        serial: serial number, needed only if several boards are plugged in.
+        timeout: timeout of a transfer [s]; must be short, since the watchdog allows 0.4 s of silence. A command is
+            repeated for at most half of these 0.4 s.
+        attempts: number of attempts of a transfer that times out, stalls or returns damaged data.
         motion_timeout: longest duration of a motion [s].
         home_timeout: longest duration of homing [s].
-        handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is
-            open. Signals for which the program has its own handler are left alone.
+        handle_signals: let SIGTERM and SIGHUP end the program through its `with` blocks while the board is open, unless
+            the program has its own handlers.
 
     Raises:
-        ValueError: a value outside what is allowed.
+        ValueError: a value is not allowed.
     """
 
     vendor_id: int = VENDOR_ID

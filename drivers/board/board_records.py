@@ -1,4 +1,4 @@
-"""Identity and status records of the board, packed to and unpacked from the bytes that `PROTOCOL.md` defines."""
+"""Identity and status records of the board and their encoding, as defined in `PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class BoardIdentity:
     """Identity of the board, from the handshake.
 
     Attributes:
-        protocol: (major, minor) of the protocol the firmware speaks.
-        firmware: (major, minor) of the firmware.
-        step_angle: turn of the mirror per step [rad].
+        protocol: (major, minor) version of the protocol.
+        firmware: (major, minor) version of the firmware.
+        step_angle: rotation of the mirror per step [rad].
         min_step: lowest step that may be commanded, counted from the home switch.
         max_step: highest step that may be commanded.
-        zero_step: step at which `mirror_angle` is zero.
+        zero_step: step at which the mirror angle is zero.
         watchdog: silence of the host after which the board turns the laser off [s].
-        laser_limit: longest time that the laser may be on without a rest [s].
-        laser_rest: time that the laser must be off before `laser_limit` begins anew [s].
+        laser_limit: longest time for which the laser may be on without a rest [s].
+        laser_rest: rest after which `laser_limit` starts anew [s].
     """
 
     protocol: tuple[int, int]
@@ -47,15 +47,15 @@ class BoardIdentity:
     laser_rest: float
 
     def angle_of(self, step: int) -> float:
-        """The mirror angle [rad] at `step`."""
+        """Mirror angle at `step` [rad]."""
         return (step - self.zero_step) * self.step_angle
 
     def step_of(self, angle: float) -> int:
-        """The step nearest to a mirror angle [rad]."""
+        """Step nearest to a mirror angle [rad]."""
         return self.zero_step + round(angle / self.step_angle)
 
     def pack(self) -> bytes:
-        """The record as the board sends it."""
+        """Encode the record."""
         head = IDENTITY.pack(
             IDENTITY_MAGIC,
             *self.protocol,
@@ -73,10 +73,10 @@ class BoardIdentity:
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardIdentity:
-        """Read the record.
+        """Decode the record.
 
         Raises:
-            BadReply: wrong length, wrong magic or damaged.
+            BadReply: wrong length, magic or checksum.
         """
         magic, *values = IDENTITY.unpack(checked(data, IDENTITY_SIZE, "identity"))
         if magic != IDENTITY_MAGIC:
@@ -87,7 +87,7 @@ class BoardIdentity:
         major, minor, firmware, step_angle, *steps = values[:7]
         if step_angle == 0:
             raise BadReply(
-                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash a firmware that knows it"
+                "the identity has a step of 0 nanoradians; allowed: 1 or more: flash firmware that is set for the motor"
             )
         times = (milliseconds * 1e-3 for milliseconds in values[7:10])
         return cls((major, minor), (firmware >> 8, firmware & 0xFF), step_angle * 1e-9, *steps, *times)
@@ -95,22 +95,22 @@ class BoardIdentity:
 
 @dataclass(frozen=True, slots=True)
 class BoardStatus:
-    """Status of a board: the answer to every command but `IDENTIFY`, and the report of the interrupt endpoint.
+    """Status of a board: the reply to most commands, and the report of the interrupt endpoint.
 
-    Another implementation of a board fills `flags`, `faults` and `step`; the other fields belong to the protocol.
+    Other implementations of a board set `flags`, `faults` and `step`; the other fields belong to the protocol.
 
     Attributes:
-        result: whether the command was carried out, or why not.
-        request: the command that this answers, 0 in a report.
-        sequence: count of requests served since power-up, modulo 65536.
+        result: result of the command.
+        request: the command that this replies to; 0 in a report.
+        sequence: number of requests served since power-up, modulo 65536.
         flags: state of the board.
         faults: faults that are set.
         step: position of the mirror according to the firmware, in steps from the home switch.
-        motion: count of motions begun since power-up, modulo 65536.
+        motion: number of motions started since power-up, modulo 65536.
         temperature: temperature of the board [degrees Celsius].
-        home_error: error of the count of steps when the home switch was last met.
-        laser_time: time that the laser has been on without a rest [s].
-        device_time: the board's clock [s] since power-up.
+        home_error: error of the step count when the home switch was last found.
+        laser_time: time for which the laser has been on without a rest [s].
+        device_time: time since power-up by the board's clock [s].
     """
 
     result: Result = Result.OK
@@ -132,7 +132,7 @@ class BoardStatus:
 
     @property
     def laser_sensed(self) -> bool:
-        """True if the photodiode sees the laser; without a sensor, if the board drives it."""
+        """True if the photodiode sees the laser, or, without a sensor, if the board drives it."""
         wanted = BoardFlag.LASER_SENSED if BoardFlag.HAS_SENSOR in self.flags else BoardFlag.LASER_COMMANDED
         return wanted in self.flags
 
@@ -143,19 +143,19 @@ class BoardStatus:
 
     @property
     def homed(self) -> bool:
-        """True if the home switch was met since power-up."""
+        """True if the home switch was found since power-up."""
         return BoardFlag.HOMED in self.flags
 
     def pack(self) -> bytes:
-        """The record as the board sends it."""
+        """Encode the record."""
         return pack_status(*(getattr(self, field.name) for field in fields(self)))
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardStatus:
-        """Read the record.
+        """Decode the record.
 
         Raises:
-            BadReply: wrong length, damaged, or with a result that the protocol does not know.
+            BadReply: wrong length or checksum, or an unknown result.
         """
         code, request, sequence, flags, faults, step, motion, temperature, home_error, lit, clock, _ = STATUS.unpack(
             checked(data, STATUS_SIZE, "status")
@@ -163,20 +163,12 @@ class BoardStatus:
         try:
             result = Result(code)
         except ValueError:
-            raise BadReply(
-                f"the status carries result {code}; allowed: 0 ... {max(Result)}: update the driver"
-            ) from None
-        state = (
-            BoardFlag(flags),
-            BoardFault(faults),
-            step,
-            motion,
-            temperature / 10,
-            home_error,
-            lit * 1e-3,
-            clock * 1e-3,
+            raise BadReply(f"the status has result {code}; allowed: 0 ... {max(Result)}: update the driver") from None
+        state, measured = (
+            (BoardFlag(flags), BoardFault(faults)),
+            (temperature / 10, home_error, lit * 1e-3, clock * 1e-3),
         )
-        return cls(result, request, sequence, *state)
+        return cls(result, request, sequence, *state, step, motion, *measured)
 
 
 def pack_status(
@@ -192,7 +184,7 @@ def pack_status(
     laser_time: float,
     device_time: float,
 ) -> bytes:
-    """The record of a status as the board sends it; arguments as the attributes of `BoardStatus`."""
+    """Encode the record of a status; arguments are the attributes of `BoardStatus`."""
     head = STATUS.pack(
         result,
         request,
@@ -211,16 +203,16 @@ def pack_status(
 
 
 def seal(record: bytes) -> bytes:
-    """A record with its checksum in the last two bytes."""
+    """Replace the last two bytes of a record by its checksum."""
     body = record[:-2]
     return body + checksum(body).to_bytes(2, "little")
 
 
 def checked(data: bytes, size: int, what: str) -> bytes:
-    """`data` if its length and its checksum are right.
+    """Check length and checksum of a record, and return it.
 
     Raises:
-        BadReply: they are not; `what` names the record.
+        BadReply: wrong length or checksum; `what` names the record.
     """
     if len(data) != size:
         raise BadReply(f"the {what} has {len(data)} bytes; allowed: {size}: check cable and firmware")

@@ -47,11 +47,11 @@ from drivers.errors import (
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# A command is repeated for this share of the watchdog's time.
+# A command is repeated for this fraction of the watchdog's time.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
-# [s] Between two searches of the bus while reconnecting.
+# Interval of searches while reconnecting [s].
 SEARCH_PERIOD = 0.1
 
 
@@ -60,17 +60,16 @@ class BoardSession(Board):
 
     Attributes:
         config: ids and timeouts.
-        sweep_table: entries of the board's table of steps that this session has written: arguments of SWEEP_STEP by
-            place.
-        sweep_darks: places of that table after whose stripe the board takes a frame in the dark.
+        sweep_table: entries of the board's step table that this session has written: place -> argument of SWEEP_STEP.
+        sweep_darks: places of that table after whose stripe the board takes a dark frame.
     """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
         """Prepare the board; nothing is opened yet.
 
         Args:
-            config: ids and timeouts; None for the defaults.
-            backend: a pyusb backend, for example that of an emulated board; None for libusb.
+            config: ids and timeouts; None = defaults.
+            backend: pyusb backend, for example that of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
         self._link = UsbLink(
@@ -94,7 +93,7 @@ class BoardSession(Board):
 
     @property
     def serial(self) -> str:
-        """Serial number of the open board, empty before."""
+        """Serial number of the open board; empty before `open`."""
         return self._link.serial
 
     @property
@@ -103,10 +102,10 @@ class BoardSession(Board):
         return self._link.is_open
 
     def open(self) -> None:
-        """Find the board, agree on the protocol and begin a session with the laser off.
+        """Find the board, check the protocol and begin a session with the laser off.
 
         Raises:
-            BoardError: see `UsbLink.open`; ProtocolMismatch when the versions do not fit.
+            BoardError: as `UsbLink.open`; ProtocolMismatch if the versions are incompatible.
         """
         if self._link.is_open:
             return
@@ -133,7 +132,7 @@ class BoardSession(Board):
 
         Raises:
             LaserStuckOn: the laser is still on.
-            BoardError: the board did not take the command; the device is released nevertheless.
+            BoardError: the command failed; the device is released nevertheless.
         """
         if not self._link.is_open:
             return
@@ -147,11 +146,11 @@ class BoardSession(Board):
             self._link.close()
 
     def reconnect(self, timeout: float = 5.0) -> None:
-        """Release the device and look for it again for `timeout` [s]; the mirror may then not be homed.
+        """Release the device and search for it for up to `timeout` [s]; afterwards the mirror may need homing.
 
         Raises:
-            BoardNotFound: it did not come back.
-            BoardError: it came back but cannot be used.
+            BoardNotFound: the board was not found.
+            BoardError: the board was found but cannot be used.
         """
         try:
             self.close()
@@ -168,15 +167,15 @@ class BoardSession(Board):
             timing.sleep(SEARCH_PERIOD)
 
     def status(self) -> BoardStatus:
-        """Fetch the status, which also feeds the watchdog."""
+        """Read the status, which also feeds the watchdog."""
         return self._command(Request.STATUS)
 
     def command(self, request: Request, argument: int = 0) -> BoardStatus:
-        """Carry out a command that has no method of its own; refusals are raised as errors."""
+        """Execute a command that has no method of its own; refusals are raised as errors."""
         return self._command(request, argument)
 
     def motion_profile(self) -> MotionProfile:
-        """Fetch the speeds, acceleration and settling of the motor.
+        """Read speeds, acceleration and settling time of the motor.
 
         Raises:
             BoardStalled: the board speaks protocol 1.0, which does not report it.
@@ -184,7 +183,7 @@ class BoardSession(Board):
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
     def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
-        """Wait for the next report of the board; None when none came in time, or none that is readable.
+        """Wait for the next report of the board; None if there was none in time, or it was not readable.
 
         Args:
             timeout: longest wait [s].
@@ -214,7 +213,7 @@ class BoardSession(Board):
         return status
 
     def _repeat(self, request: Request, argument: int, size: int, read: Callable[[bytes], _Record]) -> _Record:
-        # A bad cable must raise an error before the watchdog turns the laser off.
+        # With a bad cable, the error must be raised before the watchdog turns the laser off.
         patience = math.inf if self._identity is None else WATCHDOG_SHARE * self._identity.watchdog
         deadline = timing.monotonic() + patience
         attempt = 1
@@ -223,16 +222,16 @@ class BoardSession(Board):
                 return read(self._link.request(request, argument, size, deadline - timing.monotonic()))
             except WORTH_REPEATING as failure:
                 if attempt >= self.config.attempts or timing.monotonic() >= deadline:
-                    raise type(failure)(f"{failure} (asked {attempt} times)") from failure
+                    raise type(failure)(f"{failure} ({attempt} attempts)") from failure
                 logger.warning("attempt %d of %d: %s", attempt, self.config.attempts, failure)
             attempt += 1
 
 
 def raise_if_stuck_on(status: BoardStatus) -> None:
-    """Raise if the laser was not turned off by command.
+    """Check that the laser was turned off by command.
 
     Raises:
-        LaserStuckOn: it is still on, or the board had to open its supply.
+        LaserStuckOn: it is still on, or the board had to disconnect its supply.
     """
     if status.laser_sensed:
         raise LaserStuckOn("the laser is still on after it was switched off: cut its power by hand")
@@ -248,12 +247,12 @@ def _answer(request: Request, data: bytes) -> BoardStatus:
 
 
 def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | None) -> None:
-    """Raise the error that belongs to the result of a command; do nothing when it is OK.
+    """Raise the error for the result of a command, unless it is OK.
 
     Args:
-        status: the answer.
-        argument: what was asked for (the step of a GO_TO).
-        identity: identity of the board, for the travel in the message; None when unknown.
+        status: the reply.
+        argument: argument of the command (the step of a GO_TO).
+        identity: identity of the board, for the travel in the message; None if unknown.
     """
     match status.result:
         case Result.OK:
@@ -279,7 +278,7 @@ def raise_refusal(status: BoardStatus, argument: int, identity: BoardIdentity | 
 
 
 def check_version(identity: BoardIdentity) -> None:
-    """Refuse a board whose protocol does not fit this driver.
+    """Check that a board's protocol is compatible with this driver.
 
     Raises:
         ProtocolMismatch: another major version.

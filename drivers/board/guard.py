@@ -1,8 +1,8 @@
-"""Closing of open boards, with their laser off, when the program ends, however it ends.
+"""Closing of open boards, with their laser off, at the end of the program.
 
-Exceptions unwind through `with` blocks by themselves. SIGTERM and SIGHUP would not, so while a board is open
-they are turned into `SystemExit`; a board opened without a `with` block is closed at interpreter exit. SIGKILL
-cannot be caught: for that, the board has its watchdog.
+Exceptions unwind through `with` blocks. SIGTERM and SIGHUP do not, so they are converted to `SystemExit` while a board
+is open; a board opened without a `with` block is closed at interpreter exit. SIGKILL cannot be caught: then the board's
+watchdog turns the laser off.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 class Closable(Protocol):
-    """Anything that `close` makes safe."""
+    """Object with `close()`, which must be safe to call twice."""
 
     def close(self) -> None:
-        """Make safe; does nothing when already closed."""
+        """Turn the laser off and close."""
 
 
 _open: list[Closable] = []
@@ -31,7 +31,7 @@ _lock = threading.RLock()
 
 
 def watch(device: Closable, handle_signals: bool = True) -> None:
-    """Close `device` at the end of the program, unless it is released before."""
+    """Close `device` at the end of the program, unless `release` is called before."""
     with _lock:
         if device in _open:
             return
@@ -46,7 +46,7 @@ def watch(device: Closable, handle_signals: bool = True) -> None:
 
 
 def release(device: Closable) -> None:
-    """Forget `device`; after the last one, signals are handled as they were before."""
+    """Forget `device`; after the last one, the signal handlers are restored."""
     with _lock:
         if device in _open:
             _open.remove(device)

@@ -7,7 +7,7 @@ import logging
 from drivers import timing
 from drivers.board.board_records import BoardStatus
 from drivers.board.board_session import BoardSession, raise_if_stuck_on
-from drivers.board.protocol import BoardFault, BoardFlag, Request, describe_faults
+from drivers.board.protocol import BoardFault, BoardFlag, Request
 from drivers.errors import (
     BoardNotOpen,
     BoardTimeout,
@@ -15,44 +15,43 @@ from drivers.errors import (
     BoardUnplugged,
     HomeNotFound,
     LaserDead,
-    LaserRefused,
     MirrorTimeout,
 )
 
 logger = logging.getLogger(__name__)
 EVERY_FAULT = 0xFFFF
-# Longest wait for a report before the status is fetched instead [s].
+# Longest wait for a report before the status is read instead [s].
 REPORT_SLICE = 0.02
-# [ms]
+# Period after which the board's clock wraps [ms].
 CLOCK_WRAP = 1 << 32
-# Resolution of the board's clock [s], and the relative error by which it may be slow.
+# Resolution [s] and relative error of the board's clock.
 CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 
 
 class LaserBoard(BoardSession):
     """Driver of the laser board, a context manager, usable from any thread.
 
-    The board's watchdog turns the laser off after 0.4 s without a command, also when the program dies. Call `status()`
-    regularly to keep it on for longer.
+    The board's watchdog turns the laser off after 0.4 s without a command, also if the program dies. Call `status()`
+    regularly to keep the laser on for longer.
     """
 
-    # Last commanded motion: its number, whether it may still run, and its start on the board's and the host's clock.
+    # Last commanded motion: its number, True if it may still run, and its start by the board's and the host's clock.
     _motion = 0
     _moving = False
     _board_time = _host_time = 0.0
 
     def ensure_ready(self, timeout: float = 5.0) -> BoardStatus:
-        """Make the board ready for a scan: reconnect if it is lost, clear faults, find home if unknown.
+        """Make the board ready for a scan: reconnect if necessary, clear faults, home if necessary.
 
         Args:
-            timeout: longest search for a board that is gone [s].
+            timeout: longest search for a lost board [s].
 
         Returns:
             The status afterwards, homed and without fault.
 
         Raises:
-            LaserRefused: a fault whose cause persists.
-            BoardError: it cannot be reached or homed.
+            LaserRefused: the cause of a fault persists.
+            BoardError: the board cannot be reached or homed.
         """
         try:
             status = self.status()
@@ -61,16 +60,8 @@ class LaserBoard(BoardSession):
             self.reconnect(timeout)
             status = self.status()
         if BoardFlag.SESSION not in status.flags:
-            status = self._begin_session()
-        if status.faults:
-            logger.warning("clearing faults of the laser board: %s", describe_faults(status.faults))
-            status = self.clear_faults()
-        if status.faults:
-            raise LaserRefused(f"the laser board cannot work: {describe_faults(status.faults)}")
-        if not status.homed:
-            self.home()
-            status = self.status()
-        return status
+            self._begin_session()
+        return super().ensure_ready(timeout)
 
     def clear_faults(self) -> BoardStatus:
         """Clear every fault whose cause is gone and return the status, with those that remain."""
@@ -100,10 +91,10 @@ class LaserBoard(BoardSession):
         return status
 
     def home(self) -> int:
-        """Find the home switch; returns the number of steps that were lost since it was last found.
+        """Find the home switch; return the number of steps lost since it was last found.
 
         Raises:
-            HomeNotFound: the switch was not met.
+            HomeNotFound: the switch was not found.
             MirrorTimeout: it took too long.
         """
         self._begin_motion(self._command(Request.HOME))
@@ -116,8 +107,8 @@ class LaserBoard(BoardSession):
         """Turn the mirror to `step` (counted from the home switch) and return its angle [rad].
 
         Raises:
-            MirrorOutOfRange: outside the travel.
-            MirrorNotHomed: home first.
+            MirrorOutOfRange: the step is outside the travel.
+            MirrorNotHomed: the home position is unknown.
             MirrorTimeout: it took too long.
         """
         self._begin_motion(self._command(Request.GO_TO, step))
@@ -126,12 +117,12 @@ class LaserBoard(BoardSession):
         return self.identity.angle_of(step)
 
     def begin_sweep(self, argument: int) -> BoardStatus:
-        """Begin a sweep of the board; `drivers.sweep.board_sweep` makes the argument.
+        """Start a sweep by the board; `drivers.sweep.board_sweep` makes the argument.
 
         Raises:
-            MirrorNotHomed: home first.
-            LaserRefused: a fault forbids the laser.
-            BoardError: the board refuses.
+            MirrorNotHomed: the home position is unknown.
+            LaserRefused: a fault prevents the laser.
+            BoardError: the board rejects the command.
         """
         status = self._command(Request.SWEEP, argument)
         self._begin_motion(status)
@@ -142,16 +133,16 @@ class LaserBoard(BoardSession):
         return self._command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """Wait as `wait_until_still`; returns the status, and an instant before which the motion ended [s, host].
+        """As `wait_until_still`; return the status, and a host time by which the motion had ended [s].
 
-        Called late, it does not wait: a report that was not fetched yet tells when the motion ended. The clocks of
-        board and host need not agree: the answer to the command carried the board's time and came at a known time.
+        After the motion it does not wait: the queued report contains the time of its end. The clocks of board and host
+        need not agree: the reply to the command contained the board's time and arrived at a known host time.
 
         Args:
-            timeout: longest wait [s]; None for the configured one.
+            timeout: longest wait [s]; None = the configured one.
 
         Raises:
-            MirrorTimeout: it still moves.
+            MirrorTimeout: the mirror is still moving.
         """
         patience = self.config.motion_timeout if timeout is None else timeout
         deadline = timing.monotonic() + patience

@@ -1,12 +1,11 @@
-"""Numbers of the protocol between host and board, defined by `PROTOCOL.md`."""
+"""Constants of the protocol between host and board, defined in `PROTOCOL.md`."""
 
 from __future__ import annotations
 
 import binascii
 import enum
 
-# 0x1209:0x0001 is a product id that pid.codes keeps free for private testing. A board made in series
-# needs an id of its own; `BoardConfig` takes it.
+# 0x1209:0x0001 is reserved by pid.codes for private testing. A board made in series needs its own id (`BoardConfig`).
 VENDOR_ID = 0x1209
 PRODUCT_ID = 0x0001
 MANUFACTURER = "Guara"
@@ -15,11 +14,11 @@ PRODUCT = "Guara laser board"
 PROTOCOL_MAJOR = 1
 PROTOCOL_MINOR = 2
 DARKS_SINCE = (1, 2)
-"""Protocol since which a board takes dark flashes in its sweeps."""
+"""First version of the protocol with dark flashes in sweeps."""
 
 INTERFACE = 0
 REPORT_ENDPOINT = 0x81
-# bmRequestType of every command: device to host, vendor, device. The answer is the data stage.
+# bmRequestType of every command: device to host, vendor, device. The reply is the data stage.
 REQUEST_IN = 0xC0
 
 IDENTITY_MAGIC = b"GUAR"
@@ -27,10 +26,10 @@ IDENTITY_SIZE = 32
 STATUS_SIZE = 26
 STRIPE_SIZE = 32
 MOTION_SIZE = 32
-# Bytes of one read from the interrupt endpoint, enough for a longer record of a later 1.x.
+# Length of a read from the interrupt endpoint [byte].
 REPORT_SIZE = 32
 
-# First byte of a stripe's record; that of a status report is its result, 0.
+# First byte of a stripe record; that of a status report is its result, 0.
 STRIPE_MARK = 0x53
 # Largest number of stripes of one sweep, and number of places in the table of steps.
 SWEEP_STRIPES, SWEEP_PLACES = 256, 512
@@ -40,7 +39,7 @@ PERIOD_LONGEST_US = 1_000_000
 WAIT_UNIT_US = 500
 WAIT_UNITS = 127
 
-# bRequest with which Windows asks for the Microsoft OS 2.0 descriptors; never a command.
+# bRequest by which Windows reads the Microsoft OS 2.0 descriptors; never a command.
 MICROSOFT_REQUEST = 0xF0
 
 
@@ -69,7 +68,7 @@ class Request(enum.IntEnum):
     SETTLE = 0x54
 
 
-# Lookup by number, ten times faster than that of the enum.
+# Request by number; ten times faster than `Request(number)`.
 REQUESTS = {int(request): request for request in Request}
 
 
@@ -115,7 +114,7 @@ class Shot(enum.IntEnum):
 
 
 class BoardFault(enum.IntFlag):
-    """Faults of the board; each stays until it is cleared and its cause is gone."""
+    """Faults of the board; a fault persists until it is cleared after its cause is gone."""
 
     WATCHDOG = 1
     LASER_TIME = 2
@@ -144,16 +143,16 @@ def describe_faults(faults: BoardFault) -> str:
 
 
 def checksum(data: bytes) -> int:
-    """The CRC-16 of the protocol: CCITT polynomial 0x1021, start value 0xFFFF."""
+    """CRC-16 of the protocol: CCITT polynomial 0x1021, initial value 0xFFFF."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def split_argument(argument: int) -> tuple[int, int]:
-    """(wValue, wIndex): the low and high half of a signed 32-bit argument."""
+    """Split a signed 32-bit argument into (wValue, wIndex), its low and high half."""
     return argument & 0xFFFF, argument >> 16 & 0xFFFF
 
 
 def join_argument(value: int, index: int) -> int:
-    """The signed 32-bit argument that `split_argument` split."""
+    """Join wValue and wIndex to a signed 32-bit argument, the inverse of `split_argument`."""
     unsigned = (index & 0xFFFF) << 16 | (value & 0xFFFF)
     return unsigned - (1 << 32) if unsigned & 0x80000000 else unsigned

@@ -1,4 +1,4 @@
-"""Stripe and motion records of protocol 1.1, packed to and unpacked from the bytes that `PROTOCOL.md` defines."""
+"""Stripe and motion records of protocol 1.1 and their encoding, as defined in `PROTOCOL.md`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class StripeRecord:
 
     Attributes:
         shot: purpose of the trigger.
-        motion: count of motions at the beginning of the sweep.
-        place: place of the stripe in the table of steps.
-        left: stripes still to come.
+        motion: number of motions at the start of the sweep.
+        place: place of the stripe in the step table.
+        left: number of remaining stripes.
         clock: the board's clock at the trigger [s], modulo 2^32 us.
-        exposures: number of exposures until the next trigger; 0 where they are not counted.
+        exposures: number of exposures until the next trigger; 0 if they are not counted.
         delay: time from the trigger to the exposure [s].
         exposure: duration of the exposure [s].
         lit: time for which the laser was on [s].
@@ -82,14 +82,14 @@ class StripeRecord:
 
 @dataclass(frozen=True, slots=True)
 class MotionProfile:
-    """Speeds, acceleration and settling of the motor, as the board reports them.
+    """Speeds, acceleration and settling time of the motor, as reported by the board.
 
     Attributes:
         start_speed: speed at the start and at the end of a motion [steps/s].
         top_speed: highest speed [steps/s].
         acceleration: acceleration between the two speeds [steps/s^2].
         settle: settling time of the mirror after a motion [s].
-        overshoot: steps by which a downward motion overshoots its target before it comes back.
+        overshoot: number of steps by which a downward motion overshoots its target before it returns.
     """
 
     start_speed: float
@@ -117,14 +117,14 @@ class MotionProfile:
         """Duration of a motion, without settling [s].
 
         Args:
-            steps: signed number of steps; negative is downward, with the overshoot and the way back.
+            steps: signed number of steps; negative = downward, including overshoot and return.
         """
         if steps < 0:
             return self._one_way(self.overshoot - steps) + self._one_way(self.overshoot)
         return self._one_way(steps)
 
     def _one_way(self, steps: int) -> float:
-        # Sum of the step intervals. The speed at each step is that of constant acceleration from the nearer end.
+        # Sum of the step intervals, with constant acceleration from both ends.
         squared = self.start_speed**2
         ramp = round(min(max(0.0, (self.top_speed**2 - squared) / (2 * self.acceleration)), steps))
         half = min(ramp + 1, steps // 2)

@@ -1,4 +1,4 @@
-"""Board on USB: search, opening, single transfers, typed errors; the udev rule that permits access."""
+"""USB connection to the board: search, opening, single transfers, typed errors; udev rule for access."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ UDEV_RULE_FILE = "/etc/udev/rules.d/70-guara-laser-board.rules"
 
 
 def default_backend() -> Any:
-    """Pyusb's libusb-1.0 backend over the library that `libusb-package` carries.
+    """Pyusb's libusb-1.0 backend with the library from `libusb-package`.
 
     Raises:
         NoUsbBackend: the library does not load on this machine.
@@ -54,7 +54,7 @@ def default_backend() -> Any:
 
 
 class UsbLink:
-    """One open board: its control endpoint and its interrupt endpoint. Usable from several threads."""
+    """Control and interrupt endpoint of one board; thread-safe."""
 
     def __init__(
         self, vendor_id: int, product_id: int, serial: str | None, timeout: float, backend: Any = None
@@ -64,9 +64,9 @@ class UsbLink:
         Args:
             vendor_id: USB vendor id.
             product_id: USB product id.
-            serial: serial number the board must have, or None for the only one present.
-            timeout: time a single control transfer may take [s].
-            backend: a pyusb backend; None for libusb.
+            serial: serial number of the board; None = the only one present.
+            timeout: timeout of a control transfer [s].
+            backend: pyusb backend; None = libusb.
         """
         self._ids = (vendor_id, product_id)
         self._serial = serial
@@ -86,10 +86,10 @@ class UsbLink:
 
         Raises:
             NoUsbBackend: no libusb.
-            BoardNotFound: none, or not the wanted serial number, or several to choose from.
-            BoardPermissionDenied: this user may not open it.
-            BoardInUse: another program has it.
-            BoardUnplugged: it went away in the meantime.
+            BoardNotFound: no board, none with the serial number, or several without one.
+            BoardPermissionDenied: this user may not open the board.
+            BoardInUse: another program uses the board.
+            BoardUnplugged: the board was unplugged meanwhile.
         """
         import usb.core
         import usb.util
@@ -123,11 +123,11 @@ class UsbLink:
         Args:
             request: the command.
             argument: its argument, signed 32 bits.
-            size: length of the answer.
-            timeout: longest wait [s]; the configured one when that is shorter.
+            size: length of the reply.
+            timeout: longest wait [s], at most the configured one.
 
         Raises:
-            BoardNotOpen: no device is held.
+            BoardNotOpen: the board is not open.
             BoardError: the transfer failed; its type gives the cause.
         """
         device = self._held()
@@ -141,14 +141,14 @@ class UsbLink:
         return bytes(data)
 
     def read_report(self, timeout: float) -> bytes | None:
-        """Wait for a report on the interrupt endpoint; None when none came in time.
+        """Wait for a report on the interrupt endpoint; None on timeout.
 
         Args:
             timeout: longest wait [s].
 
         Raises:
-            BoardNotOpen: no device is held.
-            BoardStalled: the endpoint stalled; its halt has been cleared, so the next read works.
+            BoardNotOpen: the board is not open.
+            BoardStalled: the endpoint was stalled; its halt has been cleared.
             BoardError: the transfer failed; its type gives the cause.
         """
         device = self._held()
@@ -198,8 +198,8 @@ class UsbLink:
         try:
             device.get_active_configuration()
         except usb.core.USBError as error:
-            # pyusb's own "not set" carries no errno; only then may the configuration be set again, since
-            # setting it resets a board that another program may hold.
+            # pyusb's own error "configuration not set" has no errno. In other cases the configuration must not be set
+            # again, since that resets a board that another program may use.
             if error.errno is not None:
                 raise
             device.set_configuration()
@@ -210,7 +210,7 @@ class UsbLink:
         except OSError as error:  # every error of pyusb is one
             raise self._typed(error, f"the command {what.name}" if isinstance(what, Request) else what) from error
         except ValueError as error:
-            # pyusb says "The device has no langid" when a string cannot be read for want of permission.
+            # pyusb raises "The device has no langid" if a string cannot be read for lack of permission.
             if "langid" in str(error):
                 raise self._denied() from error
             raise BadReply(f"{what}: the board's descriptors are unreadable ({error})") from error
@@ -228,7 +228,7 @@ class UsbLink:
             return self._denied()
         if number == errno.EBUSY:
             return BoardInUse(
-                "another program holds the laser board: end it (`guara run` and `guara scan` take it whole)"
+                "another program uses the laser board: stop it (`guara run` and `guara scan` need it exclusively)"
             )
         if number in (errno.ENODEV, errno.ENOENT, errno.ESHUTDOWN):
             return BoardUnplugged(f"the laser board left the bus during {what}: check its cable, then reconnect()")
@@ -240,7 +240,7 @@ class UsbLink:
 
 
 def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Udev rule by which the user at the machine, and the group `plugdev`, may open the board."""
+    """Udev rule that lets the logged-in user and the group `plugdev` open the board."""
     return (
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor_id:04x}", ATTR{{idProduct}}=="{product_id:04x}", '
         'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
@@ -248,7 +248,7 @@ def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
 
 
 def udev_instructions(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Command line that installs the rule; it can be pasted wherever it is printed, even within a longer line."""
+    """Command line that installs the rule."""
     return (
         f"echo '{udev_rule(vendor_id, product_id)}' | sudo tee {UDEV_RULE_FILE} && "
         "sudo udevadm control --reload-rules && sudo udevadm trigger # then unplug the board and plug it in again"

@@ -1,4 +1,4 @@
-"""GigE Vision and USB3 Vision cameras of any maker through Aravis: triggered by the board, raw frames, device times."""
+"""GigE Vision and USB3 Vision cameras through Aravis: triggered or free-running, raw frames, device times."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from drivers.errors import CameraEnded, CameraNotFound, CameraSettingRefused, Ca
 from drivers.frame import Frame, Image
 
 logger = logging.getLogger(__name__)
-# Number of buffers, so that a host that is busy for a fifth of a second loses no picture.
+# Number of buffers: no frame is lost if the host is busy for a fifth of a second.
 BUFFERS = 24
-# Formats of one byte a pixel, in the order in which they are chosen; names of the Pixel Format Naming Convention.
+# Pixel formats of one byte per pixel, in the order of preference; names of the Pixel Format Naming Convention.
 MONO = "Mono8"
 BAYER = ("BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8")
 PIXEL_FORMATS = (MONO, *BAYER)
-# Block ids of GigE Vision 1.x are 1 ... 65535 and begin again at 1.
+# Block ids of GigE Vision 1.x run from 1 to 65535 and wrap to 1.
 SHORT_IDS = 65535
-# Seconds after an exposure before which no other may begin, where the camera reports no highest frame rate.
+# Least time from the end of an exposure to the next one, if the camera reports no highest frame rate [s].
 READ_OUT = 0.0002
 
 
 class AravisCamera(Camera):
-    """A camera of the GenICam family. Its frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
+    """GenICam camera. Frames are (height, width) uint8: grey, or the red pixels of a Bayer mosaic.
 
-    The red pixels of a mosaic are a picture of half the width and height. A red laser shows in them alone;
-    interpolation between them takes more work and gives larger errors (`python -m benchmarks light mosaics`).
+    The red pixels form an image of half the width and height. A red laser is visible in these alone; interpolation
+    between them costs time and increases the errors (`python -m benchmarks light mosaics`).
 
-    Frames arrive in the order of exposure, none is skipped; one with lost packets shows as a gap in the counter.
+    Frames are returned in the order of exposure, without skipping; one with lost packets is a gap in the counter.
 
     Attributes:
         pixel_format: pixel format of the frames; empty before `open`.
@@ -58,19 +58,19 @@ class AravisCamera(Camera):
         """Prepare the camera; nothing is opened yet.
 
         Args:
-            device: name as `drivers.cameras.aravis_library` gives it, or a network address; "" is the first one found.
-            trigger: line on which the board's TRIGGER arrives ("Line1"), exposure begins at its rising edge; None: the
-                camera runs freely.
-            exposure_output: line that shows when the camera exposes ("Line2"), for the board's EXPOSURE_ACTIVE;
-                None leaves the lines as they are.
-            pixel_format: one of PIXEL_FORMATS; None: grey where the camera has it, otherwise its mosaic.
-            size: (width, height) of the frames, from the sensor's centre; None for the whole sensor.
-            fps: frames per second of a camera that runs freely; None for its own.
+            device: name of the camera (see `find_aravis_cameras`) or network address; "" = the first one found.
+            trigger: input line for the board's TRIGGER ("Line1"), whose rising edge starts an exposure; None =
+                free-running.
+            exposure_output: output line that is active during exposure ("Line2"), for the board's EXPOSURE_ACTIVE; None
+                leaves the lines unchanged.
+            pixel_format: one of PIXEL_FORMATS; None = grey if available, else the mosaic.
+            size: (width, height) of the frames, centred on the sensor; None = the whole sensor.
+            fps: frame rate of a free-running camera [Hz]; None = unchanged.
             lag: see `Camera`.
-            raw: deliver every pixel of a mosaic, not the red ones alone.
+            raw: return all pixels of a mosaic instead of the red ones.
 
         Raises:
-            ValueError: a pixel format that is not known here.
+            ValueError: unknown pixel format.
         """
         if pixel_format is not None and pixel_format not in PIXEL_FORMATS:
             raise ValueError(f"pixel format is {pixel_format!r}, allowed: {', '.join(PIXEL_FORMATS)}")
@@ -88,12 +88,12 @@ class AravisCamera(Camera):
         self.pixel_format = ""
 
     def open(self) -> None:
-        """Find the camera, set it up and begin to take pictures; does nothing when open.
+        """Find the camera, configure it and start the acquisition; does nothing when open.
 
         Raises:
             CameraBackendMissing: Aravis is not installed.
-            CameraNotFound: no such camera, or another program holds it.
-            CameraSettingRefused: it has no such line, size or pixel format.
+            CameraNotFound: no such camera, or another program uses it.
+            CameraSettingRefused: it does not have the line, size or pixel format.
         """
         if self._camera is not None:
             return
@@ -119,18 +119,18 @@ class AravisCamera(Camera):
         self._stream = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Fix exposure, gain and gamma, automatics off, and read them back; see `aravis_settings`."""
+        """Lock exposure, gain and gamma, with automatic modes off, and read them back; see `aravis_settings`."""
         camera = self._opened()
         held = lock_settings(camera, self._aravis, settings, self.name)
         self._learn_period(camera)
         return held
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read exposure, gain and gamma, and whether an automatic is on again.
+        """Read exposure, gain, gamma and the automatic modes.
 
         Raises:
-            CameraEnded: the camera does not answer.
-            CameraNotOpen: open it first.
+            CameraEnded: the camera does not respond.
+            CameraNotOpen: the camera is not open.
         """
         camera = self._opened()
         try:
@@ -141,12 +141,12 @@ class AravisCamera(Camera):
             ) from None
 
     def grab(self, timeout: float) -> Frame:
-        """The oldest whole frame not yet returned.
+        """Return the oldest complete frame.
 
         Raises:
-            CameraTimeout: none came.
+            CameraTimeout: no frame in time.
             CameraEnded: the camera is gone.
-            CameraNotOpen: open it first.
+            CameraNotOpen: the camera is not open.
         """
         self._opened()
         deadline = time.monotonic() + timeout
@@ -164,12 +164,12 @@ class AravisCamera(Camera):
 
     @property
     def waiting(self) -> int:
-        """Frames that have arrived, whole or not, and were not fetched yet."""
+        """Number of frames, complete or not, that are waiting to be read."""
         self._opened()
         return int(self._stream.get_n_buffers()[1])
 
     def flush(self) -> None:
-        """Forget frames that have already arrived."""
+        """Discard waiting frames."""
         self._opened()
         while (buffer := self._stream.try_pop_buffer()) is not None:
             self._stream.push_buffer(buffer)
@@ -237,7 +237,7 @@ class AravisCamera(Camera):
         sensor = tuple(camera.get_sensor_size())
         scale = 2 if self._takes_red else 1
         width, height = sensor if self._size is None else (scale * self._size[0], scale * self._size[1])
-        # A mosaic cut at an odd row or column would be another mosaic.
+        # An offset by an odd row or column would change the mosaic's pattern.
         left, top = ((sensor[axis] - (width, height)[axis]) // 2 // 2 * 2 for axis in (0, 1))
         if left < 0 or top < 0:
             raise CameraSettingRefused(
@@ -267,20 +267,20 @@ class AravisCamera(Camera):
 
     def _is_gone(self) -> bool:
         """True if a network camera no longer answers its heartbeat."""
-        # Aravis' own signal comes on a thread that closing joins while it holds Python's lock.
+        # The signal of Aravis is emitted on a thread that closing joins while holding Python's global lock.
         return self._camera.is_gv_device() and not self._camera.get_device().is_controller()
 
     def _frame(self, buffer: Any) -> Frame | None:
-        """Frame of a buffer, None if packets are missing."""
+        """Make a frame from a buffer; None if packets are missing."""
         if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
             logger.info("%s: a frame is %s", self.name, buffer.get_status().value_nick)
             return None
         stamp = timing.monotonic()
         if not self.triggered:
-            # The frame may have waited here for a caller.
+            # Subtract the time for which the frame waited to be read.
             stamp -= max(0.0, time.time() - buffer.get_system_timestamp() * 1e-9)
         shape = (buffer.get_image_height(), buffer.get_image_width())
-        # `get_data` copies, so this is the frame's own and may be relied on never to change.
+        # `get_data` copies, so the memory belongs to the frame and never changes.
         image: Image = np.frombuffer(buffer.get_data(), np.uint8, count=shape[0] * shape[1]).reshape(shape)
         if self._takes_red:
             image = red_pixels(image, self.pixel_format)
@@ -290,7 +290,7 @@ class AravisCamera(Camera):
         return Frame(image, self._counter, stamp, taken * 1e-9 if taken else None)
 
     def _count(self, number: int) -> None:
-        """Continue the camera's own counting past the wrap of its short numbers."""
+        """Continue the counter across the wrap of the camera's block ids."""
         if self._counter < 0:
             self._counter = 0
         elif number > self._last_id:

@@ -1,4 +1,4 @@
-"""Aravis, the library of GigE Vision and USB3 Vision cameras, by GObject introspection, and the cameras it finds."""
+"""Access to Aravis, a library for GigE Vision and USB3 Vision cameras, and a search for cameras."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ from typing import Any
 from drivers.errors import CameraBackendMissing, CameraNotFound
 
 API = "0.8"
-# Where Debian and Ubuntu put `gi`; a virtual environment does not see it.
+# Location of `gi` in Debian and Ubuntu, which is not visible in a virtual environment.
 SYSTEM_PACKAGES = ("/usr/lib/python3/dist-packages",)
 INSTALL = f"apt install gir1.2-aravis-{API} python3-gi"
 
 
 def load_aravis() -> Any:
-    """The module `Aravis`.
+    """Import the module `Aravis`.
 
-    `gi` is taken from the environment where it is, otherwise the system's; nothing else of the system's packages
-    becomes visible.
+    `gi` is imported from the environment or else from the system, without making other system packages visible.
 
     Raises:
-        CameraBackendMissing: it is not installed, or not for this Python.
+        CameraBackendMissing: Aravis or `gi` is not installed, or not for this Python.
     """
     _import_gi().require_version("Aravis", API)
     return importlib.import_module("gi.repository.Aravis")
 
 
 def glib_error() -> type[Exception]:
-    """Type of the errors that Aravis raises; `load_aravis` must have been called."""
+    """Type of Aravis errors; call `load_aravis` before."""
     error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
     return error
 
@@ -71,12 +70,12 @@ def _import_system_gi() -> ModuleType:
 
 @dataclass(frozen=True, slots=True)
 class AravisDevice:
-    """A camera that Aravis found.
+    """Camera found by Aravis.
 
     Attributes:
-        name: name by which `AravisCamera` opens it.
-        maker, model, serial: what the camera reports of itself.
-        address: its address on the network or the bus.
+        name: name for `AravisCamera`.
+        maker, model, serial: as reported by the camera.
+        address: address on the network or bus.
         protocol: "GigEVision", "USB3Vision" or "Fake".
     """
 
@@ -89,7 +88,7 @@ class AravisDevice:
 
 
 def find_aravis_cameras() -> tuple[AravisDevice, ...]:
-    """Look for cameras on all networks and buses; takes about a second.
+    """Search for cameras on all networks and buses; takes about a second.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.
@@ -110,14 +109,14 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
 
 
 def trigger_lines(name: str) -> tuple[str, ...]:
-    """Ask a camera on which of its lines it can be triggered.
+    """Input lines of a camera that can trigger it.
 
     Args:
-        name: name of the camera, as `find_aravis_cameras` gives it.
+        name: name of the camera, from `find_aravis_cameras`.
 
     Raises:
         CameraBackendMissing: Aravis is not installed.
-        CameraNotFound: it does not answer, or another program holds it.
+        CameraNotFound: the camera does not respond, or another program uses it.
     """
     aravis = load_aravis()
     try:

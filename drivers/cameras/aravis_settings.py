@@ -1,4 +1,4 @@
-"""Settings of a GenICam camera: locked in its own units, and read back."""
+"""Locking and reading back of the settings of a GenICam camera."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 from drivers.cameras.camera import UNITS, CameraSettings, HeldSettings
 from drivers.errors import CameraSettingRefused
 
-# Absolute: cameras round gain and gamma to about this.
+# Absolute tolerance of gain and gamma, which cameras round.
 ROUNDING = 0.05
-# Setting -> its name in Aravis's methods, the unit there, and the allowed difference of the value held, relative and
-# absolute: cameras count exposure in rows or in ticks of their clock, gain in fractions of a decibel.
+# Setting -> name in Aravis's methods, unit there, and relative and absolute tolerance of the value: cameras round
+# exposure to rows or clock ticks, gain to fractions of a decibel.
 FEATURES = {"exposure": ("exposure_time", 1e-6, 0.05, 0.0), "gain": ("gain", 1.0, 0.02, ROUNDING)}
 
 
@@ -20,12 +20,12 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
     Args:
         camera: an `Aravis.Camera`.
         aravis: the module.
-        settings: what to set; None entries are left alone. Frames are raw, so a white balance is refused, and a gamma
-            other than 1 where the camera has no such feature.
+        settings: settings to apply; None entries are not changed. Since frames are raw, a white balance is rejected,
+            and so is a gamma other than 1 if the camera has no gamma feature.
         name: name of the camera, for messages.
 
     Raises:
-        CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.
+        CameraSettingRefused: the camera does not have the setting, or reads back another value.
     """
     held: dict[str, float] = {}
     for setting, (feature, unit, tolerance, rounding) in FEATURES.items():
@@ -58,7 +58,7 @@ def held_settings(camera: Any, aravis: Any, locked: CameraSettings) -> HeldSetti
     Args:
         camera: an `Aravis.Camera`.
         aravis: the module.
-        locked: settings to read; None entries are not asked for.
+        locked: settings to read; None entries are not read.
     """
     values: dict[str, float] = {}
     automatic = []

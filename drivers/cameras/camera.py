@@ -1,4 +1,4 @@
-"""Interface of a camera in a scan, and changes of its locked settings."""
+"""Interface of cameras, and a check for changes of locked settings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from types import TracebackType
 from typing import Self, TypeVar
 
 from drivers.errors import CameraNotOpen
@@ -14,25 +13,25 @@ from drivers.frame import Frame
 
 T = TypeVar("T")
 UNITS = {"exposure": " s", "gain": "", "white_balance": " K", "gamma": ""}
-# Relative; what is read is the camera's own rounding of what was locked, so it should come back as it was.
+# Relative tolerance of a value read back, which the camera has rounded before.
 TOLERANCE = 0.02
-# Absolute, in any unit: the locked value of a gain or gamma may be 0.
+# Absolute tolerance, since a locked gain may be 0.
 ROUNDING = {"gain": 0.05, "gamma": 0.005}
-WHAT_TO_DO = "see that no other program uses the camera and start again: settings are locked when it is opened"
+WHAT_TO_DO = "check that no other program uses the camera and start again: settings are locked when it is opened"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSettings:
-    """Settings that must not change during a scan; None leaves one as it is.
+    """Settings that must not change during a scan; None leaves a setting unchanged.
 
     Attributes:
-        exposure: time the shutter is open [s], automatic exposure off.
+        exposure: exposure time with automatic exposure off [s].
         gain: gain in the camera's own unit, automatic gain off.
-        white_balance: colour temperature [K], automatic white balance off.
-        gamma: gamma in the camera's own unit; choose the linear value, since a stripe's centre moves with gamma.
+        white_balance: colour temperature, automatic white balance off [K].
+        gamma: gamma in the camera's own unit; use the linear value, since gamma shifts the centre of a stripe.
 
     Raises:
-        ValueError: a value that is not finite, or an exposure, temperature or gamma not above 0.
+        ValueError: a value is not finite, or an exposure, temperature or gamma is not above 0.
     """
 
     exposure: float | None = None
@@ -55,8 +54,8 @@ class HeldSettings:
     """Camera settings read back from the device.
 
     Attributes:
-        values: what the camera reports, by the names and in the units of `CameraSettings`.
-        automatic: names of the settings that it changes by itself.
+        values: values reported by the camera, with the names and units of `CameraSettings`.
+        automatic: names of the settings in automatic mode.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -64,18 +63,18 @@ class HeldSettings:
 
 
 class Camera(ABC):
-    """Base class of all cameras, a context manager. Another camera implements its five abstract methods.
+    """Base class of cameras, a context manager. Implement the five abstract methods to support another camera.
 
-    A sixth, `held`, lets every scan check that the camera still holds what was locked.
+    Implement `held` too if the camera can report its settings, so that every scan checks them.
 
     Attributes:
         name: name of the camera in messages.
-        lag: a frame stamped t shows nothing older than t - lag [s]: exposure, read-out and transfer together.
-            None when unknown: acquisition then drops frames after every change instead. `measure_lag`
-            measures it.
-        triggered: exposes at each pulse on its trigger line and at no other time, and gives `Frame.device_time`.
-        trigger_period: shortest time between two triggers that it accepts at its present exposure [s].
-        counts_frames: `Frame.counter` is the device's own, so that a frame lost before the host had it shows as a gap.
+        lag: a frame with stamp t shows nothing older than t - lag [s]: exposure, read-out and transfer together. None
+            if unknown: acquisition then drops frames after every change instead. Use `measure_lag` to measure it.
+        triggered: True if the camera exposes at each pulse on its trigger line and at no other time, and sets
+            `Frame.device_time`.
+        trigger_period: shortest time between two triggers at the current exposure [s].
+        counts_frames: True if `Frame.counter` is the device's own, so that frames lost before the host show as gaps.
     """
 
     name: str = "camera"
@@ -89,9 +88,7 @@ class Camera(ABC):
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the camera."""
         self.close()
 
@@ -100,7 +97,7 @@ class Camera(ABC):
         """Open the camera; does nothing when open.
 
         Raises:
-            CameraNotFound: it cannot be opened.
+            CameraNotFound: the camera cannot be opened.
         """
 
     @abstractmethod
@@ -109,44 +106,44 @@ class Camera(ABC):
 
     @abstractmethod
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Fix the settings, read them back and return the values that the camera holds.
+        """Lock the settings, read them back and return the values of the camera.
 
         Raises:
-            CameraSettingRefused: the camera did not take one.
-            CameraNotOpen: open it first.
+            CameraSettingRefused: the camera rejected a setting.
+            CameraNotOpen: the camera is not open.
         """
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read the settings that are not None in `locked` back from the camera; nothing is set.
+        """Read the settings that are not None in `locked` back from the camera.
 
-        This default, for a camera that cannot be read, reports nothing.
+        The default, for a camera that cannot be read, returns nothing.
 
         Raises:
-            CameraEnded: the camera does not answer.
-            CameraNotOpen: open it first.
+            CameraEnded: the camera does not respond.
+            CameraNotOpen: the camera is not open.
         """
         return HeldSettings()
 
     @abstractmethod
     def grab(self, timeout: float) -> Frame:
-        """The oldest frame not yet returned, waiting for it at most `timeout` [s].
+        """Return the next frame; wait for at most `timeout` [s].
 
         Raises:
-            CameraTimeout: none came.
-            CameraEnded: none will come any more.
-            CameraNotOpen: open it first.
+            CameraTimeout: no frame in time.
+            CameraEnded: there will be no more frames.
+            CameraNotOpen: the camera is not open.
         """
 
     @abstractmethod
     def flush(self) -> None:
-        """Forget frames that have already arrived, so that the next one grabbed arrives after this call."""
+        """Discard frames that have already arrived, so that the next one grabbed arrives after this call."""
 
 
 def opened(device: T | None, camera: Camera) -> T:
     """Check that a camera is open and return its device.
 
     Raises:
-        CameraNotOpen: there is none.
+        CameraNotOpen: the device is None.
     """
     if device is None:
         raise CameraNotOpen(f"{camera.name} is not open: use `with camera:`")
@@ -154,25 +151,25 @@ def opened(device: T | None, camera: Camera) -> T:
 
 
 def evidence_of(camera: Camera) -> str:
-    """Description of the acquisition with this camera, and of the proof that each frame is the right one."""
+    """Describe how frames of this camera are assigned to stripes and verified."""
     if camera.triggered:
-        return "waits for the board's trigger: a stripe is proved by the camera's clock, a lost frame is found"
+        return "waits for the board's trigger: stripes are verified by the camera's clock, lost frames are detected"
     if camera.counts_frames:
-        return "runs freely: a stripe is proved by its picture and the lag, a lost frame shows in the camera's counting"
-    return "runs freely: a stripe is proved by its picture and the lag, a lost frame does not show"
+        return "runs freely: stripes are verified by image and lag, lost frames are detected by the camera's counter"
+    return "runs freely: stripes are verified by image and lag, lost frames are not detected"
 
 
 def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
-    """Changes of locked settings, each in one sentence with what to do; empty when there are none.
+    """Changes of locked settings, each described in one sentence with what to do; empty if there are none.
 
-    A setting that the camera does not report is taken to be held.
+    Settings that the camera does not report are assumed to be unchanged.
 
     Args:
         camera: an open camera.
-        locked: what `Camera.lock` returned.
+        locked: result of `Camera.lock`.
 
     Raises:
-        CameraError: the camera does not answer.
+        CameraError: the camera does not respond.
     """
     held = camera.held(locked)
     changes = []

@@ -1,4 +1,4 @@
-"""A scan with board and camera: stripes in firing order, each proved to be in step; exposure and lag measured.
+"""Scans with board and camera, each stripe verified against the commands; metering of exposure and camera lag.
 
-Imports `board`, `cameras` and the files beside the rooms of `drivers`; `app` uses it.
+Imports `board`, `cameras` and the files directly in `drivers`; used by `app`.
 """

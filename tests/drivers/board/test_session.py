@@ -52,7 +52,7 @@ def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
     emulated.inject(Fault(kind, Request.STATUS, count=3))
     with pytest.raises(error, match=expected_text) as caught:
         board.status()
-    assert "asked 3 times" in str(caught.value)
+    assert "3 attempts" in str(caught.value)
     assert board.status().result is Result.OK
 
 

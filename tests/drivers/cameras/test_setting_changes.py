@@ -31,7 +31,7 @@ class Reporting(ReplayCamera):
         ),
         (
             Reporting(SAME | {"gain": 6.0}),
-            "cam: gain is 6, it was locked at 0: see that no other program uses the camera",
+            "cam: gain is 6, it was locked at 0: check that no other program uses the camera",
         ),
         (Reporting(SAME | {"white_balance": 4000.0}), "cam: white balance is 4000 K, it was locked at 5000 K"),
         (Reporting(SAME | {"gamma": 0.45}), "cam: gamma is 0.45, it was locked at 1"),

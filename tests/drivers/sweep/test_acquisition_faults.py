@@ -94,7 +94,7 @@ def test_lasting_transfer_faults_end_the_scan(
     quick_board.ensure_ready()
     emulated.inject(Fault(kind, Request.GO_TO, skip=6, count=3))
     taken, report, failure = scan(quick_board, camera)
-    assert isinstance(failure, BoardError) and "asked 3 times" in str(failure)
+    assert isinstance(failure, BoardError) and "3 attempts" in str(failure)
     assert 0 < len(taken) < len(FIRING_ORDER) and report.missing
     assert not emulated.view().laser_on
     next_scan_is_whole(quick_board, camera, emulated)

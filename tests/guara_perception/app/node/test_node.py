@@ -170,7 +170,7 @@ def test_automatic_exposure_that_is_on_again_shows_in_health_and_status(bench: B
     bench.gait.say(0, PausePhase.END)
     (reason,) = health["reasons"]
     assert health["level"] == "degraded"
-    assert "automatic exposure is on, it was locked at 0.004 s: see that no other program" in reason
+    assert "automatic exposure is on, it was locked at 0.004 s: check that no other program" in reason
     reported = {("scanner", Health.WARN, reason)}
     assert wait_until(lambda: reported <= {(item.name, item.level, item.message) for item in bench.status.items()})
     bench.rig.camera.automatic.clear()
