@@ -27,7 +27,7 @@ class Reporting(ReplayCamera):
     [
         (
             Reporting(SAME | {"exposure": 0.005}),
-            "cam: exposure is 0.005 s, it was locked at 0.004 s: see that no other",
+            "cam: exposure is 0.005 s, it was locked at 0.004 s: check that no other",
         ),
         (
             Reporting(SAME | {"gain": 6.0}),
