@@ -1,8 +1,7 @@
 """Exceptions of device drivers, all derived from `DriverError`.
 
-Each error also derives from the builtin that fits (`TimeoutError`, `PermissionError`, ...), so that
-callers need not know this package to catch it. Every message says what was given or found,
-what is allowed, and what to do.
+Each error also derives from a built-in exception (`TimeoutError`, `PermissionError`, ...), so that callers can catch it
+without importing this package. Messages state what was given or found, what is allowed, and what to do.
 """
 
 from __future__ import annotations
@@ -17,15 +16,15 @@ class BoardError(DriverError):
 
 
 class NoUsbBackend(BoardError, ImportError):
-    """No libusb could be loaded, so no USB device can be reached at all."""
+    """No libusb could be loaded, so no USB device can be reached."""
 
 
 class BoardNotFound(BoardError, ConnectionError):
-    """No board with the wanted vendor id, product id and serial number is plugged in."""
+    """No board with the configured vendor id, product id and serial number is plugged in."""
 
 
 class BoardPermissionDenied(BoardError, PermissionError):
-    """The board is plugged in, but this user may not open it; the message holds the udev rule to install."""
+    """The board is plugged in, but this user may not open it; the message contains the udev rule to install."""
 
 
 class BoardInUse(BoardError, ConnectionError):
@@ -33,31 +32,31 @@ class BoardInUse(BoardError, ConnectionError):
 
 
 class BoardNotOpen(BoardError, RuntimeError):
-    """A command was given to a board that is closed, or whose connection was lost."""
+    """The board is not open, or its connection was lost."""
 
 
 class BoardUnplugged(BoardError, ConnectionError):
-    """The board left the bus in the middle of the work."""
+    """The board was unplugged during an operation."""
 
 
 class BoardTimeout(BoardError, TimeoutError):
-    """The board did not answer a transfer in time, not even when asked again."""
+    """The board did not reply in time, even after repeated attempts."""
 
 
 class BoardStalled(BoardError, ConnectionError):
-    """The board stalled a transfer, again when asked again: it does not know the request."""
+    """The board stalled a transfer, even after repeated attempts: it does not know the request."""
 
 
 class BoardTransferFailed(BoardError, ConnectionError):
-    """A transfer failed for another reason on the bus."""
+    """A transfer failed on the bus for another reason."""
 
 
 class BadReply(BoardError, ValueError):
-    """The board's answer was too short, damaged or belongs to another request."""
+    """The board's reply was too short, damaged, or belongs to another request."""
 
 
 class ProtocolMismatch(BoardError, RuntimeError):
-    """Board and driver speak different versions of the protocol."""
+    """Board and driver have incompatible versions of the protocol."""
 
 
 class BoardTooOld(BoardError, NotImplementedError):
@@ -77,11 +76,11 @@ class LaserDead(BoardError, RuntimeError):
 
 
 class MirrorNotHomed(BoardError, RuntimeError):
-    """The mirror was commanded to an angle before its home was found."""
+    """The mirror was commanded to an angle before homing."""
 
 
 class MirrorOutOfRange(BoardError, ValueError):
-    """The wanted mirror angle is outside the board's travel."""
+    """The mirror angle is outside the board's travel."""
 
 
 class MirrorTimeout(BoardError, TimeoutError):
@@ -89,7 +88,7 @@ class MirrorTimeout(BoardError, TimeoutError):
 
 
 class HomeNotFound(BoardError, RuntimeError):
-    """The board moved through its whole travel and never met the home switch."""
+    """The board did not find the home switch in its whole travel."""
 
 
 class CameraError(DriverError):
@@ -105,15 +104,15 @@ class CameraBackendMissing(CameraError, ValueError):
 
 
 class CameraNotOpen(CameraError, RuntimeError):
-    """A frame was asked of a camera that is closed."""
+    """The camera is not open."""
 
 
 class CameraNotTriggered(CameraError, ValueError):
-    """A sweep was asked for with a camera that does not wait for the board's trigger."""
+    """A sweep was requested with a camera that is not triggered by the board."""
 
 
 class CameraTimeout(CameraError, TimeoutError):
-    """No frame came in time."""
+    """No frame arrived in time."""
 
 
 class CameraEnded(CameraError, EOFError):
@@ -125,11 +124,11 @@ class CameraSettingRefused(CameraError, ValueError):
 
 
 class AcquisitionError(DriverError):
-    """A scan could not be taken, or laser, mirror and frames were not in step."""
+    """A scan failed, or its laser, mirror and frames were out of step."""
 
 
 class BadFiringOrder(AcquisitionError, ValueError):
-    """The list of stripes is empty, repeats an index or holds an angle that is not finite."""
+    """The firing order is empty, repeats an index or contains an angle that is not finite."""
 
 
 class AcquisitionNotEntered(AcquisitionError, RuntimeError):
@@ -137,8 +136,8 @@ class AcquisitionNotEntered(AcquisitionError, RuntimeError):
 
 
 class StripeClipped(AcquisitionError, ValueError):
-    """The stripe is too bright for what is to be measured."""
+    """The stripe is too bright for the measurement."""
 
 
 class LaserNotSeen(AcquisitionError, RuntimeError):
-    """The camera sees no difference between laser on and laser off."""
+    """Images with the laser on and off do not differ."""

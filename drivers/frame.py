@@ -9,7 +9,7 @@ from drivers.arrays import Image
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Frame of a camera. Frames have no useful `==`: compare their images with numpy.
+    """Frame of a camera. Do not compare frames by `==`; compare their images with numpy.
 
     Attributes:
         image: (height, width) or (height, width, 3) BGR, uint8 or uint16; read-only.

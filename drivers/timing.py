@@ -1,4 +1,4 @@
-"""Monotonic clock of all devices; replaceable, so that emulated devices run without waiting."""
+"""Monotonic clock of all devices, replaceable so that emulated devices run without waiting."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def on_clock(clock: Clock) -> Iterator[None]:
 
 
 class EmulatedClock:
-    """A clock for emulated devices alone, for `on_clock`: waiting sets it forward; thread-safe."""
+    """Clock for emulated devices, used with `on_clock`, on which waiting advances the time; thread-safe."""
 
     def __init__(self, start: float = 1000.0) -> None:
-        """Begin at `start` [s]."""
+        """Start at `start` [s]."""
         self._now = start
         self._lock = threading.Lock()
 
@@ -57,6 +57,6 @@ class EmulatedClock:
             return self._now
 
     def sleep(self, seconds: float) -> None:
-        """Set the clock forward."""
+        """Advance the clock."""
         with self._lock:
             self._now += max(0.0, seconds)

@@ -164,11 +164,8 @@ class BoardStatus:
             result = Result(code)
         except ValueError:
             raise BadReply(f"the status has result {code}; allowed: 0 ... {max(Result)}: update the driver") from None
-        state, measured = (
-            (BoardFlag(flags), BoardFault(faults)),
-            (temperature / 10, home_error, lit * 1e-3, clock * 1e-3),
-        )
-        return cls(result, request, sequence, *state, step, motion, *measured)
+        measured = temperature / 10, home_error, lit * 1e-3, clock * 1e-3
+        return cls(result, request, sequence, BoardFlag(flags), BoardFault(faults), step, motion, *measured)
 
 
 def pack_status(

@@ -23,7 +23,7 @@ from drivers.errors import (
 from drivers.frame import Frame
 
 logger = logging.getLogger(__name__)
-# Seconds; V4L2 gives a read up after 10 s.
+# Longest wait for a running read on closing [s]; V4L2 aborts a read after 10 s.
 LONGEST_READ = 15.0
 BACKENDS = {"any": "CAP_ANY", "v4l2": "CAP_V4L2", "gstreamer": "CAP_GSTREAMER", "ffmpeg": "CAP_FFMPEG"}
 BACKENDS |= {"images": "CAP_IMAGES", "firewire": "CAP_FIREWIRE"}
@@ -32,25 +32,24 @@ FIREWIRE_HELP = (
     "for the ways around"
 )
 V4L2_MANUAL_EXPOSURE = 1.0
-# Setting -> its property, the property's unit, its name in messages, the property that switches its automatic, and the
-# value that switches it off.
+# Setting -> property, its unit, name in messages, property of the automatic mode, and the value that switches that off.
 CONTROLS = {
     "exposure": ("CAP_PROP_EXPOSURE", 1e-4, "exposure [100 us]", "CAP_PROP_AUTO_EXPOSURE", V4L2_MANUAL_EXPOSURE),
     "gain": ("CAP_PROP_GAIN", 1.0, "gain", "", 0.0),
     "white_balance": ("CAP_PROP_WB_TEMPERATURE", 1.0, "white balance [K]", "CAP_PROP_AUTO_WB", 0.0),
     "gamma": ("CAP_PROP_GAMMA", 1.0, "gamma", "", 0.0),
 }
-# Allowed relative difference between a value and the driver's rounding of it.
+# Relative tolerance of a value that the driver has rounded.
 TOLERANCE = 0.02
 EXPOSURE_TOLERANCE = 0.05
 
 
 class OpenCvCamera(Camera):
-    """A camera or file that OpenCV can read.
+    """Camera or file that OpenCV can read.
 
-    A live camera is read by a thread of its own which keeps only the newest frame: so `grab` keeps its timeout
-    although OpenCV's read has none, and never returns a frame that waited in a queue of the driver. A file is read in
-    `grab` itself, frame by frame, dropping nothing.
+    A live camera is read by a background thread that keeps only the newest frame. `grab` therefore has a timeout,
+    unlike OpenCV's read, and never returns a frame that waited in a queue of the driver. A file is read in `grab`,
+    frame by frame without dropping any.
     """
 
     def __init__(
@@ -65,11 +64,11 @@ class OpenCvCamera(Camera):
         """Prepare the camera; nothing is opened yet.
 
         Args:
-            source: number of a camera, path of a device ("/dev/video0"), of a video file or of an image sequence
+            source: number of a camera, path of a device ("/dev/video0"), a video file or an image sequence
                 ("frame_%03d.png"), or a GStreamer pipeline.
             backend: "any", "v4l2", "gstreamer", "ffmpeg", "images" or "firewire".
-            size: (width, height) a live camera must deliver, None for its own.
-            fps: frames per second to ask of a live camera, None for its own.
+            size: required (width, height) of a live camera; None = its default.
+            fps: requested frame rate of a live camera [Hz]; None = its default.
             lag: see `Camera`; 0 for files.
 
         Raises:
@@ -94,9 +93,9 @@ class OpenCvCamera(Camera):
         """Open the source; does nothing when open.
 
         Raises:
-            CameraBackendMissing: the installed OpenCV lacks the backend.
+            CameraBackendMissing: the installed OpenCV does not have the backend.
             CameraNotFound: the source cannot be opened.
-            CameraSettingRefused: it does not deliver the wanted size.
+            CameraSettingRefused: the camera does not have the size.
         """
         if self._capture is not None:
             return
@@ -129,8 +128,8 @@ class OpenCvCamera(Camera):
         if self._reader is not None:
             self._reader.join(LONGEST_READ)
             if self._reader.is_alive():
-                # Releasing a capture that another thread still reads crashes the process.
-                logger.error("%s does not return from a read; its thread goes on until the program ends", self.name)
+                # Releasing a capture that another thread is reading crashes the process.
+                logger.error("%s does not return from a read; its thread runs until the program ends", self.name)
                 self._capture = None
             self._reader = None
         if self._capture is not None:
@@ -138,10 +137,10 @@ class OpenCvCamera(Camera):
             self._capture = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Fix exposure, gain, white balance and gamma; see `lock_settings`."""
+        """Lock exposure, gain, white balance and gamma; see `lock_settings`."""
         capture = self._opened()
         if self._is_file and settings != CameraSettings():
-            raise CameraSettingRefused(f"{self.name} is a file: its frames are taken, {settings} cannot be set")
+            raise CameraSettingRefused(f"{self.name} is a file, whose frames exist already: {settings} cannot be set")
         return lock_settings(capture, settings, self.name)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
@@ -149,7 +148,7 @@ class OpenCvCamera(Camera):
         return held_settings(self._opened(), locked)
 
     def grab(self, timeout: float) -> Frame:
-        """The next frame of a file, or the newest not yet returned of a live camera."""
+        """Return the next frame of a file, or the newest frame of a live camera; errors as in `Camera.grab`."""
         capture = self._opened()
         if self._is_file:
             frame = self._read(capture)
@@ -167,7 +166,7 @@ class OpenCvCamera(Camera):
         return frame
 
     def flush(self) -> None:
-        """Forget the frame that waits; a file has none waiting."""
+        """Discard the waiting frame of a live camera."""
         self._opened()
         with self._changed:
             self._newest = None
@@ -182,7 +181,7 @@ class OpenCvCamera(Camera):
         good, image = capture.retrieve()
         if not good:
             return None
-        # The array was made for this frame alone: with itself frozen, not only a view of it, it never changes.
+        # The array belongs to this frame alone, so it can be made read-only without a view.
         image.setflags(write=False)
         frame = Frame(image, self._counter, stamp)
         self._counter += 1
@@ -193,7 +192,7 @@ class OpenCvCamera(Camera):
         while not self._stop.is_set():
             try:
                 frame = self._read(capture)
-            except BaseException:  # grab() must raise however this thread ends
+            except BaseException:  # grab() must report any end of this thread
                 logger.exception("%s: OpenCV failed to read", self.name)
                 frame = None
             with self._changed:
@@ -204,13 +203,14 @@ class OpenCvCamera(Camera):
                 return
 
     def _check_backend(self, cv2: Any, number: int) -> None:
-        if self._backend == "firewire" and not cv2.videoio_registry.hasBackend(number):
+        if self._backend == "any" or cv2.videoio_registry.hasBackend(number):
+            return
+        if self._backend == "firewire":
             raise CameraBackendMissing(FIREWIRE_HELP)
-        if self._backend != "any" and not cv2.videoio_registry.hasBackend(number):
-            raise CameraBackendMissing(
-                f"the installed OpenCV {cv2.__version__} was built without {self._backend}: choose another backend, or "
-                "install an OpenCV that has it (a Linux distribution's usually has GStreamer)"
-            )
+        raise CameraBackendMissing(
+            f"the installed OpenCV {cv2.__version__} was built without {self._backend}: choose another backend, or "
+            "install an OpenCV that has it (a Linux distribution's usually has GStreamer)"
+        )
 
     def _request_format(self, cv2: Any, capture: Any) -> None:
         if self._is_file:
@@ -238,13 +238,13 @@ def _is_file(source: int | str | Path, backend: str) -> bool:
 
 
 class Capture(Protocol):
-    """The part of `cv2.VideoCapture` that settings need."""
+    """Methods of `cv2.VideoCapture` that are used for settings."""
 
     def set(self, propId: int, value: float) -> bool:
-        """Set a property; False when the device does not have it."""
+        """Set a property; False if the device does not have it."""
 
     def get(self, propId: int) -> float:
-        """The value of a property."""
+        """Value of a property."""
 
 
 def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> CameraSettings:
@@ -252,11 +252,11 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
 
     Args:
         capture: an open capture.
-        settings: what to set; None entries are left alone.
+        settings: settings to apply; None entries are not changed.
         name: name of the camera, for messages.
 
     Raises:
-        CameraSettingRefused: the camera has no such setting, or holds another value than was asked for.
+        CameraSettingRefused: the camera does not have the setting, or reads back another value.
     """
     held = {}
     for setting, (prop, unit, what, switch, manual) in CONTROLS.items():
@@ -271,7 +271,7 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
 
 
 def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
-    """Read locked settings back from the camera; values that it does not report (0, -1) are left out.
+    """Read locked settings back from the camera, except values that it does not report (0, -1).
 
     Args:
         capture: an open capture.
@@ -301,7 +301,7 @@ def _set(capture: Capture, prop: str, value: float, what: str, name: str, tolera
             f"{name} has no setting {what} (asked for {value:g}): set it with the maker's tool (`v4l2-ctl -L`), "
             "or leave it out"
         )
-    # One unit of rounding is always allowed: most V4L2 controls are whole numbers.
+    # Rounding to integers is always allowed: most V4L2 controls are integers.
     if abs(got - value) > max(tolerance * abs(value), 0.5):
         raise CameraSettingRefused(
             f"{name} was asked for {what} {value:g} and holds {got:g}: ask for a value it can take (`v4l2-ctl -L`)"

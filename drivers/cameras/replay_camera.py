@@ -1,4 +1,4 @@
-"""Camera that plays the frames of an iterable: of a scan, a recording, a generator."""
+"""Camera that plays the frames of an iterable, for example of a scan or recording."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from drivers.frame import Frame, read_only
 
 
 class ReplayCamera(Camera):
-    """Plays frames in their order; each grab takes the next, so nothing is ever dropped.
+    """Camera that returns the frames of an iterable in order, without dropping any.
 
-    It opens no files: the caller opens a scan (a folder) or a recording (MCAP) and gives its frames as an iterable.
-    Frames must come in the order in which `acquire` asks for them. An iterable that can be iterated again (a list)
-    starts over when the camera is reopened.
+    The frames must be in the order in which `acquire` grabs them. An iterable that can be iterated again, such as a
+    list, starts over when the camera is reopened.
     """
 
     lag = 0.0
@@ -25,8 +24,8 @@ class ReplayCamera(Camera):
         """Prepare the camera.
 
         Args:
-            frames: images, numbered from 0; or frames, which keep their numbers. All are stamped when they are grabbed.
-            fps: frames per second at which images become available; None: at once.
+            frames: images, numbered from 0, or frames, which keep their numbers. All are stamped when grabbed.
+            fps: frame rate at which they become available [Hz]; None = immediately.
             name: name of the camera, for messages.
 
         Raises:
@@ -53,21 +52,21 @@ class ReplayCamera(Camera):
         self._iterator = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Refuse every setting, since the frames are already taken; asking for none is fine.
+        """Accept empty settings only, since the frames exist already.
 
         Raises:
-            CameraSettingRefused: something was asked for.
+            CameraSettingRefused: a setting is not None.
         """
         if settings != CameraSettings():
-            raise CameraSettingRefused(f"{self.name} replays frames already taken: {settings} cannot be set")
+            raise CameraSettingRefused(f"{self.name} replays existing frames: {settings} cannot be set")
         return settings
 
     def grab(self, timeout: float) -> Frame:
-        """The next frame.
+        """Return the next frame.
 
         Raises:
-            CameraTimeout: at this frame rate the next frame comes later than `timeout` [s].
-            CameraEnded: there is no further frame.
+            CameraTimeout: at this frame rate the next frame arrives after `timeout` [s].
+            CameraEnded: there are no more frames.
             CameraNotOpen: the camera is not open.
         """
         frames = opened(self._iterator, self)
@@ -88,4 +87,4 @@ class ReplayCamera(Camera):
         return Frame(read_only(item), counter, timing.monotonic())
 
     def flush(self) -> None:
-        """Do nothing: a frame arrives only when it is grabbed."""
+        """Do nothing: frames arrive only when grabbed."""

@@ -1,4 +1,4 @@
-"""V4L2 cameras, grey or YUYV (no MJPEG), with the kernel's own frame numbers and times. Needs linuxpy."""
+"""V4L2 cameras, grey or YUYV (no MJPEG), with frame numbers and times from the kernel. Needs linuxpy."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from drivers.errors import (
 from drivers.frame import Frame, Image
 
 BUFFERS = 8
-# In order of preference. Every second byte of YUYV is the brightness.
+# Pixel formats in order of preference. Every second byte of YUYV is the luminance.
 PIXEL_FORMATS = ("GREY", "YUYV")
-# Bit of a buffer's flags that says that its picture is damaged; frame numbers wrap after 32 bits.
+# Buffer flag of a damaged image; modulus of the frame numbers.
 DAMAGED, NUMBERS = 0x40, 1 << 32
-# Unit of the exposure control [s], and relative difference allowed between a value and what the driver rounds it to.
+# Unit of the exposure control [s], and relative tolerance of a value that the driver has rounded.
 EXPOSURE_UNIT, TOLERANCE = 1e-4, 0.05
 MANUAL_EXPOSURE = 1
-# Setting -> its control, the control's unit, the control that switches its automatic, and the value that switches it
-# off.
+# Setting -> control, its unit, control of the automatic mode, and the value that switches that off.
 CONTROLS: dict[str, tuple[str, float, str, int]] = {
     "exposure": ("exposure_time_absolute", EXPOSURE_UNIT, "auto_exposure", MANUAL_EXPOSURE),
     "gain": ("gain", 1.0, "", 0),
@@ -37,9 +36,9 @@ CONTROLS: dict[str, tuple[str, float, str, int]] = {
 
 
 class V4l2Camera(Camera):
-    """A camera of Linux's own video interface. Frames are (height, width) uint8, in order, none skipped.
+    """Camera of the Linux video interface. Frames are (height, width) uint8, returned in order without skipping.
 
-    Their numbers and monotonic stamps are the kernel's, so that a lost frame shows as a gap.
+    Their numbers and monotonic stamps are the kernel's, so that lost frames show as gaps.
     """
 
     counts_frames = True
@@ -58,11 +57,11 @@ class V4l2Camera(Camera):
 
         Args:
             path: path of the device.
-            pixel_format: one of PIXEL_FORMATS; None for the first that the camera has.
-            size: (width, height); None for the camera's own.
-            fps: frames per second; None for the camera's own.
+            pixel_format: one of PIXEL_FORMATS; None = the first that the camera has.
+            size: (width, height); None = the camera's default.
+            fps: frame rate [Hz]; None = the camera's default.
             lag: see `Camera`.
-            video: module to use in place of `linuxpy.video.device`; None: that one.
+            video: module to use instead of `linuxpy.video.device`.
 
         Raises:
             ValueError: the pixel format is not one of PIXEL_FORMATS.
@@ -78,12 +77,12 @@ class V4l2Camera(Camera):
         self._counter, self._last = -1, 0
 
     def open(self) -> None:
-        """Open the device and begin to take pictures; does nothing when open.
+        """Open the device and start the acquisition; does nothing when open.
 
         Raises:
             CameraBackendMissing: linuxpy is not installed.
-            CameraNotFound: there is no such device, or it is held by another program.
-            CameraSettingRefused: it has none of the pixel formats, or not the size.
+            CameraNotFound: there is no such device, or another program uses it.
+            CameraSettingRefused: the camera does not have the pixel format or the size.
         """
         if self._capture is not None:
             return
@@ -106,7 +105,7 @@ class V4l2Camera(Camera):
         self._capture, self._counter = capture, -1
 
     def close(self) -> None:
-        """Stop and give the device back; does nothing when closed."""
+        """Stop and release the device; does nothing when closed."""
         capture, self._capture = self._capture, None
         device, self._device = self._device, None
         if capture is not None:
@@ -128,7 +127,7 @@ class V4l2Camera(Camera):
         return CameraSettings(**held)
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Read the controls of what was locked, and whether an automatic is on again."""
+        """Read the controls of locked settings and their automatic modes; errors as in `Camera.held`."""
         self._opened()
         controls = self._device.controls
         values, automatic = {}, []
@@ -144,7 +143,7 @@ class V4l2Camera(Camera):
         return HeldSettings(values=values, automatic=tuple(automatic))
 
     def grab(self, timeout: float) -> Frame:
-        """The oldest frame not yet returned; a damaged one is left out and shows as a gap."""
+        """Return the oldest frame; damaged ones are skipped and show as gaps. Errors as in `Camera.grab`."""
         capture = self._opened()
         while True:
             if not select.select([self._device], [], [], timeout)[0]:
@@ -160,7 +159,7 @@ class V4l2Camera(Camera):
             return Frame(self._grey(taken.data), self._counter, taken.timestamp)
 
     def flush(self) -> None:
-        """Forget frames that have already arrived."""
+        """Discard waiting frames."""
         capture = self._opened()
         while select.select([self._device], [], [], 0)[0]:
             capture.buffer.raw_read()
@@ -210,7 +209,7 @@ class V4l2Camera(Camera):
             ) from None
         control.value = round(value)
         held = float(control.value)
-        # One unit of rounding is always allowed: controls are whole numbers.
+        # Rounding to integers is always allowed: controls are integers.
         if abs(held - value) > max(TOLERANCE * abs(value), 0.5):
             raise CameraSettingRefused(f"{self.name} was asked for {name} {value:g} and holds {held:g}")
         return held

@@ -20,10 +20,10 @@ from drivers.emulator.bus import CLEAR_FEATURE, SET_CONFIGURATION, TO_DEVICE, TO
 
 _T = TypeVar("_T")
 
-# [s] A standard request may take this long.
+# Timeout of standard requests [s].
 DESCRIPTOR_TIMEOUT = 1.0
 
-# libusb's own codes, so that an error looks the same as from the real backend.
+# libusb's error codes, as the real backend returns them.
 LIBUSB_CODES = {
     errno.EIO: -1,
     errno.EACCES: -3,
@@ -50,23 +50,23 @@ class EmulatedBackend(usb.backend.IBackend):
         return None
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        """The device descriptor as the device sends it, with its place on the bus."""
+        """Device descriptor, with the device's place on the bus."""
         data, number = self._descriptor(dev, descriptors.DEVICE, 18), dev + 1
         place = {"address": number, "bus": 1, "port_number": number, "port_numbers": (number,), "speed": 2}
         return descriptors.parse(data, descriptors.DEVICE, **place)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
-        """The only configuration; IndexError for another."""
+        """Configuration descriptor 0; IndexError for another."""
         _only_zero(config)
         return descriptors.parse(self._configuration(dev), descriptors.CONFIGURATION, extra_descriptors=[])
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The only interface; IndexError for another."""
+        """Interface descriptor 0; IndexError for another."""
         _only_zero(intf, alt, config)
         return descriptors.parse(self._configuration(dev), descriptors.INTERFACE_KIND, extra_descriptors=[])
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        """The only endpoint; IndexError for another."""
+        """Endpoint descriptor 0; IndexError for another."""
         _only_zero(ep, intf, alt, config)
         further = {"bRefresh": 0, "bSynchAddress": 0, "extra_descriptors": []}
         return descriptors.parse(self._configuration(dev), descriptors.ENDPOINT_KIND, **further)
@@ -79,13 +79,13 @@ class EmulatedBackend(usb.backend.IBackend):
         return self._descriptor(dev, descriptors.CONFIGURATION, 255)
 
     def open_device(self, dev: int) -> Bus:
-        """Open the board; the bus serves as handle."""
+        """Open the board; the handle is the bus."""
         bus = self._buses[dev]
         _translated(bus.open)
         return bus
 
     def close_device(self, dev_handle: Bus) -> None:
-        """Close the board; its interface is released, as the kernel does."""
+        """Close the board and release its interface, as the kernel does."""
         dev_handle.release()
 
     def set_configuration(self, dev_handle: Bus, config_value: int) -> None:
@@ -95,7 +95,7 @@ class EmulatedBackend(usb.backend.IBackend):
         _translated(lambda: dev_handle.command(TO_DEVICE, SET_CONFIGURATION, config_value, 0, DESCRIPTOR_TIMEOUT))
 
     def get_configuration(self, dev_handle: Bus) -> int:
-        """The configuration that is set."""
+        """Current configuration."""
         return _translated(lambda: dev_handle.control(0x80, 8, 0, 0, 1, DESCRIPTOR_TIMEOUT))[0]
 
     def claim_interface(self, dev_handle: Bus, intf: int) -> None:
@@ -107,7 +107,7 @@ class EmulatedBackend(usb.backend.IBackend):
         dev_handle.release()
 
     def clear_halt(self, dev_handle: Bus, ep: int) -> None:
-        """Clear a stall of an endpoint; its data toggle begins again."""
+        """Clear a stall of an endpoint and reset its data toggle."""
         _translated(lambda: dev_handle.command(TO_ENDPOINT, CLEAR_FEATURE, 0, ep, DESCRIPTOR_TIMEOUT))
 
     def ctrl_transfer(
@@ -120,7 +120,7 @@ class EmulatedBackend(usb.backend.IBackend):
         data: array[int],
         timeout: int,
     ) -> int:
-        """Make a control transfer; the board knows none with data from the host, so such a transfer stalls."""
+        """Make a control transfer; one with data from the host stalls, since the board has no such request."""
         if not bmRequestType & 0x80:
             if len(data):
                 raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
@@ -137,7 +137,7 @@ class EmulatedBackend(usb.backend.IBackend):
 
 
 def emulated_backend(*boards: EmulatedBoard) -> EmulatedBackend:
-    """A pyusb backend with these emulated boards, in this process, plugged in."""
+    """Make a pyusb backend with these emulated boards plugged in."""
     return EmulatedBackend(*(LocalBus(board) for board in boards))
 
 

@@ -1,4 +1,4 @@
-"""Emulated board: serves the commands of `PROTOCOL.md`, and shows laser and mirror to emulated cameras."""
+"""Emulated board: executes the commands of `PROTOCOL.md`, and provides laser and mirror to emulated cameras."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """Laser board in software; thread-safe.
 
-    Nothing runs in the background: at each call, timers take effect as of the instants at which they were due.
+    Nothing runs in the background: each call first applies all timers, as of the times at which they were due.
 
     Attributes:
         config: configuration.
-        clock: function that gives the time [s].
-        plan: faults that wait.
-        shutter: shutter of the camera that waits for this board's trigger.
+        clock: function that returns the time [s].
+        plan: pending faults.
+        shutter: shutter of the camera that this board triggers.
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
         """Power up, with the mirror at the centre of its travel and its home unknown.
 
         Args:
-            config: configuration; None for the defaults.
-            clock: function that gives the time [s].
+            config: configuration; None = defaults.
+            clock: function that returns the time [s].
         """
         self.config = config or EmulatorConfig()
         self.clock = clock
@@ -57,7 +57,7 @@ class EmulatedBoard:
         self.plan.add(fault)
 
     def mend(self) -> None:
-        """Remove every injected fault; fault bits already set stay until the host clears them."""
+        """Remove all injected faults; fault bits that are set remain until the host clears them."""
         self.plan.clear()
 
     @property
@@ -75,13 +75,13 @@ class EmulatedBoard:
             self._mirror.halt(now)
 
     def replug(self) -> None:
-        """Plug in again: power-up, home unknown; nothing happens when it is plugged in."""
+        """Plug in again: power-up, home unknown; does nothing when plugged in."""
         with self._lock:
             if not self._plugged:
                 self._power_on(self._advance())
 
     def serve(self, request: int, argument: int) -> bytes | None:
-        """Carry out a command and return its data stage; None for one that the firmware does not know."""
+        """Execute a command and return its data stage; None for a command that the firmware does not know."""
         with self._lock:
             now = self._advance()
             known = REQUESTS.get(request)
@@ -98,7 +98,7 @@ class EmulatedBoard:
             return self._status(result, known, now)
 
     def next_report(self) -> bytes | None:
-        """The oldest record for the interrupt endpoint that was not fetched, None when there is none."""
+        """Return the oldest waiting record of the interrupt endpoint, or None."""
         with self._lock:
             self._advance()
             if self._sweep.records:
@@ -106,12 +106,12 @@ class EmulatedBoard:
             return self._reports.popleft() if self._reports else None
 
     def still_at(self) -> float:
-        """End of the present motion, settling included [s]."""
+        """End of the current motion, including settling [s]."""
         with self._lock:
             return self._mirror.still_at
 
     def view(self, at: float | None = None) -> BoardView:
-        """State of the board at a time [s] of its clock; None for now."""
+        """State of the board at a time by its clock [s]; None = now."""
         with self._lock:
             now = self._advance()
             instant = now if at is None else at
@@ -127,7 +127,7 @@ class EmulatedBoard:
             )
 
     def exposure(self, start: float, end: float) -> ExposureView:
-        """View of the board by an exposure from `start` to `end` [s], both past."""
+        """State of the board during an exposure from `start` to `end` [s], both in the past."""
         with self._lock:
             self._advance()
             angle = self._mirror.true_angle
@@ -146,7 +146,7 @@ class EmulatedBoard:
             return tuple(self._sweep.triggers)
 
     def openings(self, first: int = 0) -> tuple[Opening, ...]:
-        """Openings of the triggered camera's shutter (start, end) [s], from number `first` on."""
+        """Openings (start, end) of the triggered camera's shutter [s], from number `first` on."""
         with self._lock:
             self._advance()
             return tuple(self._sweep.openings[first:])
@@ -173,7 +173,7 @@ class EmulatedBoard:
         self._run_sweep(now)
         ended = self._mirror.ended(now)
         if ended is not None:
-            # The report shows the state at that instant, however late it is asked for.
+            # The report contains the state at that time, even if it is read later.
             self._report(ended)
         self._light.advance(now)
         self._mirror.advance(now)
@@ -296,7 +296,7 @@ class EmulatedBoard:
 
 
 def minor_of(request: Request) -> int:
-    """Minor number of the protocol 1 since which a board knows a request."""
+    """First minor version of protocol 1 that has a request."""
     if request is Request.SWEEP_DARK:
         return 2
     return 1 if request >= Request.SWEEP_STEP else 0

@@ -13,22 +13,22 @@ from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.descriptors import descriptor
 from drivers.emulator.faults import Fault, FaultKind
 
-# Standard requests of USB: bmRequestType, and bRequest.
+# bmRequestType and bRequest of standard USB requests.
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# Polling interval while the mirror is still and the board has nothing to report [s].
+# Polling interval while the mirror is still [s].
 REPORT_SLICE = 0.002
 BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
 AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
 
 class BusError(OSError):
-    """Failed transfer, with the `errno` that libusb would return."""
+    """Failed transfer, with the `errno` of libusb."""
 
 
 class Bus(Protocol):
-    """Interface of a bus with one board, in this process or in another, as the pyusb backend uses it."""
+    """Interface of a bus with one board, in this or another process, for the pyusb backend."""
 
     def present(self) -> bool:
         """True while the board is plugged in."""
@@ -53,7 +53,7 @@ class Bus(Protocol):
 
 
 class LocalBus:
-    """A bus in this process; thread-safe."""
+    """Bus in this process; thread-safe."""
 
     def __init__(self, board: EmulatedBoard) -> None:
         """Plug `board` in."""
@@ -73,7 +73,7 @@ class LocalBus:
             raise BusError(errno.EACCES, "Access denied (insufficient permissions)")
 
     def claim(self) -> None:
-        """Claim the interface, unless another claim holds it."""
+        """Claim the interface, unless it is claimed already."""
         self._check_plugged()
         with self._claim_lock:
             if self._claimed or self._board.plan.strike("claim", (FaultKind.BUSY,)):

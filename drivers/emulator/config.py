@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
-# A 1.8 degree stepper with 256 microsteps that turns the mirror directly: 0.00703 degrees a step. The travel,
-# 40 degrees of mirror with zero 15 degrees above its low end, covers the scan of the Guara (-8 ... 19 degrees).
+# Step of a 1.8 degree stepper with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is 40
+# degrees with zero 15 degrees above its low end, which covers the scan of the Guara (-8 ... 19 degrees).
 STEP_NANORAD = 122718
 STEP = STEP_NANORAD * 1e-9
 
@@ -34,14 +34,14 @@ class EmulatorConfig:
     """Configuration of an `EmulatedBoard`.
 
     Attributes:
-        identity: identity that the board reports, with the limits that it obeys.
+        identity: identity reported by the board, with the limits that it enforces.
         serial: serial number.
-        mirror_speed: speed of the mirror [rad/s]; 7 rad/s is a stepper at a leisurely 220 full steps a second.
-        settle: rest after a motion before the mirror is still [s].
-        overshoot: steps by which a downward move goes too far, to take up backlash.
-        periodic_error: amplitude of the stepper's periodic error [rad], period 8 full steps.
+        mirror_speed: speed of the mirror [rad/s]; 7 rad/s is 220 full steps per second, slow for a stepper.
+        settle: settling time of the mirror after a motion [s].
+        overshoot: number of steps by which a downward motion overshoots, to take up backlash.
+        periodic_error: amplitude of the stepper's periodic error, with a period of 8 full steps [rad].
         temperature: temperature of the board [degrees Celsius].
-        bus_delay: time each transfer takes [s]; a full-speed control transfer takes about 0.001.
+        bus_delay: duration of a transfer [s]; a real full-speed control transfer takes about 0.001.
     """
 
     identity: BoardIdentity = field(default_factory=_default_identity)

@@ -1,4 +1,4 @@
-"""USB descriptors of the emulated board as bytes, and any device's bytes in the form that pyusb's backends return."""
+"""USB descriptors of the emulated board, and a parser into the form that pyusb's backends return."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.board.protocol import INTERFACE, MANUFACTURER, PRODUCT, PRODUCT_ID,
 DEVICE, CONFIGURATION, STRING, INTERFACE_KIND, ENDPOINT_KIND = 1, 2, 3, 4, 5
 # String descriptor 0: English (United States), 0x0409.
 LANGUAGE = b"\x04\x03\x09\x04"
-# Layout of each kind, and its fields after the length and the kind itself, by their names in the USB specification.
+# Layout of each kind, and the names (USB specification) of its fields after length and kind.
 LAYOUTS = {
     DEVICE: (
         struct.Struct("<BBHBBBBHHHBBBB"),
@@ -32,11 +32,11 @@ LAYOUTS = {
 
 
 def descriptor(kind: int, index: int, serial: str) -> bytes | None:
-    """A descriptor of the emulated board, None where it has no such descriptor.
+    """Descriptor of the emulated board; None if it has no such descriptor.
 
     Args:
         kind: type of the descriptor, the high byte of wValue.
-        index: number among those of its type, the low byte.
+        index: index of the descriptor, the low byte of wValue.
         serial: serial number of the board.
     """
     if kind == STRING:
@@ -53,10 +53,10 @@ def descriptor(kind: int, index: int, serial: str) -> bytes | None:
 
 
 def parse(data: bytes, kind: int, **further: Any) -> SimpleNamespace:
-    """The first descriptor of a kind in what a device sent, with further attributes.
+    """Parse the first descriptor of a kind in the data of a device, and add further attributes.
 
     Raises:
-        IndexError: there is none.
+        IndexError: there is no such descriptor.
     """
     layout, names = LAYOUTS[kind]
     values = layout.unpack(_first(data, kind))

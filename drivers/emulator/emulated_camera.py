@@ -15,7 +15,7 @@ from drivers.frame import Frame, read_only
 
 
 class Exposes(Protocol):
-    """Board that is seen by exposures: `EmulatedBoard` or `RemoteBoard`."""
+    """Interface of a board that cameras can expose: `EmulatedBoard` or `RemoteBoard`."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
         """View of an exposure from `start` to `end` [s]."""
@@ -26,8 +26,8 @@ class CameraFault:
     """Fault of the frames `first` ... `first + count - 1` of an `EmulatedCamera`.
 
     Attributes:
-        kind: "drop" (the frame never arrives), "repeat" (the frame before comes again, with its number), "freeze" (the
-            picture before comes again, with a new number), "silence" (no frame while it lasts), "resize" (half the
+        kind: "drop" (the frame never arrives), "repeat" (the previous frame is repeated with its number), "freeze" (the
+            previous image is repeated with a new number), "silence" (no frame arrives meanwhile), "resize" (half the
             size), "brighten" (twice the exposure).
         first: number of the first frame.
         count: number of frames.
@@ -54,13 +54,13 @@ KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
 
 
 class EmulatedCamera(Camera):
-    """Exposes at a fixed rate, independently of its reader; a slow reader gets only the newest frame.
+    """Camera that exposes at a fixed rate; a slow reader gets only the newest frame.
 
     Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
 
     Attributes:
         faults: faults of its frames.
-        automatic: settings that another program has switched to automatic again; only `held` reports them.
+        automatic: settings in automatic mode, as if switched by another program; affects only `held`.
     """
 
     def __init__(
@@ -77,14 +77,14 @@ class EmulatedCamera(Camera):
 
         Args:
             board: the board whose laser and mirror it sees.
-            render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
-            fps: frames per second.
-            exposure: time the shutter is open [s]; `lock` changes it.
+            render: renders the image of an exposure from the state of the board and the camera's settings.
+            fps: frame rate [Hz].
+            exposure: initial exposure time [s].
             latency: time from the end of the exposure to the arrival [s].
             name: name of the camera in messages.
 
         Raises:
-            ValueError: fps or exposure not above 0, or an exposure longer than a frame.
+            ValueError: fps or exposure is not above 0, or the exposure is longer than a frame.
         """
         if not (fps > 0 and 0 < exposure <= 1 / fps and latency >= 0):
             raise ValueError(
@@ -104,7 +104,7 @@ class EmulatedCamera(Camera):
         self._last: Frame | None = None
 
     def open(self) -> None:
-        """Begin to expose; does nothing when open."""
+        """Start exposing; does nothing when open."""
         if self._start is None:
             self._start, self._next = timing.monotonic(), 0
 
@@ -113,7 +113,7 @@ class EmulatedCamera(Camera):
         self._start = None
 
     def lock(self, settings: CameraSettings) -> CameraSettings:
-        """Take every setting; an exposure longer than a frame is cut to the frame, as real cameras do."""
+        """Accept all settings; an exposure longer than a frame is reduced to it, as by real cameras."""
         self._started()
         given = {name: value for name, value in asdict(settings).items() if value is not None}
         if "exposure" in given:
@@ -128,11 +128,11 @@ class EmulatedCamera(Camera):
         return HeldSettings(values=asdict(self._settings), automatic=tuple(self.automatic))
 
     def grab(self, timeout: float) -> Frame:
-        """The next frame, or the newest if several have arrived since the last grab.
+        """Return the next frame, or the newest if several have arrived since the last grab.
 
         Raises:
-            CameraTimeout: none arrives in time.
-            CameraNotOpen: open it first.
+            CameraTimeout: no frame in time.
+            CameraNotOpen: the camera is not open.
         """
         start = self._started()
         asked = timing.monotonic()
@@ -152,7 +152,7 @@ class EmulatedCamera(Camera):
         return frame
 
     def flush(self) -> None:
-        """Forget what has arrived."""
+        """Discard the frames that have arrived."""
         self._started()
         self._next = max(self._next, self._arrived(timing.monotonic()) + 1)
 

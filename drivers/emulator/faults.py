@@ -1,4 +1,4 @@
-"""Faults of the emulated board, and the plan of their occurrence."""
+"""Faults of the emulated board, and when they occur."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from drivers.board.protocol import Request
 
 
 class FaultKind(enum.Enum):
-    """Kinds of faults: the first nine strike on the bus, the others in the device.
+    """Kinds of faults: the first nine occur on the bus, the others in the device.
 
     Attributes:
-        UNPLUG: the device leaves the bus before the transfer does anything.
-        UNPLUG_AFTER: the command is carried out, then the device leaves the bus in the middle of the answer.
+        UNPLUG: the device is unplugged before the transfer.
+        UNPLUG_AFTER: the command is executed, then the device is unplugged during the reply.
         STALL: the transfer stalls.
         TIMEOUT: the command is lost.
-        TIMEOUT_AFTER: the command is carried out but its answer is lost.
-        SHORT_READ: half of the answer is missing.
-        GARBAGE: the answer is random.
-        NO_PERMISSION: opening fails for want of permission.
-        BUSY: claiming fails because another program holds the interface.
-        LOST_STEP: the motor misses `amount` steps in its next motion, unnoticed by the firmware.
+        TIMEOUT_AFTER: the command is executed but its reply is lost.
+        SHORT_READ: half of the reply is missing.
+        GARBAGE: the reply is random.
+        NO_PERMISSION: opening fails for lack of permission.
+        BUSY: claiming fails because another program uses the interface.
+        LOST_STEP: the motor loses `amount` steps in its next motion, unnoticed by the firmware.
         LASER_STUCK_ON, LASER_STUCK_OFF: the laser does not follow its command.
-        BLIND_SENSOR: the photodiode repeats the command, so that only a camera can tell.
+        BLIND_SENSOR: the photodiode reports the command, so that only a camera sees the laser.
         HOT: the temperature becomes `amount` degrees Celsius.
-        WRONG_VERSION: the firmware speaks protocol `amount` (major x 256 + minor).
-        NO_HOME_SWITCH: the mirror never meets its home switch.
-        JAMMED: the mirror never reports to be still.
+        WRONG_VERSION: the firmware has protocol `amount` (major x 256 + minor).
+        NO_HOME_SWITCH: the mirror does not find its home switch.
+        JAMMED: the mirror never reports that it is still.
     """
 
     UNPLUG = "unplug"
@@ -53,14 +53,14 @@ class FaultKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault.
+    """Fault to inject.
 
     Attributes:
         kind: kind of the fault.
-        request: command (or `"report"`, `"open"`, `"claim"`) at which it strikes; None for any command.
-        skip: number of matching transfers that pass before.
-        count: number of times that it strikes.
-        amount: steps, degrees or version, for the kinds that have one.
+        request: command (or `"report"`, `"open"`, `"claim"`) at which it occurs; None = any command.
+        skip: number of matching transfers before it occurs.
+        count: number of times that it occurs.
+        amount: steps, degrees or version, for kinds that have one.
     """
 
     kind: FaultKind
@@ -71,32 +71,32 @@ class Fault:
 
 
 class FaultPlan:
-    """The faults waiting to strike; thread-safe."""
+    """Pending faults; thread-safe."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without faults."""
         self._waiting: list[Fault] = []
         self._lock = threading.Lock()
 
     def add(self, fault: Fault) -> None:
-        """Let `fault` wait for its turn."""
+        """Add a fault."""
         with self._lock:
             self._waiting.append(fault)
 
     def clear(self) -> None:
-        """Forget every fault."""
+        """Remove all faults."""
         with self._lock:
             self._waiting.clear()
 
     def holds(self, kind: FaultKind) -> Fault | None:
-        """The fault of a kind that holds as a state, or None."""
+        """Pending fault of a kind, which acts as a state; or None."""
         if not self._waiting:
             return None
         with self._lock:
             return next((fault for fault in self._waiting if fault.kind is kind), None)
 
     def strike(self, at: Request | str, kinds: Collection[FaultKind]) -> Fault | None:
-        """The fault among `kinds` that strikes at this transfer, which is counted; None without one."""
+        """Return the fault among `kinds` that occurs at this transfer, and count it; or None."""
         if not self._waiting:
             return None
         with self._lock:

@@ -1,4 +1,4 @@
-"""Emulated laser, and its firmware: switch, photodiode, watchdog, time limit, heat, supply relay."""
+"""Emulated laser and its firmware: switch, photodiode, watchdog, time limit, temperature, supply relay."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from drivers.board.protocol import BoardFault, BoardFlag
 from drivers.emulator.faults import FaultKind, FaultPlan
 
 BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
-# [degrees Celsius]
+# Temperature at which the laser is turned off, and at which that fault can be cleared [degrees Celsius].
 TOO_HOT, COOL_ENOUGH = 60.0, 55.0
-# [s] The firmware waits this long for the photodiode before it opens the supply.
+# Time for which the firmware waits for the photodiode before it disconnects the supply [s].
 SENSE_DELAY = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """The laser changed at `time` [s] to `on`."""
+    """Change of the laser to `on` at `time` [s]."""
 
     time: float
     on: bool
 
 
 class Laser:
-    """Laser with a log of its changes, from which cameras compute their light."""
+    """Laser with a log of its changes, from which the light in an exposure is computed."""
 
     def __init__(self, now: float) -> None:
-        """Begin dark."""
+        """Start switched off."""
         self._log: deque[Switching] = deque([Switching(now, False)], maxlen=8192)
 
     @property
@@ -43,12 +43,12 @@ class Laser:
         return self._log[-1].time
 
     def switch(self, on: bool, now: float) -> None:
-        """Switch at `now`; does nothing when the laser is in that state already."""
+        """Switch at `now`; does nothing if the laser is in that state."""
         if on != self.on:
             self._log.append(Switching(now, on))
 
     def switchings(self) -> tuple[Switching, ...]:
-        """The changes still remembered, oldest first."""
+        """Logged changes, oldest first."""
         return tuple(self._log)
 
     def at(self, time: float) -> bool:
@@ -59,10 +59,10 @@ class Laser:
         return False
 
     def fraction(self, start: float, end: float) -> float:
-        """Share of the interval `start` ... `end` during which it was on, 0 ... 1."""
+        """Fraction of the interval from `start` to `end` during which it was on, 0 ... 1."""
         if end <= start:
             return 1.0 if self.at(start) else 0.0
-        # From the newest change back: the interval is recent, and the log may be long.
+        # Backwards from the newest change: the interval is recent, and the log may be long.
         lit, until = 0.0, end
         for event in reversed(self._log):
             if event.time < until:
@@ -75,10 +75,10 @@ class Laser:
 
 
 class LightUnit:
-    """Laser, its transistor (which may stick), its supply relay, and the timers that guard it."""
+    """Laser, its transistor (which may stick), its supply relay, and its safety timers."""
 
     def __init__(self, identity: BoardIdentity, plan: FaultPlan, temperature: float, now: float) -> None:
-        """Begin dark; `temperature` is that of a healthy board [degrees Celsius]."""
+        """Start switched off; `temperature` is that of a healthy board [degrees Celsius]."""
         self.laser = Laser(now)
         self._identity, self._plan, self._temperature = identity, plan, temperature
         self.power_on(now)
@@ -102,7 +102,7 @@ class LightUnit:
         self._fed = now
 
     def begin(self, now: float) -> None:
-        """Start a session: dark, watchdog fault cleared."""
+        """Start a session: laser off, watchdog fault cleared."""
         self.command(False, now)
         self.clear(BoardFault.WATCHDOG, now)
 
@@ -126,20 +126,20 @@ class LightUnit:
 
     @property
     def may_shine(self) -> bool:
-        """True if no fault forbids the laser."""
+        """True if no fault prevents the laser."""
         return not self.faults & BLOCKING
 
     @property
     def silent_at(self) -> float:
-        """Time at which the watchdog acts unless it is fed before [s]."""
+        """Time at which the watchdog acts unless it is fed [s]."""
         return self._fed + self._identity.watchdog
 
     def flash(self, now: float, goes_on: bool) -> bool:
-        """Switch on in a sweep, which feeds no watchdog; return whether the firmware was willing.
+        """Switch on in a sweep without feeding the watchdog; return True if the firmware permits it.
 
         Args:
-            now: present time [s].
-            goes_on: whether it is a further flash of the same sweep; the time lit then adds up, whatever the gap.
+            now: current time [s].
+            goes_on: True for a further flash of the same sweep, whose time then adds up whatever the gap.
         """
         if not self.may_shine:
             return False
@@ -152,7 +152,7 @@ class LightUnit:
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
-        """Clear those of `faults` whose cause is gone, and close the supply again when none is left."""
+        """Clear those of `faults` whose cause is gone, and reconnect the supply if no blocking one remains."""
         if self.temperature() > COOL_ENOUGH:
             faults &= ~BoardFault.OVER_TEMPERATURE
         if now - self._run_end < self._identity.laser_rest:
@@ -164,7 +164,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Apply the hardware timers that are due, each at its own time."""
+        """Apply the hardware timers that are due, each as of its own time."""
         if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
             self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
@@ -175,20 +175,20 @@ class LightUnit:
             self.cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
 
     def flags(self) -> int:
-        """The laser's bits of the status flags."""
-        # As numbers: an operator of an enum takes longer than all else that a transfer does here.
+        """Bits of the laser in the status flags."""
+        # As integers: operators of enums would take most of the time of a transfer.
         flags = int(BoardFlag.HAS_SENSOR)
         flags |= int(BoardFlag.LASER_COMMANDED) if self._commanded else 0
         flags |= int(BoardFlag.LASER_SENSED) if self.sensed else 0
         return flags
 
     def temperature(self) -> float:
-        """The board's temperature [degrees Celsius]."""
+        """Temperature of the board [degrees Celsius]."""
         hot = self._plan.holds(FaultKind.HOT)
         return self._temperature if hot is None else float(hot.amount)
 
     def time_on(self, now: float) -> float:
-        """Time that the laser has been on without a rest [s]."""
+        """Time for which the laser has been on without a rest [s]."""
         return now - self._run_start if self.laser.on else 0.0
 
     @property
@@ -197,7 +197,7 @@ class LightUnit:
         return self._commanded if self._plan.holds(FaultKind.BLIND_SENSOR) else self.laser.on
 
     def cut(self, fault: BoardFault, now: float) -> None:
-        """Set a fault, turn the laser off and open its supply."""
+        """Set a fault, turn the laser off and disconnect its supply."""
         self.faults |= fault
         self._supply = self._commanded = False
         self._update(now)

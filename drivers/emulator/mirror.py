@@ -1,4 +1,4 @@
-"""Emulated motor, and the firmware of the mirror: homing, motion to a step, range, lost steps."""
+"""Emulated motor, and firmware of the mirror: homing, motion, travel, lost steps."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from drivers.board.sweep_records import MotionProfile
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import FaultKind, FaultPlan
 
-# Period of a stepper's error: 8 full steps of 256 microsteps.
+# Period of a stepper's error [steps]: 8 full steps of 256 microsteps.
 PERIODIC_STEPS = 8 * 256
-# Steps/s^2: the acceleration of a motor that starts at its top speed.
+# Acceleration of a motor that starts at its top speed [steps/s^2].
 FREE = 4e9
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One segment of a motion, at constant speed: from `start` [s] at step `origin` to `end` [s] at step `target`."""
+    """Segment of a motion at constant speed: from step `origin` at `start` [s] to step `target` at `end` [s]."""
 
     start: float
     end: float
@@ -27,7 +27,7 @@ class Segment:
     target: float
 
     def at(self, time: float) -> float:
-        """The position [steps] at `time`."""
+        """Position at `time` [steps]."""
         if time >= self.end:
             return self.target
         if time <= self.start:
@@ -36,12 +36,12 @@ class Segment:
 
 
 class Motor:
-    """Stepper that moves at constant speed, in segments, of which it keeps the last few thousand.
+    """Stepper that moves at constant speed; keeps the last few thousand segments of its motion.
 
     Attributes:
         speed: speed of the motor [steps/s].
-        settle: time after a motion before the mirror is still [s].
-        still_at: end of the present motion, settling included [s].
+        settle: settling time after a motion [s].
+        still_at: end of the current motion, including settling [s].
         lost: true position minus the firmware's position [steps].
     """
 
@@ -50,10 +50,10 @@ class Motor:
 
         Args:
             speed: speed of the motor [steps/s].
-            settle: time after a motion before the mirror is still [s].
-            overshoot: steps by which a move down goes too far, to come back upwards.
+            settle: settling time after a motion [s].
+            overshoot: number of steps by which a downward motion overshoots before it returns.
             position: true position [steps from the home switch].
-            now: present time [s].
+            now: current time [s].
         """
         self.speed, self.settle, self._overshoot = speed, settle, overshoot
         self._segments: deque[Segment] = deque([Segment(now, now, position, position)], maxlen=4096)
@@ -61,7 +61,7 @@ class Motor:
         self.lost = 0.0
 
     def move(self, target: float, now: float) -> None:
-        """Begin a motion to the believed position `target`, from wherever the motor is now."""
+        """Start a motion to the position `target` according to the firmware."""
         start, origin = now, self.true_position(now)
         goal = target + self.lost
         if goal < origin:
@@ -70,7 +70,7 @@ class Motor:
         self.still_at = self._add(start, origin, goal) + self.settle
 
     def move_on(self, target: float) -> None:
-        """Add a further segment to the believed position `target` after the motion under way."""
+        """Append a segment to the position `target` according to the firmware to the current motion."""
         last = self._segments[-1]
         self.still_at = self._add(last.end, last.target, target + self.lost) + self.settle
 
@@ -82,7 +82,7 @@ class Motor:
         self.still_at = now + self.settle
 
     def true_position(self, time: float) -> float:
-        """True position of the mirror at `time` [steps from the home switch]."""
+        """True position at `time` [steps from the home switch]."""
         for segment in reversed(self._segments):
             if segment.start <= time:
                 return segment.at(time)
@@ -108,13 +108,13 @@ class MirrorUnit:
 
     Attributes:
         faults: faults that are set.
-        motions: number of motions begun.
-        home_error: error of the count of steps when the home switch was last met.
-        homed: whether the home is known.
+        motions: number of motions started.
+        home_error: error of the step count when the home switch was last found.
+        homed: True if the home position is known.
     """
 
     def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
-        """Start somewhere in the travel, with unknown home."""
+        """Start at the centre of the travel, with unknown home."""
         self._config, self._identity, self._plan = config, config.identity, plan
         centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
@@ -138,12 +138,12 @@ class MirrorUnit:
         return MotionProfile(self._motor.speed, self._motor.speed, FREE, self._motor.settle, self._config.overshoot)
 
     def reset_motion(self) -> None:
-        """Move as configured."""
+        """Restore the configured speed and settling time."""
         self._motor.speed = self._config.mirror_speed / self._identity.step_angle
         self._motor.settle = self._config.settle
 
     def set_motion(self, request: Request, value: int, now: float) -> Result:
-        """Set the top speed [steps/s] or the time to settle [us]; an emulated motor needs no ramp, so it has none."""
+        """Set the top speed [steps/s] or the settling time [us]; the emulated motor has no ramp."""
         if value < 1 or request not in (Request.TOP_SPEED, Request.SETTLE):
             return Result.OUT_OF_RANGE
         if self.moving(now):
@@ -155,7 +155,7 @@ class MirrorUnit:
         return Result.OK
 
     def ended(self, now: float) -> float | None:
-        """End of the motion last begun, settling included [s], once; None at all other times."""
+        """Return the end of the last motion, including settling [s], once after it ended; otherwise None."""
         if not self._under_way or self.moving(now):
             return None
         self._under_way = False
@@ -174,7 +174,7 @@ class MirrorUnit:
             self.faults |= BoardFault.LOST_STEPS
 
     def home(self, now: float) -> Result:
-        """Begin to look for the home switch."""
+        """Start homing."""
         if self._homing:
             return Result.BUSY
         self.home_error = round(-self._motor.lost) if self.homed else 0
@@ -186,7 +186,7 @@ class MirrorUnit:
         return Result.OK
 
     def go_to(self, step: int, now: float) -> Result:
-        """Begin to move to `step`."""
+        """Start a motion to `step`."""
         if self._homing:
             return Result.BUSY
         if not self.homed:
@@ -203,17 +203,17 @@ class MirrorUnit:
         return Result.OK
 
     def sweep_to(self, step: int, now: float) -> None:
-        """Turn to the next stripe of a sweep, which is not counted as a motion."""
+        """Move to the next stripe of a sweep; not counted as a motion."""
         self._target = step
         self._motor.move(step, now)
 
     def count_motion(self) -> None:
-        """Count a motion that is about to begin."""
+        """Count a motion that is about to start."""
         self.motions += 1
         self._under_way = False
 
     def halt_sweep(self, now: float) -> None:
-        """Stop within a sweep; reported when it has settled."""
+        """Stop during a sweep; reported after settling."""
         self._under_way = self.moving(now)
         self.halt(now)
 
@@ -229,13 +229,13 @@ class MirrorUnit:
         self._homing = False
 
     def moving(self, instant: float) -> bool:
-        """True if the mirror moved or settled at an instant [s]."""
+        """True if the mirror was moving or settling at a time [s]."""
         jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
         return jammed or instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
-        """End of the present motion, settling included [s]."""
+        """End of the current motion, including settling [s]."""
         return self._motor.still_at
 
     def step(self, instant: float) -> int:
@@ -243,7 +243,7 @@ class MirrorUnit:
         return round(self._motor.believed_position(instant))
 
     def flags(self, instant: float) -> int:
-        """The mirror's bits of the status flags."""
+        """Bits of the mirror in the status flags."""
         flags = int(BoardFlag.MOVING) if self.moving(instant) else 0
         return flags | (int(BoardFlag.HOMED) if self.homed else 0)
 

@@ -14,12 +14,12 @@ class Shutter:
     """Response of the camera to the board's TRIGGER line; may be changed at any time.
 
     Attributes:
-        wired: the camera's EXPOSURE_ACTIVE output is connected to the board.
+        wired: True if the camera's EXPOSURE_ACTIVE output is connected to the board.
         delay: time from the trigger to the opening [s].
         exposure: exposure time [s].
         missed: numbers of the triggers, from 0, that the camera misses.
         doubled: numbers of the triggers that open the shutter twice.
-        late: additional delay of individual triggers, by number [s].
+        late: trigger number -> additional delay [s].
     """
 
     wired: bool = False

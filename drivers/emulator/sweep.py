@@ -1,4 +1,4 @@
-"""Sweep of the emulated firmware, event by event: turn, settle, trigger, flash during the exposure, report."""
+"""Sweep of the emulated firmware as a sequence of events: move, settle, trigger, flash, report."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from drivers.emulator.light import LightUnit
 from drivers.emulator.mirror import MirrorUnit
 from drivers.emulator.shutter import Opening, Shutter
 
-# Seconds after a trigger in which an exposure must begin, and after the last one in which surplus ones are counted.
+# Time after a trigger within which an exposure must start, and after the last one for surplus exposures [s].
 EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002
-# Seconds of light after which the photodiode must have seen it.
+# Duration of a flash after which the photodiode must have seen it [s].
 SEEN_AFTER = 0.0002
 
 
-# Lowest and highest value of each option.
+# Minimum and maximum of each option.
 OPTIONS = {
     Request.SWEEP_FLASH: (FLASH_SHORTEST_US, FLASH_LONGEST_US),
     Request.SWEEP_PERIOD: (0, PERIOD_LONGEST_US),
@@ -51,10 +51,10 @@ class Phase(enum.Enum):
 
 
 class SweepUnit:
-    """Board's own sweep; the caller must call `act` at the time `due`."""
+    """Sweep run by the board; the caller must call `act` at the time `due`."""
 
     def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
-        """Prepare, with nothing set."""
+        """Start without settings."""
         self._mirror, self._light, self.shutter = mirror, light, shutter
         self.triggers: list[float] = []
         self.openings: list[Opening] = []
@@ -62,7 +62,7 @@ class SweepUnit:
         self.forget(0.0)
 
     def forget(self, now: float) -> None:
-        """Begin a session: end a running sweep and clear all settings."""
+        """Start a session: end a running sweep and clear all settings."""
         self._phase = getattr(self, "_phase", Phase.IDLE)
         self.end(now)
         self.due = math.inf
@@ -90,7 +90,7 @@ class SweepUnit:
         return Result.OK
 
     def set_option(self, request: Request, value: int) -> Result:
-        """Set the longest time of light or the shortest time between triggers [us], or the off frames."""
+        """Set the longest flash or the shortest time between triggers [us], or the off frames."""
         lowest, highest = OPTIONS[request]
         if not lowest <= value <= highest:
             return Result.OUT_OF_RANGE
@@ -100,7 +100,7 @@ class SweepUnit:
         return Result.OK
 
     def set_dark(self, place: int, is_dark: int) -> Result:
-        """Set whether a dark flash follows the stripe of a place."""
+        """Switch the dark flash after the stripe of a place on or off."""
         if place >= SWEEP_PLACES or is_dark > 1:
             return Result.OUT_OF_RANGE
         if self.running:
@@ -109,7 +109,7 @@ class SweepUnit:
         return Result.OK
 
     def begin(self, argument: int, power_up: float, now: float) -> Result:
-        """Begin a sweep; `argument` is that of SWEEP, unsigned."""
+        """Start a sweep; `argument` is that of SWEEP, unsigned."""
         count, place, number = argument & 0xFFFF, argument >> 16 & (SWEEP_PLACES - 1), argument >> 25
         if number == self._number:
             return Result.OK
@@ -138,13 +138,13 @@ class SweepUnit:
         return Result.OK
 
     def end(self, now: float) -> None:
-        """End the sweep with the laser off and the mirror halted; does nothing when none runs."""
+        """End the sweep, turn the laser off and stop the mirror; does nothing if no sweep is running."""
         if self.running:
             self._mirror.halt_sweep(now)
             self._finish(now)
 
     def act(self) -> None:
-        """Carry out the next event, at its time."""
+        """Execute the next event, as of its time."""
         now = self.due
         match self._phase:
             case Phase.FIRE:

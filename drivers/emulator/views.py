@@ -1,4 +1,4 @@
-"""State of the emulated board at one instant and during one exposure."""
+"""State of the emulated board at one time and during one exposure."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BoardView:
-    """State of the emulated board at one instant.
+    """State of the emulated board at one time.
 
     Attributes:
-        time: the instant, on the monotonic clock [s].
-        plugged: the board is connected now.
-        laser_on: the laser was on at `time`.
+        time: the time, on the monotonic clock [s].
+        plugged: True if the board is connected now.
+        laser_on: True if the laser was on at `time`.
         laser_since: time at which the laser was last switched [s].
         mirror_angle: true mirror angle [rad].
-        mirror_angle_commanded: mirror angle that the firmware assumes; it differs after lost steps [rad].
-        moving: the mirror was moving or settling.
-        faults: present fault bits.
+        mirror_angle_commanded: mirror angle assumed by the firmware, which differs after lost steps [rad].
+        moving: True if the mirror was moving or settling.
+        faults: current fault bits.
     """
 
     time: float
@@ -37,7 +37,7 @@ class ExposureView:
     Attributes:
         start: start of the exposure [s].
         end: end of the exposure [s].
-        laser_fraction: share of the exposure during which the laser was on, 0 ... 1.
+        laser_fraction: fraction of the exposure during which the laser was on, 0 ... 1.
         mirror_angle: true mirror angle at the middle of the exposure [rad].
         mirror_travel: rotation of the mirror during the exposure [rad]; the laser plane rotates by twice as much.
     """

@@ -1,4 +1,4 @@
-"""Acquisition of a scan, stripe by stripe: each is verified while the mirror turns to the next."""
+"""Acquisition of a scan, stripe by stripe; each is verified while the mirror moves to the next."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from drivers.sweep.stripe_worker import ScanTask
 from drivers.sweep.sweep_worker import SweepWorker
 
 logger = logging.getLogger(__name__)
-# Interval between checks that the scan's thread is alive [s].
+# Interval of checks that the scan's thread is alive [s].
 POLL = 1.0
-# Upper bound of the time in which a camera returns from a grab slice [s].
+# Longest wait for the scan's thread at the end [s].
 JOIN = 2.0
 MEANINGS = {
     StripeVerdict.AMBIENT_CHANGED: "the light or the camera's exposure changed: lock its settings",
     StripeVerdict.LEAK: "light in the off frame: the laser does not go off, or the camera's lag is wrong",
     StripeVerdict.NOT_MOVED: "the stripe did not move: the mirror is stuck, or the camera's lag is wrong",
-    StripeVerdict.OUT_OF_BAND: "the stripe is where it cannot be: steps lost, or camera or mirror moved",
+    StripeVerdict.OUT_OF_BAND: "the stripe is outside its possible rows: steps lost, or camera or mirror moved",
     StripeVerdict.REPEATED: "the camera delivers the same picture again: it is frozen",
     StripeVerdict.RESIZED: "the camera changed its picture's size",
     StripeVerdict.LOST: "no frame came",
@@ -50,7 +50,7 @@ def acquire(
     band: RowRangeOf | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> StripeStream:
-    """Scan as a context manager, whose stripes are iterated.
+    """Start a scan, as a context manager that iterates over its stripes.
 
     ```python
     with acquire(board, camera, firing_order, should_stop=pause_is_over) as stripes:
@@ -59,34 +59,34 @@ def acquire(
     report = stripes.report
     ```
 
-    With `options.together`, `stripes.groups()` gives the stripes that are handed over together as a tuple.
+    With `options.together`, `stripes.groups()` iterates over tuples of stripes.
 
-    The laser is off when the block is left, whatever happened in it.
+    The laser is off when the block is left, also by an exception.
 
     Args:
         board: an open board.
         camera: an open camera.
-        firing_order: pairs (index, mirror angle [rad]) in the order to be taken.
-        options: None for the defaults (one off frame).
-        band: gives the rows (first, end) in which the stripe of an index can be; None: anywhere.
-        should_stop: asked often, from the scan's own thread; True ends the scan early.
+        firing_order: pairs (index, mirror angle [rad]) in the order of scanning.
+        options: None = defaults (one off frame).
+        band: returns the rows (first, end) in which the stripe of an index can be; None = anywhere.
+        should_stop: called often from the scan's thread; return True to end the scan early.
 
     Raises:
-        BadFiringOrder: the order is empty, repeats an index, or holds an angle that is not finite.
-        BoardTooOld: sweeps of the board itself are asked of a board of one's own.
+        BadFiringOrder: the order is empty, repeats an index, or contains an angle that is not finite.
+        BoardTooOld: a sweep is requested of a board that is not a `LaserBoard`.
     """
     order = check_firing_order(firing_order)
     return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band)
 
 
 def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
-    """Between scans: count the steps lost since the last time, and turn the mirror to the first stripe.
+    """Home the mirror between scans and move it to the first stripe.
 
     Returns:
-        Steps that the mirror had lost when it came home; if not 0, the scans since then are doubtful.
+        Number of steps lost since the mirror was last homed; if not 0, the scans since then are doubtful.
 
     Raises:
-        BoardError: the board cannot be reached, or found no home.
+        BoardError: the board cannot be reached or homed.
     """
     first = check_firing_order(firing_order)[0]
     board.ensure_ready()
@@ -100,7 +100,7 @@ class StripeStream:
     """Scan in progress; made by `acquire`.
 
     Attributes:
-        dark_after: indices of the stripes after which a dark flash is taken; none where the board cannot take them.
+        dark_after: indices of the stripes that are followed by a dark flash; empty if the board cannot make them.
     """
 
     def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
@@ -121,7 +121,7 @@ class StripeStream:
         self._entered = self._ended = False
 
     def __enter__(self) -> StripeStream:
-        """Make the board ready (home, clear faults) and begin.
+        """Make the board ready (home, clear faults) and start.
 
         Raises:
             MirrorOutOfRange: an angle is outside the board's travel.
@@ -141,7 +141,7 @@ class StripeStream:
         try:
             self._worker.cancel()
         except DriverError as failure:
-            # What ended the scan was raised while iterating; closing must not raise it again.
+            # The error that ended the scan was raised by the iteration and must not be raised again.
             if error is None and not (self._ended and self._worker.failure is not None):
                 raise
             logger.error("while ending the scan after %r: %s", error or self._worker.failure, failure)
@@ -155,25 +155,25 @@ class StripeStream:
 
         Raises:
             AcquisitionNotEntered: outside the `with` block.
-            DriverError: what ended the scan; `report` says how many stripes came before.
+            DriverError: the error that ended the scan; see `report` for the stripes before it.
         """
         while self._await_group():
             while self._waiting:
                 yield self._judged(self._waiting.popleft())
 
     def groups(self) -> Iterator[tuple[StripeCapture, ...]]:
-        """Iterate over the groups of stripes that are handed over together, for a caller that works on them at once.
+        """Iterate over groups of stripes, for processing several at once (see `AcquireOptions.together`).
 
         Raises:
             AcquisitionNotEntered: outside the `with` block.
-            DriverError: what ended the scan, after the last group; `report` says how many stripes came before.
+            DriverError: the error that ended the scan; see `report` for the stripes before it.
         """
         while self._await_group():
             yield tuple(self._judged(self._waiting.popleft()) for _ in range(len(self._waiting)))
 
     @property
     def report(self) -> ScanReport:
-        """The result of the scan, so far or at its end."""
+        """Result of the scan so far, or at its end."""
         worker, grabber, verdicts = self._worker, self._worker.grabber, tuple(self._verdicts)
         return ScanReport(
             planned=tuple(stripe.index for stripe in self._task.firing_order),
@@ -191,7 +191,7 @@ class StripeStream:
         )
 
     def _await_group(self) -> bool:
-        """Wait for stripes when none are waiting; False at the end of the scan."""
+        """Wait for stripes if there are none; False at the end of the scan."""
         if not self._entered:
             raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
         if not self._waiting and not self._ended:
@@ -205,7 +205,7 @@ class StripeStream:
         return bool(self._waiting)
 
     def _next_group(self) -> tuple[StripeCapture, ...] | None:
-        """The next stripes from the scan's thread, None at its end."""
+        """Return the next group from the scan's thread; None at its end."""
         while True:
             try:
                 return self._worker.items.get(timeout=POLL)

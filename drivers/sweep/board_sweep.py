@@ -11,7 +11,7 @@ from drivers.board.sweep_records import StripeRecord
 from drivers.errors import BoardTooOld
 from drivers.sweep.options import OffFrames
 
-# Sweeps are numbered modulo this; the number marks the records of a sweep.
+# Modulus of the numbers of sweeps.
 NUMBERS = 128
 # The board's clock counts microseconds in 32 bits.
 CLOCK_WRAP = (1 << 32) * 1e-6
@@ -42,31 +42,31 @@ class BoardSweep:
         """Set the options of all sweeps of a scan.
 
         Args:
-            flash: longest time that the laser is on for a stripe [s].
+            flash: longest flash of a stripe [s].
             period: shortest time between two triggers [s].
-            off: off frames to take.
+            off: off frames.
         """
         self._board.command(Request.SWEEP_FLASH, round(flash * 1e6))
         self._board.command(Request.SWEEP_PERIOD, round(period * 1e6))
         self.set_off_frames(off)
 
     def set_off_frames(self, off: OffFrames) -> None:
-        """Set which off frames to take."""
+        """Set the off frames."""
         self._board.command(Request.SWEEP_OFF_FRAMES, SweepOffFrames[off.name])
 
     def begin(
         self, steps: Sequence[int], waits: Sequence[int], first: int = 0, dark_after: Collection[int] = ()
     ) -> BoardStatus:
-        """Fill the table and start a sweep; return the status, whose `motion` marks the records of this sweep.
+        """Write the step table and start a sweep; return the status, whose `motion` identifies its records.
 
         Args:
             steps: motor steps of the stripes, in order, at most 256.
             waits: wait before the trigger of each stripe, in units of 0.5 ms.
-            first: place of the first stripe in the table. Entries that the board already holds are not sent again.
-            dark_after: places after whose stripe a dark flash comes.
+            first: place of the first stripe in the table. Entries that the board already has are not sent again.
+            dark_after: places whose stripe is followed by a dark flash.
 
         Raises:
-            ValueError: too many stripes, not one wait per stripe, or a wait out of range.
+            ValueError: too many stripes, a different number of waits, or a wait out of range.
             BoardError: the board rejects a command.
         """
         if not 1 <= len(steps) <= SWEEP_STRIPES or len(waits) != len(steps):

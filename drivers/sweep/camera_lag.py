@@ -1,4 +1,4 @@
-"""Measurement of a camera's lag: age of the oldest light in a frame at the time of the frame's stamp."""
+"""Measurement of a camera's lag: the age of the oldest light in a frame at the time of its stamp."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from drivers.cameras.camera import Camera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
 from drivers.frame import Frame
 
-# A frame with at least this share of the laser's light counts as fully lit.
+# A frame with at least this fraction of the laser's light counts as fully lit.
 FULL = 0.9
 GOLDEN = 0.618034
-# Largest allowed share of clipped pixels in the stripe.
+# Largest allowed fraction of clipped pixels in the stripe.
 MAX_CLIPPED = 0.1
 # Number of frames after which any camera's pipeline shows the new state.
 SETTLE_FRAMES = 6
@@ -30,8 +30,8 @@ class LagMeasurement:
     """Measured lag of a camera.
 
     Attributes:
-        lag: upper bound of the lag [s]. A frame stamped t shows nothing older than t - lag, except for at most a tenth
-            of its light, which cannot be told from noise.
+        lag: upper bound of the lag [s]. A frame with stamp t shows nothing older than t - lag, except for at most a
+            tenth of its light, which cannot be distinguished from noise.
         uncertainty: width of the measured interval [s]; the true lag is between lag - uncertainty and lag.
         period: time between frames [s].
         toggles: number of times that the laser was switched.
@@ -44,22 +44,22 @@ class LagMeasurement:
 
 
 def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: float = 1.0) -> LagMeasurement:
-    """Measure a camera's lag by switching the laser at all phases of the frame period.
+    """Measure a camera's lag by switching the laser at different phases of the frame period.
 
     Set `camera.lag` to the result; this function does not change the camera. Meter the exposure first, so that the
-    stripe is not clipped. The laser is off on return, also after an error.
+    stripe is not clipped. The laser is off on return, also after an exception.
 
     Args:
         board: an open board, its mirror at rest at an angle at which the camera sees the stripe.
         camera: an open camera.
-        toggles: number of times to switch, at least 4; more of them reduce the uncertainty.
+        toggles: number of switchings, at least 4; more reduce the uncertainty.
         timeout: longest wait for a frame [s].
 
     Raises:
         ValueError: too few toggles.
         LaserNotSeen: the frames do not depend on the laser, or contradict each other.
-        StripeClipped: the stripe is too bright to tell a partial exposure from a whole one.
-        CameraTimeout: no frame arrived, or frames without increasing stamps and counters.
+        StripeClipped: the stripe is too bright to distinguish a partial exposure from a full one.
+        CameraTimeout: no frame arrived, or stamps or counters do not increase.
     """
     if toggles < 4:
         raise ValueError(f"toggles is {toggles}; allowed: at least 4")
@@ -73,7 +73,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
         on = True
         for turn in range(toggles):
             on = not on
-            # Multiples of the golden section distribute the switchings evenly over the period.
+            # Multiples of the golden ratio distribute the switchings evenly over the period.
             timing.sleep(turn * GOLDEN % 1.0 * period)
             board.status()
             before = timing.monotonic()
@@ -105,7 +105,7 @@ def measure_lag(board: Board, camera: Camera, *, toggles: int = 24, timeout: flo
 
 
 class _ShareOfLight:
-    """Share of the laser's light in a frame: 0 as in a dark frame, 1 as in a lit one."""
+    """Fraction of the laser's light in a frame: 0 for a dark frame, 1 for a lit one."""
 
     def __init__(self, dark: Image, lit: Image) -> None:
         self._dark = dark
@@ -128,7 +128,7 @@ class _ShareOfLight:
             )
 
     def of(self, image: Image) -> float:
-        """Share of the laser's light in `image`."""
+        """Fraction of the laser's light in `image`."""
         return float((_flat(image) - _flat(self._dark))[self._stripe].sum()) / self._whole
 
 

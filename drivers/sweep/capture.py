@@ -1,4 +1,4 @@
-"""Results of a scan: each stripe with its frames, and the report at the end."""
+"""Results of a scan: the stripes with their frames, and the report."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ class StripeVerdict(enum.Enum):
 
     Attributes:
         OK: they were in step.
-        UNPROVED: there is nothing to compare with: the first stripe of a scan without off frames.
+        UNPROVED: there is nothing to compare with, as for the first stripe of a scan without off frames.
         AMBIENT_CHANGED: in step, but the light or the exposure changed between the on and the off frame.
-        DARK: the laser was on, yet hardly a column shows it: a ground that swallows it, or a laser that failed.
+        DARK: the laser was on, but hardly any column shows it: black ground, or a failed laser.
         LEAK: the off frame shows a stripe: the laser was not off, or the frame is older than the command.
-        NOT_MOVED: the stripe is where the one before was: the mirror did not turn, or the frame is older than the
+        NOT_MOVED: the stripe is where the previous one was: the mirror did not move, or the frame is older than the
             command.
         OUT_OF_BAND: the stripe is outside the rows where it can be.
-        REPEATED: the frame equals the one before in every pixel, although laser or mirror changed.
-        RESIZED: the frame has another size or type than those before.
-        LOST: no frame came.
+        REPEATED: the frame is identical to the previous one, although laser or mirror changed.
+        RESIZED: the frame has another size or dtype than those before.
+        LOST: no frame arrived.
     """
 
     OK = "ok"
@@ -41,7 +41,7 @@ class StripeVerdict(enum.Enum):
 
     @property
     def in_step(self) -> bool:
-        """True unless the frames contradict what was commanded, which a dark stripe does not."""
+        """True unless the frames contradict the commands; a dark stripe does not."""
         return self in IN_STEP
 
 
@@ -50,17 +50,17 @@ IN_STEP = frozenset({StripeVerdict.OK, StripeVerdict.UNPROVED, StripeVerdict.AMB
 
 @dataclass(frozen=True, slots=True)
 class StripeEvidence:
-    """Measurements behind a verdict.
+    """Measurements on which a verdict is based.
 
     Attributes:
-        lit_fraction: share of the sampled columns that show the laser, 0 ... 1.
-        leak_fraction: share of the sampled columns where the off frame is brighter, as if by a stripe.
-        contrast: median brightness of the stripe above the off frame, in counts of the image, channels summed; NaN when
-            none is lit.
-        offset: by how much the whole frame is brighter than the off frame, in the same counts.
-        noise: standard deviation of the difference, in the same counts.
-        row: median row of the stripe [px]; NaN when none is lit.
-        row_shift: median shift of the stripe against the one taken before [px]; NaN when unknown.
+        lit_fraction: fraction of the sampled columns that show the laser, 0 ... 1.
+        leak_fraction: fraction of the sampled columns where the off frame is brighter, as if by a stripe.
+        contrast: median brightness of the stripe above the off frame, in image counts, summed over channels; NaN if no
+            column is lit.
+        offset: median brightness of the whole frame above the off frame, in the same unit.
+        noise: standard deviation of the difference, in the same unit.
+        row: median row of the stripe [px]; NaN if no column is lit.
+        row_shift: median shift from the previous stripe [px]; NaN if unknown.
     """
 
     lit_fraction: float
@@ -74,21 +74,21 @@ class StripeEvidence:
 
 @dataclass(frozen=True, slots=True)
 class StripeCapture:
-    """One stripe, made by the scan's thread and judged when it is handed over.
+    """Captured stripe; its verdict is set when it is handed over.
 
     Attributes:
         index: index of the stripe in the standard pattern.
         mirror_angle: commanded mirror angle [rad].
-        mirror_angle_reached: mirror angle at the motor step nearest to it [rad].
-        on: frame with the laser on, read-only; None when it was lost or of another size.
-        off: frame with the laser off; None when there is none.
-        on_stamp: time of the on frame on the monotonic clock [s], NaN without one.
-        off_stamp: time of the off frame on the monotonic clock [s], NaN without one.
+        mirror_angle_reached: mirror angle at the nearest motor step [rad].
+        on: frame with the laser on, read-only; None if it was lost or had another size.
+        off: frame with the laser off; None if there is none.
+        on_stamp: time of the on frame on the monotonic clock [s]; NaN without one.
+        off_stamp: time of the off frame on the monotonic clock [s]; NaN without one.
         verdict: verdict about laser, mirror and frame.
-        evidence: the measurements behind the verdict; None without a frame.
-        dark: frame of the dark flash that came after the stripe, read-only; None where none was due or it was lost.
-        dark_stamp: time of that frame on the monotonic clock [s], NaN without one.
-        is_dark_due: whether the code of the sweep has a dark flash after this stripe.
+        evidence: measurements on which the verdict is based; None without a frame.
+        dark: frame of the dark flash after the stripe, read-only; None if there was none or it was lost.
+        dark_stamp: time of that frame on the monotonic clock [s]; NaN without one.
+        is_dark_due: True if the flash code of the sweep has a dark flash after this stripe.
     """
 
     index: int
@@ -108,7 +108,7 @@ class StripeCapture:
     def of(
         cls, stripe: PlannedStripe, reached: float, on: Frame | None, off: Frame | None, dark: Frame | None = None
     ) -> StripeCapture:
-        """A stripe of some frames that has not been judged; `reached` as `mirror_angle_reached`."""
+        """Make a stripe without verdict from its frames; `reached` is `mirror_angle_reached`."""
         return cls(
             index=stripe.index,
             mirror_angle=stripe.mirror_angle,
@@ -126,21 +126,21 @@ class StripeCapture:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """The result of a scan, so far or at its end.
+    """Result of a scan so far, or at its end.
 
     Attributes:
         planned: indices of the firing order, in order.
         fired: indices for which the laser was on, in order (their frames may have been lost).
-        verdicts: (index, verdict) of each stripe handed out, in order.
-        stopped_early: whether `should_stop` ended it.
-        failure: the error that ended it, or None.
-        frames_used: frames handed out, shared off frames once.
-        frames_skipped: frames dropped because they were exposed before a command had taken effect.
-        frames_dropped: frames that the camera counted but did not deliver, while one was awaited.
-        frames_repeated: frames delivered twice.
+        verdicts: (index, verdict) of each stripe handed over, in order.
+        stopped_early: True if `should_stop` ended the scan.
+        failure: the error that ended the scan, or None.
+        frames_used: number of frames handed over; shared off frames count once.
+        frames_skipped: number of frames dropped because they were exposed before a command had taken effect.
+        frames_dropped: number of frames that the camera counted but did not deliver while one was expected.
+        frames_repeated: number of frames delivered twice.
         duration: time from the first command to the arrival of the last frame [s].
-        problems: sentences about problems; empty for a good scan.
-        notes: remarks on how it was taken.
+        problems: descriptions of problems; empty for a good scan.
+        notes: further remarks.
     """
 
     planned: tuple[int, ...]
@@ -158,7 +158,7 @@ class ScanReport:
 
     @property
     def missing(self) -> tuple[int, ...]:
-        """Indices that were planned but not handed out, in order."""
+        """Indices that were planned but not handed over, in order."""
         done = {index for index, _ in self.verdicts}
         return tuple(index for index in self.planned if index not in done)
 

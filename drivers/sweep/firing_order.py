@@ -24,13 +24,13 @@ RowRangeOf = Callable[[int], RowRange]
 
 
 def check_firing_order(firing_order: Iterable[tuple[int, float]]) -> tuple[PlannedStripe, ...]:
-    """The firing order as a tuple.
+    """Check a firing order and return it as a tuple.
 
     Args:
-        firing_order: pairs (index, mirror angle [rad]) in the order in which they are to be taken.
+        firing_order: pairs (index, mirror angle [rad]) in the order of scanning.
 
     Raises:
-        BadFiringOrder: empty, an index twice or negative, an angle not finite.
+        BadFiringOrder: it is empty, an index is repeated or negative, or an angle is not finite.
     """
     stripes = tuple(PlannedStripe(int(index), float(angle)) for index, angle in firing_order)
     if not stripes:

@@ -1,22 +1,21 @@
-"""Code of a sweep: dark flashes at places of its firing order that nobody else can know."""
+"""Flash code of a sweep: dark flashes at random, unpredictable places of its firing order."""
 
 from __future__ import annotations
 
 import secrets
 from collections.abc import Sequence
 
-# Stripes of one part of a sweep. Standard sweeps have three parts, coarse ones one: with the last flash, at most 6 %
-# more frames.
+# Number of stripes per random dark flash: three in a standard sweep, one in a coarse one, at most 6 % more frames.
 STRIPES_OF_PART = 23
-# A sweep of fewer stripes has the last flash alone.
+# Shorter sweeps have only the last flash.
 FEWEST_STRIPES = 8
 
 
 def draw_code(indices: Sequence[int]) -> frozenset[int]:
-    """Draw the stripes after which the camera takes a frame with the laser dark.
+    """Draw the stripes after which the camera takes a frame with the laser off.
 
-    One lies at random in each part of the sweep, the other is always the last: frames that belong to another instant
-    meet a dark flash behind them, wherever their shift begins.
+    They are one random stripe in each part of the sweep, and the last stripe: wherever frames begin to be shifted
+    against the stripes, a dark flash follows and reveals it.
 
     Args:
         indices: indices of the stripes in firing order.

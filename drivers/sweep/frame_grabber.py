@@ -1,4 +1,4 @@
-"""Source of frames that were exposed after a command had taken effect, with counts of faults."""
+"""Source of frames that were exposed after a command had taken effect, with counts of lost frames."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from drivers.errors import CameraTimeout
 from drivers.frame import Frame
 from drivers.sweep.options import AcquireOptions
 
-# Seconds of one wait for a frame; after each the board is asked for its status, which feeds its watchdog (0.4 s).
+# Longest wait for a frame between two reads of the status, which feed the board's watchdog (0.4 s) [s].
 SLICE = 0.1
 
 
 class FrameGrabber:
-    """The camera's side of a scan.
+    """Grabber of the frames of a scan.
 
     Attributes:
-        used: frames that were returned.
-        skipped: frames that were exposed, at least partly, before the command.
-        dropped: frames missing in the camera's counting that were due while one was awaited.
-        repeated: frames that came with a number already seen.
+        used: number of frames returned.
+        skipped: number of frames that were exposed, at least partly, before the command.
+        dropped: number of frames missing by the camera's counter while one was expected.
+        repeated: number of frames with a number already seen.
         last_stamp: stamp of the last frame returned [s].
     """
 
@@ -35,7 +35,7 @@ class FrameGrabber:
             camera: an open camera.
             board: an open board, whose watchdog is fed while waiting.
             options: options of the scan.
-            check: called often; raises to give up. The default never does.
+            check: called often; may raise to abort.
         """
         self._camera, self._board, self._options, self._check = camera, board, options, check
         self._before: Frame | None = None
@@ -48,12 +48,12 @@ class FrameGrabber:
         self._before = None
 
     def after(self, ready: float, proved: Callable[[], float] | None = None) -> Frame | None:
-        """Fetch the first frame exposed entirely after `ready` [s]; None on timeout.
+        """Return the first frame exposed entirely after `ready` [s]; None on timeout.
 
         Args:
-            ready: when the command had taken effect [s]; if `proved` is given, the earliest instant that is possible.
-            proved: called once, when a frame has come that may be the one: waits until the command has taken effect
-                and returns since when [s].
+            ready: time at which the command had taken effect [s]; with `proved`, the earliest possible time.
+            proved: called once, when a possible frame has arrived; waits until the command has taken effect and
+                returns that time [s].
 
         Raises:
             CameraEnded: the camera has no more frames.
@@ -78,7 +78,7 @@ class FrameGrabber:
                 ready, proved = max(ready, proved()), None
                 deadline = timing.monotonic() + self._options.frame_timeout
             if frame.stamp - (lag or 0.0) < ready or to_skip > 0:
-                # With an unknown lag, a frame that arrived before the command says nothing about the pipeline.
+                # With an unknown lag, frames that arrived before the command do not count as flushed.
                 to_skip -= 1 if frame.stamp >= ready else 0
                 self.skipped += 1
                 continue
@@ -93,7 +93,7 @@ class FrameGrabber:
             return False
         self._before = frame
         if before is not None:
-            # Gaps before the request are of no interest; missing frames that were due after it count as lost.
+            # Only missing frames that were due after the request count as lost.
             gap = frame.counter - before.counter
             period = (frame.stamp - before.stamp) / gap
             self.dropped += sum(before.stamp + missed * period > asked for missed in range(1, gap))

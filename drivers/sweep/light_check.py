@@ -1,4 +1,4 @@
-"""Check of a scan's first frames for light that is clipped or too dark."""
+"""Check of a scan's first frames for clipped or too little light."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from drivers.arrays import Image
 from drivers.sweep.capture import StripeCapture
 from drivers.sweep.metering import brightness_of
 
-# Stride, in rows and in columns, between the pixels of the background that are examined.
+# Stride of the sampled background pixels, in rows and columns.
 INTERVAL = 8
-# From this share of the scale on a pixel counts as clipped.
+# Fraction of full scale from which on a pixel counts as clipped.
 CLIPPED = 0.996
-# Lamps and their reflections clip less than this share of a picture that is otherwise well exposed.
+# Allowed fraction of clipped background pixels; lamps and reflections clip less in a well-exposed image.
 CLIPPED_PICTURE = 0.05
-# Share of the columns that show the stripe. Bright floors clip three quarters of them and are still measured well.
+# Allowed fraction of clipped stripe columns. Bright floors clip three quarters of them and are still measured well.
 CLIPPED_STRIPE = 0.85
-# Share of the full scale; a stripe below it is hardly brighter than the noise of cheap cameras. Metering aims at 0.7.
+# Least stripe brightness, as a fraction of full scale; a darker stripe is close to the noise of cheap cameras. Metering
+# aims at 0.7.
 DARK_STRIPE = 0.1
-# Stripes to examine until one shows the laser; holes and black ground show none.
+# Number of stripes examined until one shows the laser; holes and black ground do not.
 MOST_STRIPES = 4
 WHAT_TO_DO = "(`guara record` meters it and writes it as exposure in devices.toml)"
 
 
 class LightCheck:
-    """Judges the light of one scan by its first stripes; later ones cost nothing.
+    """Check of the light of one scan by its first stripes.
 
     Attributes:
-        problems: what is wrong with the light, each in one sentence with what to do.
+        problems: descriptions of problems, each with what to do.
     """
 
     def __init__(self) -> None:
@@ -43,7 +44,7 @@ class LightCheck:
 
         Args:
             capture: the next stripe of the scan.
-            rows: (first, end) between which the stripe can lie; (0, 0) when it cannot be in view.
+            rows: (first, end) in which the stripe can be; (0, 0) if it cannot be in view.
         """
         if self._examined >= MOST_STRIPES or capture.on is None:
             return

@@ -1,4 +1,4 @@
-"""Exposure metering before a scan, for a bright but unclipped stripe."""
+"""Exposure metering for a bright but unclipped stripe."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from drivers.errors import CameraError, CameraTimeout, LaserNotSeen
 from drivers.sweep.frame_grabber import FrameGrabber
 from drivers.sweep.options import AcquireOptions
 
-# Sampled columns.
+# Number of sampled columns.
 SAMPLES = 160
 
 
 @dataclass(frozen=True, slots=True)
 class MeteringResult:
-    """Result of metering.
+    """Result of exposure metering.
 
     Attributes:
-        exposure: the exposure that was set last [s]; None when the camera's exposure cannot be set.
-        stripe_level: brightness of the stripe's ridge, median over the columns that show it, 0 ... 1 of full scale.
+        exposure: the exposure that was set last [s]; None if none was set.
+        stripe_level: brightness of the stripe's ridge, median over the lit columns, 0 ... 1 of full scale.
         background_level: median brightness with the laser off, 0 ... 1.
-        clipped_fraction: share of those columns whose ridge is clipped.
-        settled: whether the brightness of the ridge is within the wanted range.
-        advice: what to do when it is not; empty otherwise.
+        clipped_fraction: fraction of the lit columns whose ridge is clipped.
+        settled: True if the brightness of the ridge is within the levels.
+        advice: what to do if it is not; else empty.
     """
 
     exposure: float | None
@@ -50,24 +50,24 @@ def meter_exposure(
     levels: tuple[float, float] = (0.5, 0.9),
     max_rounds: int = 8,
 ) -> MeteringResult:
-    """Set the exposure so that the ridge of one stripe is within `levels` of the full scale.
+    """Set the exposure so that the ridge of one stripe is within `levels` of full scale.
 
-    The laser is off afterwards, also after an error.
+    The laser is off on return, also after an exception.
 
     Args:
         board: an open board, ready for a scan.
         camera: an open camera.
-        mirror_angle: mirror angle of the stripe to look at [rad]; the centre of the sweep is a good choice.
-        exposure: the first exposure to try [s]; None leaves the camera's exposure alone and only measures.
-        limits: shortest and longest exposure allowed [s].
-        levels: wanted brightness of the ridge, 0 ... 1.
-        max_rounds: exposures tried at most.
+        mirror_angle: mirror angle of the stripe [rad], preferably at the centre of the sweep.
+        exposure: first exposure to try [s]; None = measure without changing the exposure.
+        limits: shortest and longest exposure [s].
+        levels: lowest and highest brightness of the ridge, 0 ... 1.
+        max_rounds: largest number of exposures to try.
 
     Raises:
-        ValueError: limits or levels not in rising order.
-        CameraSettingRefused: the camera does not take an exposure.
-        LaserNotSeen: no column shows the laser at any exposure tried.
-        CameraTimeout: no frame came.
+        ValueError: limits or levels are not increasing and positive.
+        CameraSettingRefused: the camera rejects an exposure.
+        LaserNotSeen: no column shows the laser at any exposure.
+        CameraTimeout: no frame arrived.
     """
     for name, (low, high) in (("limits", limits), ("levels", levels)):
         if not 0 < low < high:
@@ -106,7 +106,7 @@ class _Brightness:
     clipped: float
 
     def factor(self, levels: tuple[float, float]) -> float:
-        """The factor by which to change the exposure; 1 when it is right."""
+        """Factor by which to change the exposure; 1 if it is right."""
         if math.isnan(self.ridge):
             return 2.0 if self.background < levels[1] else 0.5
         if levels[0] <= self.ridge <= levels[1]:
@@ -132,7 +132,7 @@ def _measure(board: Board, camera: Camera, grabber: FrameGrabber) -> _Brightness
 
 
 def brightness_of(on: Image, off: Image) -> _Brightness:
-    """The brightness of ridge and background, and the share of clipped columns."""
+    """Brightness of ridge and background, and fraction of clipped columns."""
     full = float(np.iinfo(on.dtype).max)
     stride = max(1, on.shape[1] // SAMPLES)
     bright, dark = (_strongest(image[:, ::stride]) / full for image in (on, off))

@@ -1,4 +1,4 @@
-"""Options of a scan: off frames, time limits, buffers, and the board's own sweep."""
+"""Options of a scan: off frames, timeouts, buffers, and sweeps run by the board."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class SweepOptions:
     """Options of a sweep with a triggered camera.
 
     Attributes:
-        flash: longest time of light for a stripe [s].
-        period: shortest time between two triggers that the camera accepts [s].
-        tolerance: allowed disagreement between differences of trigger times and of the camera's own times [s].
-        repeats: number of further sweeps for stripes that could not be proved.
+        flash: longest flash of a stripe [s].
+        period: shortest time between two triggers [s].
+        tolerance: allowed difference between intervals of trigger times and of the camera's own times [s].
+        repeats: number of further sweeps for stripes whose frames could not be verified.
 
     Raises:
-        ValueError: a value outside what is allowed.
+        ValueError: a value is not allowed.
     """
 
     flash: float = 0.004
@@ -43,11 +43,11 @@ class SweepOptions:
 
 
 class OffFrames(enum.Enum):
-    """Frames with the laser off, against which the others are compared.
+    """Frames with the laser off, with which the others are compared.
 
     Attributes:
-        PER_STRIPE: one after each on frame, while the mirror turns: safe in changing light, twice the frames.
-        ONE: one before the first stripe, shared by all: for light that does not change during a scan.
+        PER_STRIPE: one after each on frame, while the mirror moves; safe in changing light, twice the frames.
+        ONE: one before the first stripe, shared by all; for light that does not change during a scan.
         NONE: no off frame.
     """
 
@@ -61,25 +61,24 @@ class AcquireOptions:
     """Options of `acquire`.
 
     Attributes:
-        off: off frames that are taken.
-        frame_timeout: a frame of a stripe that takes longer counts as lost [s].
-        max_lost: lost frames in a row that end the scan.
-        flush_frames: frames dropped after every change of laser or mirror when the camera's `lag` is unknown.
-        queue_size: stripes that may wait for the caller, rounded up to whole groups of `together`; when the queue is
-            full, the scan waits with the laser off.
-        together: stripes that are handed to the caller in one group, once the last of them has come. Towards the end
-            groups become smaller, at most twice as large as the number of stripes still to come, and the last stripe
-            comes alone: it need not wait if the caller takes at most half a frame's time for a stripe. Work in bursts
-            finds its code and data in the processor's caches: on a machine that is idle between frames it takes over
-            a third less time. Each stripe costs the memory of a frame.
+        off: off frames.
+        frame_timeout: timeout after which a frame counts as lost [s].
+        max_lost: number of consecutive lost frames that ends the scan.
+        flush_frames: number of frames dropped after every change of laser or mirror if the camera's `lag` is unknown.
+        queue_size: number of stripes that may wait for the caller, rounded up to whole groups of `together`; if the
+            queue is full, the scan waits with the laser off.
+        together: number of stripes per group that is handed to the caller. Groups shrink towards the end, to at most
+            twice the number of remaining stripes, and the last stripe is alone, so that it need not wait for a caller
+            that takes at most half a frame's time per stripe. Processing in groups takes over a third less time on a
+            machine that is idle between frames, because of its caches, but each stripe takes the memory of a frame.
         limits: thresholds for differences between frames.
-        dark_after: indices of the stripes after which a frame is taken with the laser dark, see `draw_code`; their
-            frames come with them, and a stripe whose dark frame was lost is lost.
-        sweep: let the board sweep by itself and trigger the camera, see `SweepOptions`; None: the host turns the
-            mirror and the camera runs freely. A sweep does not wait for a slow caller: all of its frames may queue up.
+        dark_after: indices of the stripes that are followed by a frame with the laser off, see `draw_code`. A stripe
+            whose dark frame is lost counts as lost.
+        sweep: let the board run the sweep and trigger the camera, see `SweepOptions`; None = the host moves the mirror
+            and the camera runs freely. A sweep does not wait for a slow caller: all its frames may be queued.
 
     Raises:
-        ValueError: a value outside what is allowed.
+        ValueError: a value is not allowed.
     """
 
     off: OffFrames = OffFrames.ONE

@@ -1,4 +1,4 @@
-"""Proof from the pictures that laser, mirror and frame are in step."""
+"""Verification from the images that laser, mirror and frame are in step."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from drivers.arrays import Array, Float, Image, Mask
 from drivers.sweep.capture import StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRange
 
-# Sampled columns: the median row of 80 columns is good to a fraction of a pixel, in 0.2 ms.
+# Number of sampled columns: the median row of 80 columns is accurate to a fraction of a pixel, in 0.2 ms.
 COLUMNS = 80
-# Sampled rows: finer than half a stripe's width at any size.
+# Number of sampled rows: finer than half a stripe's width at any image size.
 ROWS = 512
-# Among the sampled rows and columns, strides between those from which offset and noise are taken.
+# Strides in the sampled rows and columns for offset and noise.
 COARSE_STRIDES = (32, 4)
-# Stripes from which the usual shift per radian is taken.
+# Number of stripes for the median shift per radian.
 MEMORY = 9
-# Share of columns lit within the band above which lit columns elsewhere cannot outvote them.
+# Fraction of columns lit within the band above which lit columns elsewhere cannot change the verdict.
 PLAINLY_LIT = 0.5
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
@@ -31,13 +31,13 @@ class ProofLimits:
     """Thresholds for differences between frames.
 
     Attributes:
-        min_contrast: brightness of a lit pixel above the off frame, share of one channel's full scale.
-        noise_factor: the same in standard deviations of the difference; the larger of the two holds.
-        min_lit_fraction: share of columns that must be lit for the laser to count as seen.
-        min_leak_fraction: share of columns brighter in the off frame for it to count as lit.
-        max_offset: change of the whole frame that counts as changed light, share of the full scale.
-        min_shift: share of the expected shift that a stripe must have moved.
-        max_out_of_band: share of lit columns that may lie outside the band.
+        min_contrast: least brightness of a lit pixel above the off frame, as a fraction of a channel's full scale.
+        noise_factor: the same in standard deviations of the difference; the larger of the two applies.
+        min_lit_fraction: least fraction of lit columns for the laser to count as seen.
+        min_leak_fraction: least fraction of columns brighter in the off frame for it to count as lit.
+        max_offset: largest brightness change of the whole frame, as a fraction of full scale.
+        min_shift: least shift of a stripe, as a fraction of the expected shift.
+        max_out_of_band: largest fraction of lit columns outside the band.
     """
 
     min_contrast: float = 0.05
@@ -50,15 +50,14 @@ class ProofLimits:
 
 
 class StripeProof:
-    """Judges the stripes of one scan, in the order in which they were taken.
+    """Verifier of the stripes of one scan, in the order of scanning.
 
-    The first stripe that is compared with an off frame is compared over the whole frame. If it was in step, the next
-    ones are compared in their bands alone, which costs a tenth; any that is not plainly in step there is compared over
-    the whole frame.
+    The first stripe is compared with an off frame over the whole frame. If it was in step, later ones are compared in
+    their bands only, at a tenth of the cost; any that is not clearly in step there is compared over the whole frame.
     """
 
     def __init__(self, limits: ProofLimits | None = None) -> None:
-        """Begin a scan."""
+        """Start a scan."""
         self._limits = limits or ProofLimits()
         self._before: _Seen | None = None
         self._slopes: deque[float] = deque(maxlen=MEMORY)
@@ -81,12 +80,12 @@ class StripeProof:
         Args:
             mirror_angle: commanded mirror angle [rad].
             on: frame with the laser on.
-            reference: the off frame, or the on frame of the stripe before.
-            reference_is_off: whether the reference is the off frame.
-            band: rows (first, end) where the stripe can be; None for anywhere.
+            reference: the off frame, or the on frame of the previous stripe.
+            reference_is_off: True if the reference is the off frame.
+            band: rows (first, end) where the stripe can be; None = anywhere.
 
         Returns:
-            The verdict and its evidence: from the whole frame, or from the rows of the band where they were enough.
+            The verdict and its evidence, from the whole frame or, if sufficient, from the rows of the band.
         """
         if reference is not self._reference:
             self._grid = _SampleGrid.of(reference)
@@ -98,7 +97,7 @@ class StripeProof:
             if rows[1] > rows[0]:
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off)
                 if found[1].lit_fraction >= PLAINLY_LIT:
-                    # Only rows of the band were compared, so no lit column can lie outside it.
+                    # Only rows of the band were compared, so no column outside it can be lit.
                     verdict = self._verdict(*found, background, None)
                     if verdict in PROVED:
                         return verdict, found[1]
@@ -108,7 +107,7 @@ class StripeProof:
         return verdict, found[1]
 
     def _background(self, on: Image) -> _Background:
-        """Difference of the whole frame from the reference, by one in 128 of the sampled pixels."""
+        """Difference of the whole frame from the reference, from every 128th of the sampled pixels."""
         sample = self._grid.coarser.light(on) - self._reference_light[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
@@ -184,7 +183,7 @@ class StripeProof:
 
 @dataclass(frozen=True, slots=True)
 class _Background:
-    """Difference of a whole frame from the reference, in counts with the channels summed."""
+    """Difference of a whole frame from the reference, in counts summed over channels."""
 
     offset: float
     noise: float
@@ -199,7 +198,7 @@ class _Seen:
     lit: Mask
 
     def shift_from(self, before: _Seen | None) -> float:
-        """The median shift over columns lit in both [px], NaN when there are too few."""
+        """Median shift over columns lit in both [px]; NaN if there are too few."""
         if before is None or before.lit.shape != self.lit.shape:
             return math.nan
         both = self.lit & before.lit
@@ -212,14 +211,14 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _SampleGrid:
-    """The pixels of a frame that are looked at: every row_stride-th row, every column_stride-th column."""
+    """Sampled pixels of a frame: every row_stride-th row, every column_stride-th column."""
 
     row_stride: int
     column_stride: int
 
     @classmethod
     def of(cls, image: Image) -> _SampleGrid:
-        """The grid for frames of this size; strides of whole fours can be read quickly."""
+        """Make the grid for frames of this size; column strides that are multiples of four are faster."""
         column_stride = max(1, image.shape[1] // COLUMNS)
         return cls(
             max(1, image.shape[0] // ROWS), column_stride - column_stride % 4 if column_stride > 4 else column_stride
@@ -227,33 +226,33 @@ class _SampleGrid:
 
     @property
     def coarser(self) -> _SampleGrid:
-        """The grid of one in 128 of the pixels."""
+        """Grid with every 128th of the pixels."""
         return _SampleGrid(COARSE_STRIDES[0] * self.row_stride, COARSE_STRIDES[1] * self.column_stride)
 
     def sampled(self, band: RowRange) -> tuple[int, int]:
-        """The first sampled row in a band of image rows, and the one after its last."""
+        """Sampled rows (first, end) in a band of image rows."""
         return -(-max(band[0], 0) // self.row_stride), -(-max(band[1], 0) // self.row_stride)
 
     def light(self, image: Image, rows: tuple[int, int] | None = None) -> Array:
-        """The channels' sum (rows, columns) on sampled columns and rows (first, end), all for None.
+        """Sum over channels (rows, columns) at the sampled columns and rows (first, end); None = all rows.
 
-        The sum sees a laser of any colour, and keeps the sign of a difference, which the strongest channel would not.
+        The sum responds to a laser of any colour, and a difference of sums has the right sign, unlike that of maxima.
         """
         first, end = (0, None) if rows is None else (rows[0] * self.row_stride, rows[1] * self.row_stride)
         pixels = self._pixels(image, slice(first, end, self.row_stride))
         kind = np.int16 if image.dtype.itemsize == 1 else np.int32
         if image.ndim == 2:
             return pixels.astype(kind)
-        # Channel by channel: four times quicker than summing over an axis of three.
+        # Channel by channel: four times faster than a sum over an axis of three.
         total: Array = np.add(pixels[..., 0], pixels[..., 1], dtype=kind)
         for channel in range(2, image.shape[2]):
             total += pixels[..., channel]
         return total
 
     def _pixels(self, image: Image, rows: slice) -> Array:
-        """The sampled pixels; with three channels of one byte, these and the first channel of the next pixel.
+        """Sampled pixels; for three channels of one byte, with the first byte of the next pixel as a fourth channel.
 
-        The four bytes are read as one number: the frame comes from memory, and each pass over it costs as much again.
+        The four bytes are read as one integer, since the cost is dominated by passes over the frame in memory.
         """
         stride = self.column_stride
         is_colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype.itemsize == 1
@@ -264,7 +263,7 @@ class _SampleGrid:
 
 
 def _median(values: Array) -> float:
-    """The median; a third of the time that numpy's takes for a few values."""
+    """Median; takes a third of the time of numpy's for a few values."""
     ordered = np.sort(values, axis=None)
     half = ordered.size // 2
     return float(ordered[half] if ordered.size % 2 else 0.5 * (ordered[half - 1] + ordered[half]))

@@ -1,4 +1,4 @@
-"""Common part of the threads of a scan, whether the host or the board turns the mirror."""
+"""Common base of the threads of a scan, for mirrors moved by the host or by the board."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class ScanTask:
-    """Arguments of `drivers.acquire` that the thread of a scan needs."""
+    """Arguments of `drivers.acquire` for the thread of a scan."""
 
     board: Board
     camera: Camera
@@ -31,19 +31,19 @@ class ScanTask:
     should_stop: Callable[[], bool] | None = None
 
 
-class ScanStopped(Exception):  # noqa: N818 - not an error: the scan was asked to end
-    """Raised within the scan's thread once the scan was asked to end."""
+class ScanStopped(Exception):  # noqa: N818 - a request to stop is not an error
+    """Raised in the scan's thread when the scan should stop."""
 
 
 class LaserSwitch:
-    """Switch of the laser; once closed, it keeps the laser off against any later command of the scan's thread.
+    """Switch of the laser; after `close` it ignores further commands of the scan's thread and keeps the laser off.
 
     Attributes:
-        interruptions: number of times that the board itself turned the laser off (watchdog, time limit).
+        interruptions: number of times that the board refused to switch the laser on because of a fault.
     """
 
     def __init__(self, board: Board) -> None:
-        """Take over the laser of an open board."""
+        """Control the laser of an open board."""
         self._board = board
         self._lock = threading.Lock()
         self._closed = False
@@ -62,10 +62,10 @@ class LaserSwitch:
         return since is not None and timing.monotonic() - since <= 0.5 * self._board.identity.laser_limit
 
     def on(self) -> None:
-        """Switch on; a fault that can be cleared is cleared once.
+        """Switch on; after a refusal, clear faults and try once more.
 
         Raises:
-            ScanStopped: the switch was closed.
+            ScanStopped: the switch is closed.
             LaserRefused: the cause of the fault persists.
         """
         with self._lock:
@@ -89,10 +89,10 @@ class LaserSwitch:
             self._board.laser_off()
 
     def keep_on(self, shines: bool) -> None:
-        """Switch on if need be, and rest before the board's time limit is reached.
+        """Switch on if necessary, and rest before the board's time limit is reached.
 
         Args:
-            shines: whether the laser is on by the board's last status.
+            shines: True if the laser is on according to the board's last status.
         """
         if self._lit_since is not None and not shines:
             logger.warning("the board turned the laser off during the scan")
@@ -104,7 +104,7 @@ class LaserSwitch:
             self.on()
 
     def close(self) -> None:
-        """Turn the laser off for good."""
+        """Turn the laser off permanently."""
         with self._lock:
             self._closed = True
             self._lit_since = None
@@ -112,25 +112,25 @@ class LaserSwitch:
 
 
 class StripeWorker(threading.Thread, ABC):
-    """Thread that takes one scan.
+    """Thread of one scan.
 
     Attributes:
-        items: queue to the caller: stripes in groups (see `AcquireOptions.together`), and None at the end.
+        items: queue to the caller: groups of stripes (see `AcquireOptions.together`), and None at the end.
         switch: switch of the laser.
         fired: indices for which the laser was on.
         failure: the error that ended the scan, or None.
-        stopped_early: whether `should_stop` ended it.
-        off_frames_lost: off frames that did not come; their stripes are compared with the one before.
+        stopped_early: True if `should_stop` ended the scan.
+        off_frames_lost: number of lost off frames; their stripes are compared with the previous ones.
         notes: further remarks for the report.
-        begun: time at which the scan began [s].
+        begun: start time of the scan [s].
     """
 
     def __init__(self, task: ScanTask, groups: int) -> None:
-        """Prepare; `start` begins.
+        """Prepare the thread.
 
         Args:
-            task: scan to be taken.
-            groups: number of groups that may wait for the caller; 0 for any number.
+            task: the scan.
+            groups: number of groups that may wait for the caller; 0 = unlimited.
         """
         super().__init__(name="scan", daemon=True)
         self._board, self._camera, self._options = task.board, task.camera, task.options
@@ -146,12 +146,12 @@ class StripeWorker(threading.Thread, ABC):
         self.begun = timing.monotonic()
 
     def cancel(self) -> None:
-        """Turn the laser off now and end the thread soon; stripes that were not handed over are dropped."""
+        """Turn the laser off now and let the thread end; stripes that were not handed over are dropped."""
         self._cancelled.set()
         self.switch.close()
 
     def run(self) -> None:
-        """Run the scan; the laser is off afterwards, also after an error."""
+        """Run the scan; the laser is off afterwards, also after an exception."""
         self.begun = timing.monotonic()
         try:
             self._take()
@@ -159,7 +159,7 @@ class StripeWorker(threading.Thread, ABC):
             logger.info("scan stopped after %d of %d stripes", len(self.fired), len(self._firing_order))
         except Exception as error:
             self.failure = error
-        except BaseException as error:  # the caller must not take it for the end of a good scan
+        except BaseException as error:  # must not look like the end of a good scan
             self.failure = AcquisitionError(f"thread {self.name!r} failed: {error!r}")
         finally:
             self._darken()
@@ -167,7 +167,7 @@ class StripeWorker(threading.Thread, ABC):
 
     @abstractmethod
     def _take(self) -> None:
-        """Take the scan, with frequent calls of `_check`."""
+        """Perform the scan, with frequent calls of `_check`."""
 
     @abstractmethod
     def _end(self) -> None:

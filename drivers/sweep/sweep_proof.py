@@ -1,4 +1,4 @@
-"""Assignment of a triggered camera's frames to triggers, proved by the intervals of both clocks."""
+"""Assignment of a triggered camera's frames to triggers, verified by the intervals of both clocks."""
 
 from __future__ import annotations
 
@@ -9,47 +9,46 @@ import numpy as np
 from drivers.arrays import Float
 from drivers.board.protocol import WAIT_UNIT_US
 
-# Places of a sweep before whose triggers the board waits. A shift by one trigger shows once at each, a larger
-# shift more often: the first ones reveal it from few frames, the last ones when a camera has missed a third of a sweep.
-# Their distances are uneven: with equal distances, a shift by one distance would match all but the outermost.
+# Places of a sweep before whose triggers the board waits. Each reveals a shift of the frames against the triggers: the
+# first ones with few frames, the last ones if a camera has missed a third of a sweep. Their distances are uneven, since
+# with equal distances a shift by one distance would match all but the outermost.
 WAITING_PLACES = (1, 3, 4, 8, 10, 15, 21, 27, 34)
 WAIT_UNIT = WAIT_UNIT_US * 1e-6
-# Number of frames that the true shift of the frames against the triggers must explain more than any other.
+# Number of frames by which the true shift must explain more than any other.
 MARGIN = 3
-# Share of the triggers so far whose frames must have come.
+# Fraction of the triggers so far whose frames must have arrived.
 LEAST_SHARE = 0.5
-# Relative difference that two quartz clocks may have.
+# Largest relative drift of two quartz clocks.
 CLOCK_ERROR = 2e-4
 
 
 def uneven_waits(count: int, tolerance: float) -> list[int]:
-    """Waits before the triggers of a sweep [0.5 ms], by place, that make every shift by whole triggers detectable.
+    """Waits before the triggers of a sweep [0.5 ms], by place, that make any shift by whole triggers detectable.
 
-    Each is twice the tolerance, within which frames of one offset agree. Two gaps that differ by twice the tolerance
-    therefore never fit one and the same shift. With nine waits every wrong shift misses ten frames or more, and any two
-    triggers may be missed, doubled or late.
+    Each wait is twice the tolerance within which frames of one offset agree, so gaps with and without it never match.
+    With nine waits any wrong shift mismatches ten or more frames, so any two triggers may be missed, doubled or late.
 
     Args:
         count: number of stripes.
-        tolerance: by how much differences of the two clocks may disagree [s].
+        tolerance: allowed difference between intervals of the two clocks [s].
     """
-    # Whole units must stay whole, though the tolerance may have no exact binary value.
+    # The subtraction keeps whole units whole despite rounding.
     wait = math.ceil(2 * tolerance / WAIT_UNIT - 1e-6)
     return [wait if place in WAITING_PLACES else 0 for place in range(count)]
 
 
 class ClockMatch:
-    """The offset between the board's clock and the camera's, once it is proved; then the frame of a trigger.
+    """Offset between the board's clock and the camera's, and with it the frame of each trigger.
 
-    With even intervals between triggers a missed first trigger would go unnoticed. Uneven ones reveal the shift, and
-    the offset counts as proved only if no other shift explains nearly as many frames.
+    With even intervals between triggers a missed first trigger would go unnoticed. Uneven intervals reveal the shift,
+    and the offset counts as proved only if no other shift explains nearly as many frames.
     """
 
     def __init__(self, tolerance: float) -> None:
-        """Begin with the offset unknown.
+        """Start with an unknown offset.
 
         Args:
-            tolerance: by how much differences of the two clocks may disagree [s].
+            tolerance: allowed difference between intervals of the two clocks [s].
         """
         self._half = 0.5 * tolerance
         self._offset: float | None = None
@@ -61,11 +60,11 @@ class ClockMatch:
         return self._offset is not None
 
     def learn(self, triggers: Float, stamps: Float) -> None:
-        """Search for the offset if it is still unknown.
+        """Estimate the offset if it is still unknown.
 
         Args:
-            triggers: (n,) times of this sweep's triggers so far on the board's clock [s], rising.
-            stamps: stamps of the frames so far, (m,) on the camera's clock [s], rising.
+            triggers: (n,) times of this sweep's triggers so far by the board's clock, increasing [s].
+            stamps: (m,) times of the frames so far by the camera's clock, increasing [s].
         """
         if self.proved or triggers.size == 0 or stamps.size == 0:
             return
@@ -81,11 +80,11 @@ class ClockMatch:
             self._offset, self._proved_at = offset, float(triggers[-1])
 
     def frame_of(self, trigger: float, stamps: Float) -> int | None:
-        """Number of the frame that was exposed at a trigger, None when it cannot be proved.
+        """Number of the frame that was exposed at a trigger; None if it cannot be verified.
 
         Args:
-            trigger: time of the trigger on the board's clock [s].
-            stamps: stamps of all frames, (m,) on the camera's clock [s].
+            trigger: time of the trigger by the board's clock [s].
+            stamps: (m,) times of all frames by the camera's clock [s].
         """
         if self._offset is None or stamps.size == 0:
             return None
@@ -95,6 +94,6 @@ class ClockMatch:
         if near.size != 1:
             return None
         found = int(near[0])
-        # The offset drifts: the one proved last is the best.
+        # The offset drifts, so the latest one is used.
         self._offset, self._proved_at = float(stamps[found] - trigger), trigger
         return found

@@ -1,4 +1,4 @@
-"""Thread of a scan by a board sweep: reads records, grabs frames, hands over stripes with proved frames."""
+"""Thread of a scan by board sweeps: reads records, grabs frames, hands over stripes with verified frames."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from drivers.sweep.stripe_worker import ScanTask, StripeWorker
 from drivers.sweep.sweep_proof import WAIT_UNIT, ClockMatch, uneven_waits
 
 logger = logging.getLogger(__name__)
-# [s] Wait for a frame, wait for a report, and time between two commands that feed the board's watchdog.
+# Longest wait for a frame and for a report, and interval of commands that feed the board's watchdog [s].
 FRAME_SLICE, REPORT_SLICE, FEED_PERIOD = 0.005, 0.001, 0.1
-# [s] Frames may arrive this long after the last trigger.
+# Time after the end of a sweep within which frames may arrive [s].
 LAST_FRAMES = 0.1
-# Note of a scan by a board that cannot take dark flashes.
+# Note about a board without dark flashes.
 NO_DARKS = (
     "no dark flashes: the board speaks protocol 1.1, 1.2 takes them: flash firmware/guara_board.uf2, so that foreign "
     "light and frames of another instant are found"
@@ -38,7 +38,7 @@ NO_LASER = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass
 class FrameCounts:
-    """Counts of frames, named as those of `FrameGrabber`."""
+    """Counts of frames, as in `FrameGrabber`."""
 
     used: int = 0
     skipped: int = 0
@@ -49,7 +49,7 @@ class FrameCounts:
 
 @dataclass
 class Sweep:
-    """Sweep in progress: its stripes by place, records and frames."""
+    """Running sweep: stripes by place, records and frames."""
 
     stripes: Sequence[PlannedStripe]
     motion: int
@@ -63,18 +63,18 @@ class Sweep:
 
     @property
     def complete(self) -> bool:
-        """True once every stripe was handed over."""
+        """True if all stripes have been handed over."""
         return len(self.done) == len(self.stripes)
 
 
 class SweepWorker(StripeWorker):
-    """Thread with the attributes of `ScanWorker`; a stripe without a proved frame is lost."""
+    """Thread with the attributes of `ScanWorker`; a stripe without a verified frame is lost."""
 
     _board: LaserBoard
 
     def __init__(self, task: ScanTask) -> None:
-        """Prepare; `start` begins."""
-        # A sweep cannot wait for the caller, so only the number of stripes bounds the queue.
+        """Prepare the thread."""
+        # A sweep cannot wait for the caller, so the queue is not bounded.
         super().__init__(task, groups=0)
         self._sweep_options = task.options.sweep or SweepOptions()
         self._match = ClockMatch(self._sweep_options.tolerance)
@@ -118,7 +118,7 @@ class SweepWorker(StripeWorker):
             self.items.put((StripeCapture.of(stripe, angle, None, None),))
 
     def _take_sweep(self, sweeps: BoardSweep, stripes: Sequence[PlannedStripe], first: int) -> list[PlannedStripe]:
-        """Run one sweep, hand over the proved stripes and return the others."""
+        """Run one sweep, hand over the verified stripes and return the others."""
         steps = [self._board.step_at(stripe.mirror_angle) for stripe in stripes]
         dark_after = self._dark_places(stripes, first)
         begun = sweeps.begin(steps, self._waits(steps), first, dark_after)
@@ -134,21 +134,20 @@ class SweepWorker(StripeWorker):
 
     @property
     def takes_darks(self) -> bool:
-        """True where the board takes dark flashes."""
+        """True if the board can make dark flashes."""
         return self._board.identity.protocol >= DARKS_SINCE
 
     def _dark_places(self, stripes: Sequence[PlannedStripe], first: int) -> frozenset[int]:
-        """Places after whose stripe a dark flash comes; the last one of stripes taken again is among them too."""
+        """Places whose stripe is followed by a dark flash, always including the last place."""
         if not (self._options.dark_after and self.takes_darks):
             return frozenset()
         places = {place for place, stripe in enumerate(stripes, first) if stripe.index in self._options.dark_after}
         return frozenset({*places, first + len(stripes) - 1})
 
     def _waits(self, steps: Sequence[int]) -> list[int]:
-        """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, none after that.
+        """Waits before the triggers [0.5 ms]: uneven ones until the clocks are matched, then none.
 
-        Where necessary they are lengthened by the time that the camera needs anyway: its period would swallow them, and
-        all gaps would be even.
+        They are extended if the camera's period exceeds the time of the motion, which would otherwise absorb them.
         """
         if self._match.proved:
             return [0] * len(steps)
@@ -208,7 +207,7 @@ class SweepWorker(StripeWorker):
         sweep.frames.append(frame)
 
     def _hand_over(self, sweep: Sweep) -> None:
-        """Hand over the stripes whose frames are proved by now."""
+        """Hand over the stripes whose frames are verified by now."""
         stamps = np.array([frame.device_time for frame in sweep.frames], dtype=float)
         self._match.learn(np.array(sweep.clocks), stamps)
         if not self._match.proved:
@@ -234,7 +233,7 @@ class SweepWorker(StripeWorker):
             self.items.put(tuple(ready))
 
     def _settle_off(self, sweep: Sweep, number: int, stamps: Float) -> None:
-        """Look for the shared off frame; when the frame of a later trigger has come and it has not, it never will."""
+        """Find the shared off frame; it is lost if the frame of a later trigger has arrived before."""
         if self._off_settled or sweep.records[number].shot is not Shot.OFF:
             return
         self._off = self._proved(sweep, number, stamps)
@@ -242,7 +241,7 @@ class SweepWorker(StripeWorker):
         self._off_settled = self._off is not None or any(self._proved(sweep, other, stamps) for other in later)
 
     def _off_of(self, sweep: Sweep, number: int, stamps: Float) -> tuple[Frame | None, bool]:
-        """The off frame of a stripe, and whether the stripe may be handed over with it."""
+        """Off frame of a stripe, and True if the stripe may be handed over with it."""
         if self._options.off is not OffFrames.PER_STRIPE:
             return self._off, self._off_settled
         if number + 1 >= len(sweep.records):
@@ -251,7 +250,7 @@ class SweepWorker(StripeWorker):
         return off, off is not None
 
     def _dark_of(self, sweep: Sweep, number: int, stamps: Float) -> Frame | None:
-        """The frame of the dark flash after a stripe, None while it is not proved, or where none is due."""
+        """Frame of the dark flash after a stripe; None if there is none or it is not verified yet."""
         after = number + (2 if self._options.off is OffFrames.PER_STRIPE else 1)
         if sweep.records[number].place not in sweep.dark_after or after >= len(sweep.records):
             return None

@@ -58,7 +58,7 @@ def test_settings_cannot_be_changed_afterwards() -> None:
     """Replayed frames have the exposure they have; asking for nothing is fine."""
     with ReplayCamera(IMAGES, name="tape") as camera:
         assert camera.lock(CameraSettings()) == CameraSettings()
-        with pytest.raises(CameraSettingRefused, match="tape replays frames already taken"):
+        with pytest.raises(CameraSettingRefused, match="tape replays existing frames"):
             camera.lock(CameraSettings(gain=1.0))
 
 
