@@ -16,7 +16,7 @@ def test_nothing_in_time_is_a_timeout_and_a_death_is_reported(start, endpoint: s
     node = start("node", endpoint, "connect")
     with client_at(endpoint) as client:
         assert client.wait_until_alive(30.0)
-        with pytest.raises(transport.ReceiveTimeout, match="no message on"):
+        with pytest.raises(transport.ReceiveTimeout, match="no matching message on"):
             client.wait_for_step(99, timeout=0.1)
         node.kill()
         assert eventually(lambda: not client.is_alive)

@@ -96,7 +96,7 @@ def test_two_robots_of_one_name_that_meet_later_are_reported(start, endpoint: st
     def reported(client: transport.PerceptionClient) -> bool:
         status = client.status()
         item = None if status is None else status.item("name")
-        return item is not None and item.level is transport.Health.ERROR and "another node lives" in item.message
+        return item is not None and item.level is transport.Health.ERROR and "another node named" in item.message
 
     with _client(endpoint) as first, _client(other) as second:
         assert eventually(lambda: reported(first) and reported(second))

@@ -142,7 +142,7 @@ def test_repeats_end_before_the_watchdog_does() -> None:
         with LaserBoard(config, backend=emulated_backend(emulated)) as board:
             emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS, count=10))
             begun = clock.monotonic()
-            with pytest.raises(BoardTimeout, match=r"asked [45] times"):
+            with pytest.raises(BoardTimeout, match=r"[45] attempts"):
                 board.status()
             assert clock.monotonic() - begun <= 0.5 * board.identity.watchdog + 0.002
             emulated.mend()

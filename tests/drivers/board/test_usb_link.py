@@ -70,7 +70,7 @@ def test_unreadable_descriptors_are_a_bad_reply(monkeypatch: pytest.MonkeyPatch)
 def test_second_program_finds_the_board_in_use(board: LaserBoard, emulated: EmulatedBoard) -> None:
     """Two drivers cannot hold one board, and the second says why."""
     backend = board._link._backend
-    with pytest.raises(BoardInUse, match="another program holds"):
+    with pytest.raises(BoardInUse, match="another program uses"):
         LaserBoard(backend=backend).open()
     board.close()
     with LaserBoard(backend=backend) as other:

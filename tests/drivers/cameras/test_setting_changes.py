@@ -35,7 +35,7 @@ class Reporting(ReplayCamera):
         ),
         (Reporting(SAME | {"white_balance": 4000.0}), "cam: white balance is 4000 K, it was locked at 5000 K"),
         (Reporting(SAME | {"gamma": 0.45}), "cam: gamma is 0.45, it was locked at 1"),
-        (Reporting(SAME, ("exposure",)), "cam: automatic exposure is on, it was locked at 0.004 s: see"),
+        (Reporting(SAME, ("exposure",)), "cam: automatic exposure is on, it was locked at 0.004 s: check"),
         (Reporting({}, ("white_balance",)), "cam: automatic white balance is on, it was locked at 5000 K"),
     ],
 )

@@ -94,7 +94,7 @@ def test_mistakes_end_in_one_line(guara, keys: Path, tmp_path: Path, arguments: 
 
 FLAWS: dict[str, tuple[Callable[[Path], None], Health, str, str, int]] = {
     "none": (lambda keys: None, Health.OK, "ok", "certificates, the first expires in", 0),
-    "31 days left": (lambda keys: _give(keys, "node", 31), Health.OK, "ok", "ends in 31 days (node/node.pem)", 0),
+    "31 days left": (lambda keys: _give(keys, "node", 31), Health.OK, "ok", "expires in 31 days (node/node.pem)", 0),
     "29 days left": (lambda keys: _give(keys, "node", 29), Health.WARN, "warn", "node/node.pem expires in 29 days", 0),
     "expired": (lambda keys: _give(keys, "node", -2), Health.ERROR, "FAIL", "node/node.pem expired 2 days ago", 1),
     "readable": (
