@@ -10,6 +10,7 @@ PROGRAMS = {
     "all": "speed and accuracy beside what a user would pick instead (make bench)",
     "accuracy": "errors of recorded scans against their truth, also in the paper's own terms",
     "calibration": "errors, drift, crosses, mount, truth: calibrations against the truth, and what harms them",
+    "endurance": "hours of a recording node, planners and a viewer with faults at random: memory, handles, threads",
     "joints": "joints that read wrong: jumps and zeros that are told, alarms on clean walks (extra robots-test)",
     "kinematics": "what each call of the package kinematics costs",
     "light": "effects, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",

@@ -1,7 +1,8 @@
 """Joints that read wrong: jumps and wrong zeros that are told, and alarms on clean walks.
 
-`python -m benchmarks joints [--pauses 500]`. Guará, and Go2 from its stock URDF (extra `robots-test`), walk on level
-ground with 0.2 degrees of joint noise fresh in every pause and feet that creep by 1.4 mm per axis between two pauses.
+`python -m benchmarks joints [--pauses 500] [--robot guara go2]`. Guará, and Go2 from its stock URDF (extra
+`robots-test`), walk on level ground with 0.2 degrees of joint noise fresh in every pause and feet that creep by 1.4 mm
+per axis between two pauses.
 """
 
 from __future__ import annotations
@@ -74,9 +75,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pauses", type=int, default=500, help="pauses of clean walks")
     parser.add_argument("--walks", type=int, default=5, help="walks on which each joint reads wrong, either way")
+    parser.add_argument("--robot", nargs="*", default=["guara", "go2"], help="names of robots")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    for name in ("guara", "go2"):
+    for name in options.robot:
         robot = load(name)
         for has_imu in (True, False):
             clean = walk(robot, options.pauses, 0, has_imu=has_imu)

@@ -378,7 +378,9 @@ class ScanProcessor:
                 mirrored_points=self._mirrored_points,
                 proof=proved.proof,
             )
-        lost = {index for index, profile in proved.profiles.items() if profile.is_frame_bad}
+        # A refused scan says nothing of any ground: the map keeps what it knows, as old as it is.
+        unusable = {} if proved.proof.refused else proved.profiles
+        lost = {index for index, profile in unusable.items() if profile.is_frame_bad}
         is_lost = np.array([index in lost for index in self._geometry.stripes])
         return TerrainGrid(
             layers=layers,

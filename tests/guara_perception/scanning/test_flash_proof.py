@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -15,11 +16,14 @@ from drivers import AcquireOptions, OffFrames
 from guara_perception.app.main import run
 from guara_perception.app.summary import summary
 from guara_perception.scanning.flash_proof import FlashProof, lit_pixels
+from kinematics import PoseInOdom
 from testbed.scenes import OWN_DATA, recorded
 from testbed.strange_cases import Case, cases, measure
 from testbed.strange_light import Fault, Scene, beside, ghost, take
 
 CODE_CAUSES = "foreign laser light", "frames are not of their flash"
+# Pauses between two scans of a test.
+STEPS = 3
 PER_STRIPE = AcquireOptions(off=OffFrames.PER_STRIPE, together=16)
 CASES = [
     Case("foreign", Fault("brighter, half a stripe aside", extra=beside(0.5, 1.6))),
@@ -73,6 +77,26 @@ def test_a_clean_scan_loses_nothing(scene: Scene, triggered: bool) -> None:
     assert terrain.record.health is not None and terrain.record.health.level == "ok"
     assert plain.scan_record.dark_flashes is None
     assert "no dark flashes" in summary(plain) and "no dark flashes" not in summary(terrain)
+
+
+@pytest.mark.slow
+def test_a_refused_scan_leaves_the_map_as_it_was(scene: Scene) -> None:
+    """Ground that was known stays known and grows older; nothing becomes free, nothing is new."""
+    foreign = Fault("foreign", extra=beside(0.5, 1.6))
+    scans = [take(scene, fault, triggered=True)[0].finish() for fault in (Fault("clean"), foreign)]
+    terrain_map = gp.TerrainMap(scene.scan.robot)
+    pose = PoseInOdom(np.eye(4), np.zeros((6, 6)))
+    before, after = (
+        terrain_map.update(dataclasses.replace(terrain, step=step), pose)
+        for step, terrain in zip((1, 1 + STEPS), scans, strict=True)
+    )
+    assert not np.isfinite(scans[1].elevation).any()
+    assert np.isfinite(before.elevation).sum() > 5000
+    assert np.array_equal(before.elevation, after.elevation, equal_nan=True)
+    assert np.array_equal(before.traversability > 0, after.traversability > 0)
+    # As old as before: where the ground was seen long ago it is stale.
+    late = terrain_map.update(dataclasses.replace(scans[1], step=2 + before.record.validity_pauses), pose)
+    assert not np.any(late.traversability > 0)
 
 
 @pytest.mark.slow

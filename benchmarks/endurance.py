@@ -1,0 +1,231 @@
+"""Hours with faults at random: a walking node that records, two planners and a viewer, and whether anything grows.
+
+`python -m benchmarks endurance [--minutes 240] [--period 20]`. Each is a process of its own over real Zenoh; the robot
+is simulated. Node and second planner are killed or stopped for some seconds; router, first planner and viewer live on.
+A contradiction is a footprint handed out for another pause than the newest one that its planner has heard of for 3 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import guara_perception as gp
+from benchmarks.peers import PATIENCE, ROOT, free_endpoint, free_port, say
+from benchmarks.soak import Child
+from transport import PausePhase, StancePause, open_client
+from transport.stance_link import StanceReceiver
+
+# [s] A message's way, and a link or a node that goes without a word: docs/safety.md.
+GRACE_S = 3.0
+# [s] Between two looks of a planner; longest stop of a process, and of the wait for the first scan.
+LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
+# What a process that lives on may gain after the first third of the time; a viewer keeps 60 pauses of 1 to 2 MB.
+MOST_MB, VIEWER_MB, MOST_HANDLES, MOST_THREADS = 40.0, 150.0, 4, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Memory [MB], open handles and threads of a process."""
+
+    memory: float
+    handles: int
+    threads: int
+
+    @classmethod
+    def of(cls, pid: int) -> Size:
+        """Those of a living process."""
+        folder = Path(f"/proc/{pid}")
+        fields = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
+        return cls(int(fields["VmRSS"].split()[0]) / 1024, len(list((folder / "fd").iterdir())), int(fields["Threads"]))
+
+    def __str__(self) -> str:
+        """As in the report."""
+        return f"{self.memory:.0f} MB, {self.handles} handles, {self.threads} threads"
+
+    def is_flat_until(self, last: Size, most_mb: float) -> bool:
+        """Whether a later size is no larger but for what caches take."""
+        return (
+            last.memory - self.memory <= most_mb
+            and last.handles - self.handles <= MOST_HANDLES
+            and last.threads - self.threads <= MOST_THREADS
+        )
+
+
+@dataclass(slots=True)
+class Outcome:
+    """Result of a run: faults, counts of the planners, and sizes after a third of the time and at its end."""
+
+    faults: Counter[str] = field(default_factory=Counter)
+    counts: Counter[str] = field(default_factory=Counter)
+    sizes: dict[str, list[Size]] = field(default_factory=dict)
+    recorded: int = 0
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether no process that lived on has grown."""
+        return all(
+            sizes[0].is_flat_until(sizes[-1], VIEWER_MB if name == "viewer" else MOST_MB)
+            for name, sizes in self.sizes.items()
+        )
+
+
+def run_planner(endpoint: str) -> None:
+    """A planner that takes each grid of both extents and tells contradictions; prints its counts twice a second."""
+    counts: Counter[str] = Counter()
+    heard: list[tuple[float, str, int]] = []
+
+    def on_pause(pause: StancePause) -> None:
+        if pause.phase is PausePhase.BEGIN:
+            heard.append((time.monotonic(), pause.epoch, pause.step))
+            del heard[:-20]
+
+    stop = threading.Event()
+
+    def listen() -> None:
+        sys.stdin.read()
+        stop.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+    with open_client(endpoint, timeout=PATIENCE) as session, gp.TerrainClient(endpoint, timeout=PATIENCE) as client:
+        StanceReceiver(session, robot="guara", on_pause=on_pause, on_refused=lambda _: None)
+        say(ready=True)
+        taken: dict[str, int] = {}
+        while not stop.wait(LOOK_S):
+            for extent in ("footprint", "map"):
+                try:
+                    terrain = client.latest(extent=extent)
+                except (gp.StaleTerrain, gp.ScannerUnavailable):
+                    counts[f"{extent} withheld"] += 1
+                    continue
+                counts[f"{extent} handed out"] += 1
+                counts["out of order"] += terrain.stamp < taken.get(extent, 0)
+                counts[f"new {extent}s"] += terrain.stamp > taken.get(extent, 0)
+                taken[extent] = terrain.stamp
+                settled = [each for each in heard if time.monotonic() - each[0] > GRACE_S]
+                known = {(epoch, step) for _, epoch, step in heard[len(settled) - 1 :]}
+                if extent == "footprint" and settled and (terrain.metadata["epoch"], terrain.step) not in known:
+                    counts["contradictions"] += 1
+            say(counts=counts)
+
+
+class Machine:
+    """The processes of a run, in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start all of them; wait until the first planner has a grid."""
+        self._folder, self._endpoint = folder, free_endpoint()
+        self._log = (folder / "log.txt").open("w")
+        self.router = Child("router", self._endpoint)
+        self.node = self.start_node()
+        self.lasting, self.other = self.start_planner(), self.start_planner()
+        view = ["view", "--connect", self._endpoint, "--port", str(free_port())]
+        self.viewer = self._program(view)
+
+    def _program(self, arguments: list[str]) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "guara_perception.app.main", *arguments]
+        return subprocess.Popen(command, cwd=ROOT, stdout=self._log, stderr=self._log, stdin=subprocess.DEVNULL)
+
+    def start_node(self) -> subprocess.Popen[bytes]:
+        """A node that walks by itself and records."""
+        folder = self._folder / "recorded"
+        folder.mkdir(exist_ok=True)
+        options = ["--mode", "coarse", "--connect", self._endpoint, "--record", str(folder), "--record-limit", "2GB"]
+        return self._program(["run", "--simulated", *options])
+
+    def start_planner(self) -> Child:
+        """A planner."""
+        return Child("planner", self._endpoint, module="endurance")
+
+    def sizes(self) -> dict[str, Size]:
+        """Sizes of the processes that live on."""
+        living = {"router": self.router.popen, "planner": self.lasting.popen, "viewer": self.viewer}
+        return {name: Size.of(process.pid) for name, process in living.items()}
+
+    def close(self) -> None:
+        """End all."""
+        for process in (self.node, self.viewer):
+            process.kill()
+            process.wait()
+        for child in (self.lasting, self.other, self.router):
+            child.end()
+        self._log.close()
+
+
+def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter[str]) -> None:
+    if fault == "node killed":
+        machine.node.kill()
+        machine.node.wait()
+        machine.node = machine.start_node()
+    elif fault == "planner killed":
+        counts += machine.other.kill()
+        machine.other = machine.start_planner()
+    else:
+        process = machine.node if fault == "node stopped" else machine.other.popen
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(chance.uniform(1.0, STOP_S))
+        process.send_signal(signal.SIGCONT)
+
+
+FAULTS = "node killed", "node stopped", "planner killed", "planner stopped"
+
+
+def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], None] = lambda _: None) -> Outcome:
+    """Run all processes for some minutes, with a fault about every `period` seconds."""
+    chance, outcome = random.Random(seed), Outcome()
+    with tempfile.TemporaryDirectory() as folder:
+        machine = Machine(Path(folder))
+        try:
+            waiting = time.monotonic() + FIRST_S
+            while not machine.lasting.last.get("counts", {}).get("new maps") and time.monotonic() < waiting:
+                time.sleep(LOOK_S)
+            begin = time.monotonic()
+            while (gone := time.monotonic() - begin) < 60.0 * minutes:
+                time.sleep(min(period * chance.uniform(0.5, 1.5), 60.0 * minutes - gone))
+                if time.monotonic() - begin > 20.0 * minutes or not outcome.sizes:
+                    for name, size in machine.sizes().items():
+                        taken = outcome.sizes.setdefault(name, [])
+                        # Before a third of the time is over everything still warms up.
+                        if gone < 20.0 * minutes:
+                            taken.clear()
+                        taken.append(size)
+                fault = chance.choice(FAULTS)
+                outcome.faults[fault] += 1
+                _strike(machine, fault, chance, outcome.counts)
+                tell(f"{gone:6.0f} s  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in machine.sizes().items())}")
+            outcome.counts += Counter(machine.lasting.last.get("counts", {}))
+            outcome.counts += Counter(machine.other.last.get("counts", {}))
+            outcome.recorded = len(list((Path(folder) / "recorded").glob("*.mcap")))
+        finally:
+            machine.close()
+    return outcome
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=240.0, help="how long")
+    parser.add_argument("--period", type=float, default=20.0, help="[s] between two faults, on average")
+    options = parser.parse_args()
+    outcome = endure(options.minutes, options.period, tell=lambda line: print(line, flush=True))
+    print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings")
+    print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
+    for name, sizes in outcome.sizes.items():
+        print(f"{name}: {sizes[0]} after a third of the time, {sizes[-1]} at the end")
+    print(f"contradictions: {outcome.counts['contradictions']}, out of order: {outcome.counts['out of order']}")
+    is_sound = outcome.is_flat and not outcome.counts["contradictions"] and not outcome.counts["out of order"]
+    sys.exit(0 if is_sound and outcome.counts["new maps"] else 1)
+
+
+if __name__ == "__main__":
+    main()
