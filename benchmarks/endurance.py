@@ -149,8 +149,8 @@ class Machine:
 
     def sizes(self) -> dict[str, Size]:
         """Sizes of the processes that live on."""
-        living = {"router": self.router.popen, "planner": self.lasting.popen, "viewer": self.viewer}
-        return {name: Size.of(process.pid) for name, process in living.items()}
+        living = {"router": self.router.popen.pid, "planner": self.lasting.popen.pid, "viewer": self.viewer.pid}
+        return {name: Size.of(pid) for name, pid in living.items()}
 
     def close(self) -> None:
         """End all."""
