@@ -28,6 +28,7 @@ GROUPS = {
         "targets": "Print board, crosses and labels to scale as a PDF",
         "record": "Record the pictures of a calibration session, step by step",
         "calibrate": "Compute a calibration from a recorded session",
+        "acceptance": "Measure blocks of known height; report what the device can do",
     },
     "Run": {
         "run": "Start the node: scan at each stance pause and publish",
@@ -76,7 +77,7 @@ class LazyGroup(click.Group):
         """Write the commands by group, one line each."""
         for group, commands in GROUPS.items():
             with formatter.section(group):
-                formatter.write_dl([(name.ljust(9), line) for name, line in commands.items()])
+                formatter.write_dl([(name.ljust(10), line) for name, line in commands.items()])
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import one command.

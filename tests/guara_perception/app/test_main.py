@@ -74,7 +74,7 @@ def test_help_lists_every_command(guara):
     said = guara("--help")
     assert said.code == 0
     for name, line in COMMANDS.items():
-        assert f"\n  {name.ljust(9)}  {line}\n" in said.out
+        assert f"\n  {name.ljust(10)}  {line}\n" in said.out
     assert max(map(len, said.out.splitlines())) <= 80
     assert not any(f"\n  {name} " in said.out for name in ALIASES)
 

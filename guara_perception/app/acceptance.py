@@ -1,0 +1,242 @@
+"""Acceptance of a rangefinder: heights of known blocks on a flat floor, in scans between which it was off."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+
+from guara_perception.app.calibration_report.drawing import BLUE, ORANGE, data_url, new_figure, to_png
+from guara_perception.app.calibration_report.html import STYLE
+from guara_perception.app.summary import facts
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.exceptions import InvalidInput, PerceptionError
+from guara_perception.files import whole_file
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.questions.obstacles import fit_floor
+from kinematics.arrays import FrozenArrays
+
+if TYPE_CHECKING:
+    from guara_perception.app.node.rangefinder import Rangefinder
+
+FORMAT: Final = "guara-acceptance/1"
+REPORT_FILE: Final = "report.html"
+# Lower blocks are no obstacle of a grid, higher ones no step of a robot; nearer heights are told apart by nothing.
+LOWEST_M, HIGHEST_M = 0.008, 0.5
+LEAST_APART_M, MOST_BLOCKS = 0.005, 6
+# Cells nearer to the edge of a block show its edge too.
+RIM_M = 0.010
+# A height that a grid is sure of lies within this many of its standard deviations.
+SIGMAS = 3.0
+
+
+class AcceptanceFailed(PerceptionError, RuntimeError):
+    """A scan does not show the blocks; the scans before it are kept, and the same command continues."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn(FrozenArrays):
+    """Measurement of the blocks in one scan, lowest block first.
+
+    Attributes:
+        heights: (n,) measured heights over the floor [m].
+        sigmas: (n,) standard deviations that the grid claims for cells on the blocks [m].
+        known: share of the grid that is known.
+        reasons: what the grid's health and the devices report.
+    """
+
+    heights: Float
+    sigmas: Float
+    known: float
+    reasons: tuple[str, ...]
+
+
+def parse_blocks(text: str) -> tuple[float, ...]:
+    """Heights of blocks [m] with commas between, in ascending order.
+
+    Raises:
+        InvalidInput: no numbers, too low or high, too many or two nearly the same.
+    """
+    try:
+        heights = tuple(sorted(float(height) for height in text.split(",")))
+    except ValueError:
+        raise InvalidInput(f"--blocks is {text!r}, it must be heights in metres with commas between") from None
+    in_range = all(LOWEST_M <= height <= HIGHEST_M for height in heights)
+    if not in_range or len(heights) > MOST_BLOCKS or np.diff(heights).min(initial=1.0) < LEAST_APART_M:
+        raise InvalidInput(
+            f"--blocks is {text!r}, allowed: 1 ... {MOST_BLOCKS} heights of {LOWEST_M:g} ... {HIGHEST_M:g} m, "
+            f"{LEAST_APART_M:g} m or more apart; give metres"
+        )
+    return heights
+
+
+def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
+    """Measure the blocks of a grid: median of their cells over the floor that is fitted to all others.
+
+    Args:
+        terrain: grid of one scan, with nothing but the blocks on the floor.
+        heights: true heights in ascending order [m].
+
+    Raises:
+        AcceptanceFailed: other than these blocks are seen.
+    """
+    rows, columns = np.nonzero(np.isfinite(terrain.elevation))
+    x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (columns, rows), strict=True))
+    z, sigma = terrain.elevation[rows, columns].astype(np.float64), np.sqrt(terrain.variance[rows, columns])
+    floor = fit_floor(x, y, z)
+    found = []
+    for block in terrain.obstacles():
+        outline = block.outline.astype(np.float32)
+        inside = np.array([cv2.pointPolygonTest(outline, point, True) > RIM_M for point in zip(x, y, strict=True)])
+        if floor is not None and block.height > 0.5 * heights[0] and inside.any():
+            rise = z[inside] - floor.height_at(x[inside], y[inside])
+            found.append((float(np.median(rise)), float(np.median(np.hypot(sigma[inside], floor.sigma)))))
+    found.sort()
+    measured = np.array([height for height, _ in found])
+    limit = 0.5 * np.diff(heights).min(initial=2 * LEAST_APART_M)
+    if len(found) != len(heights) or np.abs(measured - heights).max() > limit:
+        seen = ", ".join(f"{1e3 * height:.1f}" for height in measured) or "none"
+        raise AcceptanceFailed(
+            f"blocks of {seen} mm are seen, allowed: those of --blocks, "
+            f"{', '.join(f'{1e3 * height:g}' for height in heights)} mm: lay them 5 cm or more apart, wholly in the "
+            f"scanned area, each {4e3 * RIM_M:.0f} mm wide or wider, with nothing else in view"
+        )
+    record = terrain.record
+    reasons = record.health.reasons if record.health else ()
+    return Turn(measured, np.array([spread for _, spread in found]), facts(terrain)["known"], reasons)
+
+
+def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Image) -> dict[str, str]:
+    """Identity of the open devices, their calibration and the programs, as a report states them.
+
+    Args:
+        rangefinder: open devices.
+        calibration: their calibration.
+        picture: a picture without the laser.
+    """
+    brightness = float(picture.mean()) / np.iinfo(picture.dtype).max
+    identity, locked = rangefinder.board.identity, rangefinder.settings
+    settings = asdict(locked).items() if locked is not None else ()
+    held = ", ".join(f"{name} {value:g}" for name, value in settings if isinstance(value, float))
+    size, quality = calibration.camera.size, calibration.quality
+    return {
+        "camera": f"{rangefinder.camera.name}, {size[0]} x {size[1]} px; {held or 'no setting is locked'}",
+        "laser board": f"firmware {'.'.join(map(str, identity.firmware))}, protocol "
+        f"{'.'.join(map(str, identity.protocol))}, serial {getattr(rangefinder.board, 'serial', '') or 'none'}",
+        "calibration": f"{calibration.hash}, of {calibration.created}, verdict {quality.get('verdict')}, "
+        f"{len(calibration.stripes)} stripes",
+        "light": f"the picture without the laser is at {100 * brightness:.0f} % of full scale",
+        "programs": f"guara-perception {version('guara-perception')}, numpy {np.__version__}, OpenCV "
+        f"{cv2.__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """All scans of an acceptance.
+
+    Attributes:
+        blocks: true heights in ascending order [m].
+        turns: measurements, one of each scan.
+        device: facts of the device, by name.
+        note: light, floor and blocks in the words of whoever made it.
+        is_simulated: no real device was used.
+    """
+
+    blocks: tuple[float, ...]
+    turns: tuple[Turn, ...]
+    device: dict[str, str]
+    note: str
+    is_simulated: bool
+
+    @property
+    def errors(self) -> Float:
+        """(turns, blocks) measured minus true heights [m]."""
+        return np.array([turn.heights for turn in self.turns]) - np.array(self.blocks)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether every error is one that its grid allows for."""
+        return bool(np.all(np.abs(self.errors) <= SIGMAS * np.array([turn.sigmas for turn in self.turns])))
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in one sentence."""
+        worst = 1e3 * float(np.abs(self.errors).max())
+        held = "all" if self.is_held else "not all"
+        return (
+            f"{'held' if self.is_held else 'NOT HELD'}: {held} heights lie within the {SIGMAS:g} standard deviations "
+            f"that their grids state; largest error {worst:.2f} mm in {len(self.turns)} scans of {len(self.blocks)} "
+            "blocks"
+        )
+
+    def save(self, folder: Path) -> Path:
+        """Write acceptance.json and report.html into a folder; return the path of the report."""
+        data = {"format": FORMAT, "is_held": self.is_held, **asdict(self)}
+        for turn in data["turns"]:
+            turn.update(heights=turn["heights"].tolist(), sigmas=turn["sigmas"].tolist())
+        for name, text in (("acceptance.json", json.dumps(data, indent=2)), (REPORT_FILE, self._page())):
+            with whole_file(folder / name) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        return folder / REPORT_FILE
+
+    def _page(self) -> str:
+        errors, known = 1e3 * self.errors, [turn.known for turn in self.turns]
+        sigmas = 1e3 * np.array([turn.sigmas for turn in self.turns])
+        blocks = [
+            (f"{1e3 * true:g}", f"{of.mean():+.2f}", f"{np.abs(of).max():.2f}", f"{of.std(ddof=1):.3f}", f"{s:.2f}")
+            for true, of, s in zip(self.blocks, errors.T, np.median(sigmas, axis=0), strict=True)
+        ]
+        turns = [
+            (str(i), " ".join(f"{e:+.2f}" for e in of), f"{100 * turn.known:.1f} %", "; ".join(turn.reasons) or "ok")
+            for i, (of, turn) in enumerate(zip(errors, self.turns, strict=True), start=1)
+        ]
+        head = ("height [mm]", "mean error", "largest error", "repeatability (one sigma)", "sigma stated")
+        kind = "A simulated device; no real one has part in these figures." if self.is_simulated else "A real device."
+        return "\n".join(
+            [
+                '<!doctype html><html lang="en"><meta charset="utf-8"><title>Acceptance report</title>',
+                f"<style>{STYLE}</style><h1>Acceptance of a rangefinder</h1>",
+                f'<p class="verdict {"good" if self.is_held else "refused"}">{escape(self.verdict)}</p>',
+                f"<p><b>{kind}</b> Before each scan it was to be switched off and on; its mirror homed anew. Share "
+                f"known: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
+                _table(head, blocks),
+                f'<img alt="error of each block and scan" src="{data_url(self._errors_png())}"><h2>Scans</h2>',
+                _table(("scan", "errors, lowest block first [mm]", "share known", "health"), turns),
+                "<h2>Device</h2>",
+                _table(("", ""), [*self.device.items(), ("note", self.note or "none given")]),
+                "</html>",
+            ]
+        )
+
+    def _errors_png(self) -> bytes:
+        figure, (axes,) = new_figure(9.0, 3.2)
+        for number, turn in enumerate(self.turns):
+            axes.errorbar(
+                np.arange(len(self.blocks)) + 0.05 * (number - len(self.turns) / 2),
+                1e3 * self.errors[number],
+                SIGMAS * 1e3 * turn.sigmas,
+                fmt="o",
+                color=BLUE,
+                ecolor=ORANGE,
+                markersize=3,
+            )
+        axes.axhline(0, color="black", linewidth=0.6)
+        axes.set(ylabel="error [mm], three sigmas", xticks=range(len(self.blocks)))
+        axes.set_xticklabels([f"{1e3 * height:g} mm" for height in self.blocks])
+        return to_png(figure)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    cells = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
+    cells += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

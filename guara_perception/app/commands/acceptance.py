@@ -1,0 +1,125 @@
+"""`guara acceptance`: measure blocks of known height again and again, and report how well the device does."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from guara_perception.app.options import FILE, DeviceOptions, device_options, stance_of
+from guara_perception.app.progress import progress
+from guara_perception.exceptions import InvalidInput
+
+if TYPE_CHECKING:
+    from guara_perception.app.node.devices import Rig
+    from guara_perception.progress import Progress
+
+
+@click.command(name="acceptance")
+@click.argument("folder", type=FILE)
+@device_options
+@click.option("--simulated", is_flag=True, help="simulated robot, blocks and devices")
+@click.option("--blocks", default="0.01,0.02,0.05", help="heights of all blocks on the floor [m]")
+@click.option("--scans", type=click.IntRange(2, 100), default=10, help="scans, each after the device was off")
+@click.option("--note", default="", help="light, floor and blocks in your words, for the report")
+@click.pass_context
+def command(
+    context: click.Context,
+    folder: Path,
+    simulated: bool,
+    blocks: str,
+    scans: int,
+    note: str,
+    chosen: DeviceOptions,
+) -> None:
+    """Scan blocks of known height on a flat floor, write FOLDER/report.html; exit 1 when an error is too large.
+
+    Gauge blocks, or whatever was measured with a caliper, lie on the floor all at once. Before each scan the device
+    is to be switched off and on. An error is too large beyond three of the standard deviations that the grid states.
+    After an interruption the same command continues; the grids are kept in FOLDER.
+
+    \b
+    Example:
+      guara acceptance trial --simulated
+      guara acceptance mine -c calibration.json --devices devices.toml --blocks 0.01,0.05 --note "oak, lamps"
+    """
+    from guara_perception.app import acceptance
+    from guara_perception.app.node.devices import choose_rig
+    from guara_perception.terrain.file import load_terrain
+
+    heights = acceptance.parse_blocks(blocks)
+    if (folder / acceptance.REPORT_FILE).exists():
+        raise InvalidInput(f"{folder} holds a finished acceptance; give another folder")
+    rig = rig_with(heights, chosen) if simulated else choose_rig(chosen, simulated=False)
+    folder.mkdir(parents=True, exist_ok=True)
+    turns, device = [], dict[str, str]()
+    for number in range(1, scans + 1):
+        kept = folder / f"scan_{number:02d}.npz"
+        if number == scans or not kept.is_file():
+            if not simulated:
+                click.pause(f"scan {number} of {scans}: switch laser board and camera off and on; then press any key ")
+            with progress(f"Scan {number} of {scans}") as show:
+                device = scan(rig, kept, show)
+        try:
+            turns.append(acceptance.measure(load_terrain(kept), heights))
+        except acceptance.AcceptanceFailed:
+            kept.unlink()
+            raise
+    done = acceptance.Acceptance(heights, tuple(turns), device, note, simulated)
+    click.echo(f"{done.save(folder)}: {done.verdict}")
+    if not done.is_held:
+        context.exit(1)
+
+
+def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
+    """Scan once, keep the grid, and return the facts of the device."""
+    import numpy as np
+
+    from guara_perception.app.acceptance import device_facts
+    from guara_perception.app.node.live_scan import live_scan
+    from guara_perception.app.node.published_scans import with_problems
+    from guara_perception.scanning.scan_processor import ScanProcessor
+
+    calibration, standing = rig.calibration, stance_of(None, rig.robot)
+    processor = ScanProcessor(calibration, rig.robot, standing, "standard", stamp=time.time_ns())
+    wanted = processor.settings.pattern("standard")
+    order = [(stripe.index, stripe.mirror_angle) for stripe in calibration.stripes if stripe.index in wanted]
+    with rig.rangefinder as rangefinder:
+        picture = np.asarray(rangefinder.camera.grab(2.0).image)
+        taken = live_scan(
+            rangefinder,
+            processor,
+            order,
+            should_stop=lambda: False,
+            on_stripe=lambda capture: show(len(processor.profiles), len(order)),
+        )
+        facts = device_facts(rangefinder, calibration, picture)
+    with_problems(processor.finish(), taken).save(kept)
+    return facts
+
+
+def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
+    """A simulated robot before blocks in a row on a flat floor.
+
+    Raises:
+        InvalidInput: options name a real device.
+    """
+    from guara_perception.app.node.devices import Rig
+    from guara_perception.app.node.simulated import SimulatedRobot
+    from guara_perception.settings import Settings
+    from guara_perception.simulation.features import Box
+    from guara_perception.simulation.world import World
+    from kinematics import load_robot
+
+    if chosen.devices is not None:
+        raise InvalidInput("--simulated brings its own devices: leave --devices out")
+    model = load_robot(chosen.robot or "guara")
+    (x0, x1), (y0, y1) = Settings.of(model).footprint_x, Settings.of(model).footprint_y
+    pitch = (y1 - y0) / len(heights)
+    size = (0.6 * pitch, 0.6 * pitch)
+    row = enumerate(heights)
+    boxes = tuple(Box(x=(x0 + x1) / 2, y=y0 + (i + 0.5) * pitch, size=size, height=height) for i, height in row)
+    made = SimulatedRobot(chosen.robot or "guara", chosen.calibration, world=World(features=boxes))
+    return Rig(made.robot, made.calibration, made.rangefinder, made)
