@@ -2,33 +2,48 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from scipy.stats import theilslopes
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# A tread is no steeper and no smaller than this. Level regions whose mean heights differ by less are one tread.
+# A tread is no steeper and no smaller than this. Level regions are parts of one tread if their mean heights differ by
+# less than this many of their own sigmas, or than this part of the rise.
 STEEPEST_TREAD_RAD = 0.12
-LEAST_TREAD_M2 = 0.0015
-SAME_HEIGHT_M = 0.006
+LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
+SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
 RISES_ALIKE = 0.35
 EDGES_ALIKE_RAD = 0.15
-# An edge has one point per strip across it. A cell belongs to a tread within this fraction of the rise from it.
+# A tread deeper than this many of the others is a landing between two flights.
+LANDING = 2.0
+# An edge has one point per strip across it, at least as wide as a cell. A cell belongs to a tread within this fraction
+# of the rise from it.
 STRIP_M = 0.010
 LEAST_STRIPS = 8
 OF_TREAD = 0.35
-# With a wider gap between the known cells of two treads, the edge is that of the upper one.
+# With a wider gap between the known cells of two treads, the edge is that of the upper one; at least 2.2 cells.
 WIDEST_GAP_M = 0.030
+# An edge is straight to this, or to a cell.
 EDGE_STRAIGHT_M = 0.010
 LEAST_RISERS = 2
+# Flights whose edges are looked at: the longest, then the largest.
+MOST_FLIGHTS = 20
+
+# Cells and mean height [m] of each tread, the lowest first.
+Flight: TypeAlias = list[tuple[Mask, float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,31 +101,36 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
 
     Treads are level regions of known ground whose heights rise evenly, by up to 0.3 m each. Between neighbours there
     must be a straight edge, and all edges must be parallel. An edge is in the middle of the gap between the known cells
-    of both treads, or at the upper tread if the gap is wider than 30 mm. `check_foothold` decides if a foot may be set
-    on a tread.
+    of both treads, or at the upper tread if the gap is wider than 30 mm (2.2 cells, if that is more). `check_foothold`
+    decides if a foot may be set on a tread.
     """
     terrain = asked(terrain, allow_stale)
     height = np.asarray(terrain.elevation, np.float64)
     x, y = np.meshgrid(*terrain.geometry.centres())
-    regions = _level_regions(terrain, height)
-    best: list[tuple[Mask, float]] = []
-    for first in range(len(regions)):
-        flight = [regions[first]]
-        for region in regions[first + 1 :]:
-            rise = region[1] - flight[-1][1]
-            first_rise = flight[1][1] - flight[0][1] if len(flight) > 1 else rise
-            if rise > MOST_RISE_M or abs(rise - first_rise) > RISES_ALIKE * max(rise, first_rise):
-                break
-            flight.append(region)
-        if len(flight) > len(best):
-            best = flight
-    if len(best) <= LEAST_RISERS:
-        return None
-    treads = [_tread(x, y, height, mask, terrain.resolution) for mask, _ in best]
-    direction = _climb(x, y, best)
+    flights = _flights(_level_regions(terrain, height))
+    return next(filter(None, (_as_stairs(x, y, height, terrain.resolution, flight) for flight in flights)), None)
+
+
+@dataclass(frozen=True)
+class _Region:
+    """Level part of the ground: its cells, mean height and standard deviation of heights [m]."""
+
+    mask: Mask
+    mean: float
+    sigma: float
+
+    @cached_property
+    def cells(self) -> int:
+        return int(np.count_nonzero(self.mask))
+
+
+def _as_stairs(x: Float, y: Float, height: Float, cell: float, flight: Flight) -> Stairs | None:
+    """Stairs with these treads, None if their edges are not straight, parallel and one behind the other."""
+    direction = _climb(x, y, flight)
     for _ in range(2):
         edges = [
-            _edge(x, y, height, lower, upper, direction) for (_, lower), (_, upper) in zip(best, best[1:], strict=False)
+            _edge(x, y, height, cell, lower, upper, direction)
+            for (_, lower), (_, upper) in zip(flight, flight[1:], strict=False)
         ]
         found = [edge for edge in edges if edge is not None]
         turns = [np.arctan(edge.slope) for edge in found]
@@ -119,32 +139,72 @@ def stairs(terrain: LayeredGrid, *, allow_stale: bool = False) -> Stairs | None:
         turn = float(np.mean(turns))
         cosine, sine = np.cos(-turn), np.sin(-turn)
         direction = np.array([[cosine, -sine], [sine, cosine]]) @ direction
-    along = [edge.at for edge in found]
-    if (np.diff(along) <= 0).any():
+    runs = np.diff([edge.at for edge in found])
+    if (runs <= 0).any() or runs.max() > LANDING * np.median(runs):
         return None
     across = np.array([-direction[1], direction[0]])
     risers = []
-    for edge, (_, lower), (_, upper) in zip(found, best, best[1:], strict=False):
+    for edge, (_, lower), (_, upper) in zip(found, flight, flight[1:], strict=False):
         ends = [np.append(edge.at * direction + v * across, upper) for v in (edge.last, edge.first)]
         risers.append(Riser(ends[0], ends[1], upper - lower))
     rises = [riser.height for riser in risers]
-    return Stairs(tuple(treads), tuple(risers), direction, float(np.mean(rises)), float(np.mean(np.diff(along))))
+    treads = tuple(_tread(x, y, height, mask, cell) for mask, _ in flight)
+    return Stairs(treads, tuple(risers), direction, float(np.mean(rises)), float(np.mean(runs)))
 
 
-def _level_regions(terrain: LayeredGrid, height: Float) -> list[tuple[Mask, float]]:
-    """Level regions, cells and mean height [m] of each, the lowest first."""
+def _flights(regions: list[_Region]) -> list[Flight]:
+    """Rows of treads that rise evenly, the longest first, the one with the largest treads first among equals.
+
+    Each pair of regions gives a first rise; the tread above is the largest region at such a height, with all others at
+    about its own. So parts of a tread that differ, and smears beside the stairs, do not end a flight.
+    """
+    found: dict[tuple[tuple[int, ...], ...], int] = {}
+    for first, low in enumerate(regions):
+        for high in regions[first + 1 :]:
+            rise = high.mean - low.mean
+            if not max(LEAST_RISE_M, SAME_SIGMAS * math.hypot(low.sigma, high.sigma)) <= rise <= MOST_RISE_M:
+                continue
+            members, step = [_alike(regions, low.mean, rise)], rise
+            top = _mean(regions, members[0])
+            while above_it := [
+                index
+                for index, each in enumerate(regions)
+                if LEAST_RISE_M <= each.mean - top <= MOST_RISE_M and abs(each.mean - top - step) <= RISES_ALIKE * step
+            ]:
+                seed = max(above_it, key=lambda index: regions[index].cells)
+                members.append(
+                    [index for index in _alike(regions, regions[seed].mean, rise) if regions[index].mean > top]
+                )
+                below, top = top, _mean(regions, members[-1])
+                step = top - below if len(members) == 2 else step
+            if len(members) > LEAST_RISERS:
+                found.setdefault(tuple(map(tuple, members)), sum(regions[i].cells for each in members for i in each))
+    best = sorted(found, key=lambda flight: (len(flight), found[flight]), reverse=True)
+    return [
+        [(np.logical_or.reduce([regions[i].mask for i in each]), _mean(regions, each)) for each in flight]
+        for flight in best[:MOST_FLIGHTS]
+    ]
+
+
+def _alike(regions: list[_Region], height: float, rise: float) -> list[int]:
+    """Indices of the regions that are one tread at this height."""
+    return [index for index, each in enumerate(regions) if abs(each.mean - height) <= SAME_OF_RISE * rise]
+
+
+def _mean(regions: list[_Region], members: Sequence[int]) -> float:
+    """Mean height of the cells of several regions [m]."""
+    return float(np.average([regions[i].mean for i in members], weights=[regions[i].cells for i in members]))
+
+
+def _level_regions(terrain: LayeredGrid, height: Float) -> list[_Region]:
+    """Level regions of known ground, the lowest first."""
     with np.errstate(invalid="ignore"):
         level = np.isfinite(height) & (terrain.slope < STEEPEST_TREAD_RAD) & (terrain.step_height < LEAST_RISE_M)
     _, labels, sizes, _ = cv2.connectedComponentsWithStats(level.astype(np.uint8), connectivity=4)
-    least = LEAST_TREAD_M2 / terrain.resolution**2
+    least = max(LEAST_TREAD_M2 / terrain.resolution**2, LEAST_TREAD_CELLS)
     parts = [labels == label for label in range(1, len(sizes)) if sizes[label, cv2.CC_STAT_AREA] >= least]
-    parts.sort(key=lambda part: float(height[part].mean()))
-    regions: list[tuple[Mask, float]] = []
-    for part in parts:
-        if regions and float(height[part].mean()) - regions[-1][1] < SAME_HEIGHT_M:
-            part = regions.pop()[0] | part
-        regions.append((part, float(height[part].mean())))
-    return regions
+    regions = [_Region(part, float(height[part].mean()), float(height[part].std())) for part in parts]
+    return sorted(regions, key=lambda region: region.mean)
 
 
 def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> Tread:
@@ -154,7 +214,7 @@ def _tread(x: Float, y: Float, height: Float, mask: Mask, resolution: float) -> 
     return Tread(np.array([a, b, c]), centre, float((height - a * x - b * y - c).std()), x.size * resolution**2)
 
 
-def _climb(x: Float, y: Float, flight: list[tuple[Mask, float]]) -> Float:
+def _climb(x: Float, y: Float, flight: Flight) -> Float:
     """Unit vector (2,) along which the heights of the treads rise."""
     centres = np.array([[x[mask].mean(), y[mask].mean()] for mask, _ in flight])
     rises = np.array([mean for _, mean in flight])
@@ -173,10 +233,12 @@ class _Edge:
     last: float
 
 
-def _edge(x: Float, y: Float, height: Float, lower: float, upper: float, direction: Float) -> _Edge | None:
+def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: float, direction: Float) -> _Edge | None:
     """Edge between two heights, None if there is no straight one."""
+    # Turned rows of cells are up to 1.4 cells apart.
+    width, straight, widest = max(STRIP_M, cell), max(EDGE_STRAIGHT_M, cell), max(WIDEST_GAP_M, 2.2 * cell)
     along = direction[0] * x + direction[1] * y
-    strip = np.floor((direction[0] * y - direction[1] * x) / STRIP_M).astype(int)
+    strip = np.floor((direction[0] * y - direction[1] * x) / width).astype(int)
     near = OF_TREAD * (upper - lower)
     # Unknown heights are NaN, which is near to none.
     of_lower, of_upper = (np.abs(height - tread) < near for tread in (lower, upper))
@@ -187,16 +249,20 @@ def _edge(x: Float, y: Float, height: Float, lower: float, upper: float, directi
         before = ends[ends < begin]
         if before.size:
             gap = begin - float(before.max())
-            points.append((begin - gap / 2 if gap <= WIDEST_GAP_M else begin, (number + 0.5) * STRIP_M))
+            points.append((begin - gap / 2 if gap <= widest else begin, (number + 0.5) * width, gap <= widest))
     if len(points) < LEAST_STRIPS:
         return None
-    at, across = np.array(points).T
-    kept = np.abs(at - np.median(at)) < 3 * EDGE_STRAIGHT_M + 0.3 * np.abs(across - np.median(across))
+    at, across, is_narrow = np.array(points).T
+    if np.count_nonzero(is_narrow) >= LEAST_STRIPS:
+        at, across = at[is_narrow > 0], across[is_narrow > 0]
+    # At its sides a flight may be hidden, or smeared by the sensor: the line of most points counts.
+    slope, offset, _, _ = theilslopes(at, across)
+    kept = np.abs(at - slope * across - offset) < 1.5 * straight
     at, across = at[kept], across[kept]
-    if at.size < LEAST_STRIPS:
+    if at.size < max(LEAST_STRIPS, 0.5 * kept.size):
         return None
     slope, offset = np.polyfit(across, at, 1)
-    if np.sqrt(np.mean((at - slope * across - offset) ** 2)) > EDGE_STRAIGHT_M:
+    if np.sqrt(np.mean((at - slope * across - offset) ** 2)) > straight:
         return None
     mean = float(across.mean())
     return _Edge(float(offset + slope * mean), float(slope), float(across.min()), float(across.max()))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from pypcd4 import PointCloud
 
 import guara_perception as gp
 from guara_perception.settings import Settings
@@ -15,6 +18,7 @@ from kinematics import RobotModel, Stance
 
 # Half of the widest gap between the stripes of a standard scan, and a cell.
 EDGE_M = 0.010
+STAIRCASE = Path(__file__).parents[3] / "data" / "plane_seg" / "anymal_staircase_06.pcd"
 
 
 def rendered(robot: RobotModel, *features: Flight | Step | Box | Ramp, mode: str = "standard") -> gp.TerrainGrid:
@@ -78,6 +82,23 @@ def test_flights_across_the_grid(yaw: float) -> None:
     for riser, edge in zip(found.risers, (-0.15, -0.05, 0.05), strict=True):
         for end in (riser.start, riser.end):
             assert end[:2] @ [np.cos(yaw), np.sin(yaw)] == pytest.approx(edge, abs=0.006)
+
+
+@pytest.mark.parametrize("cell", [0.02, 0.025, 0.03])
+def test_a_real_staircase_is_found(cell: float) -> None:
+    """Elevation map of a staircase of four steps of about 165 mm by another robot, smeared beside the steps."""
+    cloud = PointCloud.from_path(STAIRCASE).numpy(("x", "y", "z"))
+    # Its points lie on a grid of their own: its lines are no borders of cells.
+    corner = cloud[:, :2].min(axis=0) - 0.007
+    at = ((cloud[:, :2] - corner) / cell).astype(int)
+    heights = np.full(at.max(axis=0)[::-1] + 1, -np.inf)
+    np.maximum.at(heights, (at[:, 1], at[:, 0]), cloud[:, 2])
+    heights[np.isinf(heights)] = np.nan
+    found = gp.assess_terrain(heights, cell, origin=corner).stairs()
+    assert found is not None and len(found.risers) == 4
+    assert [riser.height for riser in found.risers] == pytest.approx([0.165] * 4, abs=0.015)
+    np.testing.assert_allclose(found.direction, [1.0, 0.0], atol=0.06)
+    assert found.run == pytest.approx(0.30, abs=0.015) and min(tread.area for tread in found.treads) > 0.1
 
 
 @pytest.mark.slow
