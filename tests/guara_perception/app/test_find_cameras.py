@@ -35,7 +35,7 @@ def test_each_camera_is_listed_with_what_it_can_prove(
         assert run(["doctor", "--cameras", "--json"]) == 0
         first, second = map(json.loads, capsys.readouterr().out.splitlines())
         finding = attempt(doctor.check_cameras)
-    assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in printed and "does not show" in printed
+    assert "/dev/video0  Imaginary Webcam (V4L2)\n    runs freely" in printed and "are not detected" in printed
     assert "Aravis Fake (GigEVision, 127.0.0.1)\n    waits for the board's trigger" in printed
     assert "--trigger Line0 or Line1" in printed
     assert (first["source"], second["source"]) == ("/dev/video0", "aravis:Aravis-Fake-GUARA1")
@@ -73,7 +73,7 @@ def test_doctor_says_what_the_chosen_camera_proves() -> None:
                 break
         wrong = attempt(doctor.check_camera, Devices(source, trigger="Line9"))
     assert free.level == triggered.level == doctor.OK, (free.message, triggered.message)
-    assert "320x256 px; it runs freely" in free.message and "shows in the camera's counting" in free.message
+    assert "320x256 px; it runs freely" in free.message and "detected by the camera's counter" in free.message
     assert "320x256 px; it waits for the board's trigger" in triggered.message
     assert wrong.level == doctor.FAIL and "'Line9', it has Line0, Line1" in wrong.message
 
