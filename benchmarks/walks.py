@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import map_cost, scan_modes
+from benchmarks import map_cost, moving_ground, scan_modes
 from benchmarks.parts import run_part
 from benchmarks.scanned_walk import scanned_walk
 from guara_perception.arrays import Float
@@ -244,7 +244,7 @@ def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
 
 def main() -> None:
     """Command line."""
-    run_part("walks", {"drift": drift, "cost": map_cost.main, "modes": scan_modes.main})
+    run_part("walks", {"drift": drift, "moving": moving_ground.main, "cost": map_cost.main, "modes": scan_modes.main})
 
 
 if __name__ == "__main__":

@@ -37,16 +37,22 @@ class OdometryLimits:
         slip_sigmas: a foot moved if its distance from another one changed by more than this many standard deviations.
         turn_limit: largest rotation of the body between two pauses [rad].
         swing_least: least motion of a foot that counts as a swing [m]; a foot that moved by less slipped.
+        slip_share: sigma of what feet that all slide alike, unseen by the legs, add up to, as a share of the way; a
+            robot.toml without it takes 0.04.
     """
 
     slip_sigmas: float
     turn_limit: float
     swing_least: float
+    slip_share: float = 0.04
 
     @classmethod
     def from_table(cls, table: Table) -> OdometryLimits:
-        """Read the table; every value must be positive."""
-        return cls(**{field: table.number(field, above=0.0) for field in cls.__dataclass_fields__})
+        """Read the table; every value must be positive, the share 0 or more and at most 1."""
+        return cls(
+            **{key: table.number(key, above=0.0) for key in ("slip_sigmas", "turn_limit", "swing_least")},
+            **{key: table.number(key, least=0.0, most=1.0) for key in ("slip_share",) if key in table.values},
+        )
 
 
 # Largest sway of a standing body [rad], 2 degrees.

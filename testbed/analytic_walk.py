@@ -80,6 +80,14 @@ class Ground:
             height[(np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)] += top
         return np.where((x > 2.2) & (x < 2.26) & (np.abs(y) < 0.12), height - 0.05, height)
 
+    def at(self, step: int) -> Ground:
+        """The ground at a pause: the same at all."""
+        return self
+
+    def carried(self, step: int, foot: Float) -> Float:
+        """Place of a foot that stood still on the ground since the pause before."""
+        return foot
+
     def is_dark(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:
         """Whether the ground swallows the laser."""
         dark = np.zeros(np.shape(x), dtype=bool)
@@ -118,8 +126,13 @@ class Pause:
     next_leg: str
 
 
-def walk(robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravity: bool = True) -> Iterator[Pause]:
-    """Pauses of a walk: four swings a cycle, the body level but for a degree, noise as in the robot's stance table."""
+def walk(
+    robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravity: bool = True, stands: bool = False
+) -> Iterator[Pause]:
+    """Pauses of a walk: four swings a cycle, the body level but for a degree, noise as in the robot's stance table.
+
+    A robot that `stands` sways from pause to pause and lifts no foot.
+    """
     rng = np.random.default_rng(1000 + seed)
     noise = robot.noise
     hips = {leg: robot.state(robot.posture("scan")).position_in_base(robot.tree.leg(leg).hip) for leg in robot.legs}
@@ -127,7 +140,10 @@ def walk(robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravi
     for turn, leg in enumerate(LIFT_ORDER):
         feet[leg] = _foothold(ground, hips[leg][0] + (turn - 1.5) * ADVANCE_M, hips[leg][1])
     for step in range(4 * cycles + 1):
-        body_x = step * ADVANCE_M
+        if step:
+            ground = ground.at(step)
+            feet = {leg: ground.carried(step, foot) for leg, foot in feet.items()}
+        body_x = 0.0 if stands else step * ADVANCE_M
         roll, pitch, yaw = rng.normal(0, np.radians(1.0), 3) * (1, 1, 0.5)
         soles = {leg: foot + rng.normal(0, noise.contact_sigma, 3) for leg, foot in feet.items()}
         transform = np.eye(4)
@@ -141,12 +157,13 @@ def walk(robot: RobotModel, ground: Ground, cycles: int, seed: int, *, has_gravi
         }
         next_leg = LIFT_ORDER[step % 4]
         yield Pause(step, stance, transform, soles, upcoming, next_leg)
-        feet[next_leg] = upcoming[next_leg]
+        if not stands:
+            feet[next_leg] = upcoming[next_leg]
 
 
 def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.TerrainGrid:
     """The wide grid that a scan of this pause would give: true heights with noise, hidden and dark cells unknown."""
-    settings = Settings.of(robot)
+    settings, ground = Settings.of(robot), ground.at(pause.step)
     grid = GridGeometry.over(settings.footprint_x, settings.map_y, settings.resolution)
     pose = robot.stance_pose(pause.stance)
     rng = np.random.default_rng(5000 + 100 * seed + pause.step)

@@ -125,7 +125,10 @@ class TerrainMap:
         transform, since_last, walk = checked.transform, checked.since_last, state.walk
         walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
         if since_last is not None:
-            walk = walk.after(self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise)
+            slip_share = self._robot.odometry_limits.slip_share
+            walk = walk.after(
+                self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise, slip_share
+            )
         transform = walk.pause_transform @ transform
         clock, reasons = _clock(terrain, time), state.reasons
         if state.time is not None and clock < state.time:

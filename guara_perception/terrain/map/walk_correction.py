@@ -8,6 +8,10 @@ P + W to C. The drift is then corrected and updated by
 
 Without W all of m would count as drift: the noise of one pause, larger than the drift of one motion, would move all
 later pauses. The map's record holds correction and sigmas.
+
+Ground that moves drags a registered walk along, a little at each pause, so the sum of the corrections is compared with
+that of odometry's drift (`OdometrySum`). Where they contradict each other, the corrections of these pauses are taken
+back, those of the pauses that follow are not used, and all sigmas grow by what was taken back.
 """
 
 from __future__ import annotations
@@ -22,7 +26,8 @@ from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.registration import register
+from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES, OdometrySum, moved, transition_between
+from guara_perception.terrain.map.registration import Registration, register
 from kinematics.arrays import FrozenArrays
 
 SIDEWAYS = [0, 1, 5]
@@ -52,6 +57,8 @@ class WalkCorrection:
         growth: (3, 3) covariance of the last motion after registration.
         shift, turn: variances of all motions since the start [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was.
+        sum: corrections of earlier pauses beside odometry's drift since.
+        distrusted: number of pauses that are yet to come whose registration is not used.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))
@@ -64,6 +71,8 @@ class WalkCorrection:
     shift: float = 0.0
     turn: float = 0.0
     refused: str | None = None
+    sum: OdometrySum = field(default_factory=OdometrySum)
+    distrusted: int = 0
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
         """Refuse a pause of another kind than the `scans` before it: the drift of the motion between is unknown.
@@ -94,10 +103,19 @@ class WalkCorrection:
             shift=fields.number("shift", 0.0),
             turn=fields.number("turn", 0.0),
             refused=fields.text("refused") if fields.has("refused") else None,
+            sum=OdometrySum.of_fields(fields.sub("sum")) if fields.has("sum") else start.sum,
+            distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
         )
 
     def after(
-        self, cells: OdomCells, terrain: TerrainGrid, odometry: Float, rise: float, since_last: Float, noise: Float
+        self,
+        cells: OdomCells,
+        terrain: TerrainGrid,
+        odometry: Float,
+        rise: float,
+        since_last: Float,
+        noise: Float,
+        slip_share: float = 0.0,
     ) -> WalkCorrection:
         """Predict the drift at the next pause and update it by registration of its scan.
 
@@ -108,20 +126,21 @@ class WalkCorrection:
             rise: correction of its z [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             noise: (6, 6) pose noise of the pause, along the axes of odom.
+            slip_share: sigma of what odometry errs by in the direction of the way, as a share of it.
         """
         if self.last is None:
             # The map begins at the pose of the first pause: the motion to it adds no drift.
-            return replace(self, last=odometry.copy())
+            return replace(self, last=odometry.copy(), sum=self.sum.started(self.transform, odometry, self.covariance))
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
         motion = rotation @ since_last @ rotation.T
-        transition = np.eye(3)
-        transition[:2, 2] = before[1, 3] - here[1, 3], here[0, 3] - before[0, 3]
+        transition = transition_between(before, here)
         growth = motion[np.ix_(SIDEWAYS, SIDEWAYS)] + np.diag([LEAST_SIGMA_M**2] * 2 + [LEAST_SIGMA_RAD**2])
         turned = self.transform[:3, :3]
         noise = turned @ noise[np.ix_(SIDEWAYS, SIDEWAYS)] @ turned.T
         noise_before = transition @ self.noise @ transition.T
-        drift = transition @ self.covariance @ transition.T + _without(growth, noise_before + noise)
+        added = _without(growth, noise_before + noise)
+        drift = transition @ self.covariance @ transition.T + added
         predicted = drift + noise
         prior = np.diag([0.0, 0.0, motion[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
         terrain.record.check("pose_covariance")
@@ -130,21 +149,39 @@ class WalkCorrection:
             prior[3:5, 3:5] += tilt[3:5, 3:5]
         prior[np.ix_(SIDEWAYS, SIDEWAYS)] = predicted
         here[2, 3] += rise
-        found = register(cells, terrain, here, prior)
+        if self.distrusted:
+            found = Registration(np.zeros(6), prior, 0, self.refused)
+        else:
+            found = register(cells, terrain, here, prior)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
         kept = kept_growth(growth, predicted, posterior)
         gain = np.linalg.solve(predicted, drift).T
+        transform = moved(gain @ found.motion[SIDEWAYS], here) @ self.transform
+        pause_transform = moved(found.motion[SIDEWAYS], here) @ self.transform
+        covariance = drift - gain @ (predicted - posterior) @ gain.T
+        earlier = self.sum.grown(transition, added)
+        distrusted, refused = max(self.distrusted - 1, 0), found.refused
+        contradiction = earlier.contradiction(transform, odometry, slip_share)
+        if contradiction is not None:
+            # What was seen in these pauses lies aside by what is taken back, and by what odometry erred in them.
+            transform = pause_transform = contradiction.transform
+            covariance, distrusted, refused = contradiction.covariance, EARLIER_PAUSES, contradiction.reason
+            posterior = covariance + noise
+            kept = growth + covariance + np.outer(contradiction.taken_back, contradiction.taken_back)
+            earlier = OdometrySum()
         return WalkCorrection(
-            transform=_moved(gain @ found.motion[SIDEWAYS], here) @ self.transform,
-            covariance=drift - gain @ (predicted - posterior) @ gain.T,
-            pause_transform=_moved(found.motion[SIDEWAYS], here) @ self.transform,
+            transform=transform,
+            covariance=covariance,
+            pause_transform=pause_transform,
             pause_covariance=posterior,
             noise=noise,
             last=odometry.copy(),
             growth=kept,
             shift=self.shift + float(np.linalg.eigvalsh(kept[:2, :2])[-1]),
             turn=self.turn + float(kept[2, 2]),
-            refused=found.refused,
+            refused=refused,
+            sum=earlier.started(transform, odometry, covariance),
+            distrusted=distrusted,
         )
 
 
@@ -155,15 +192,6 @@ def _without(growth: Float, noise: Float) -> Float:
     variances, directions = np.linalg.eigh(inverse @ (growth - noise) @ inverse)
     root = least @ directions
     return np.asarray(root * np.maximum(variances, 1.0) @ root.T)
-
-
-def _moved(motion: Float, about: Float) -> Float:
-    """Transform (4, 4) of a planar motion (x, y, yaw) about the vertical through the origin of a transform."""
-    cosine, sine = np.cos(motion[2]), np.sin(motion[2])
-    transform = np.eye(4)
-    transform[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    transform[:2, 3] = about[:2, 3] - transform[:2, :2] @ about[:2, 3] + motion[:2]
-    return transform
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,154 @@
+"""Walks over ground of which parts move: drift of the map, cells that are wrongly free, bounds that are exceeded."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.arrays import Float
+from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
+from kinematics.transforms import transform_points
+from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, scan, seen_height, walk
+from testbed.moving_ground import STANDING, WORLDS, MovingGround
+
+# From the near edge of the scanned area to the hind feet, and a place there on either side.
+PAUSES_BETWEEN = 21
+SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
+# A free cell whose ground is further from its height was taken for other ground.
+WRONG_M = 0.015
+EXCEEDED_M = 0.017
+# Bounds are compared at every so many pauses: this takes most of the time.
+BOUNDS_EVERY = 4
+
+
+@dataclass(frozen=True)
+class MovingPause:
+    """A pause: the stance as reported, its scan, where the scan's footprint truly was, and the ground at that time."""
+
+    stance: Stance
+    scan: gp.TerrainGrid
+    to_world: Float
+    ground: MovingGround
+
+
+@dataclass(frozen=True)
+class MovingFigures:
+    """Figures of a walk: drift by axis, rms, and the map's sigma of y, rms [mm]; cells; scans that were not used."""
+
+    x: float
+    y: float
+    claimed: float
+    unsafe: int
+    bounds: int
+    exceeded: int
+    refused: int
+    conflicts: int
+
+
+def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[MovingPause]:
+    """A walk over one of the worlds."""
+    ground = WORLDS[name](seed)
+    camera = np.eye(4)
+    camera[:3, 3] = CAMERA_IN_BASE
+    for pause in walk(robot, ground, cycles, seed, stands=name in STANDING):
+        terrain = scan(robot, ground, pause, seed)
+        to_footprint = terrain.scan_record.transform_base_to_footprint
+        assert to_footprint is not None
+        laser = transform_points(to_footprint, LASER_IN_BASE)
+        record = replace(terrain.scan_record, transform_camera_to_base=camera, laser_origin=laser, stripes_planned=70)
+        terrain = gp.TerrainGrid(
+            layers=terrain.layers, geometry=terrain.geometry, stamp=terrain.stamp, step=terrain.step, record=record
+        )
+        yield MovingPause(
+            pause.stance, terrain, pause.transform_base_to_world @ np.linalg.inv(to_footprint), ground.at(pause.step)
+        )
+
+
+def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> MovingFigures:
+    """Figures of a walk without or with registration."""
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    poses: list[Float] = []
+    sigmas: list[float] = []
+    unsafe = bounds = exceeded = refused = conflicts = 0
+    for pause in pauses:
+        pose: PoseInOdom = odometry.update(pause.stance)
+        if not registered:
+            pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
+        fused = terrain_map.update(pause.scan, pose)
+        sight.add(pause.scan, fused)
+        record = fused.record
+        assert isinstance(record, gp.MapRecord)
+        assert record.transform_footprint_to_odom is not None and record.sideways_correction_sigma is not None
+        poses.append(record.transform_footprint_to_odom)
+        sigmas.append(record.sideways_correction_sigma[1])
+        refused += registered and record.registration_refused is not None
+        conflicts += int(((fused.hazard & np.uint16(gp.Hazard.CONFLICT)) != 0).sum())
+        unsafe += wrongly_free(fused, pause)
+        if pause.scan.step % BOUNDS_EVERY == 0:
+            above, count = broken_bounds(sight.ceiling(fused).height, fused, pause)
+            exceeded, bounds = exceeded + above, bounds + count
+    aside = []
+    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
+        found = np.linalg.inv(poses[now]) @ poses[before]
+        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
+        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
+    x, y = 1e3 * np.sqrt(np.mean(np.array(aside) ** 2, axis=0))
+    claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
+    return MovingFigures(float(x), float(y), claimed, unsafe, bounds, exceeded, refused, conflicts)
+
+
+def wrongly_free(fused: gp.TerrainGrid, pause: MovingPause) -> int:
+    """Free cells whose ground was dark, higher or lower when they were last seen."""
+    iy, ix = np.nonzero(fused.hazard == 0)
+    x, y = (axis[index] for axis, index in zip(fused.geometry.centres(), (ix, iy), strict=True))
+    ages, count = fused.layers["age"][iy, ix], 0
+    for age in np.unique(ages):
+        seen = ages == age
+        ground = pause.ground.at(max(pause.scan.step - int(age), 0))
+        true, world = seen_height(ground, pause.to_world, x[seen], y[seen])
+        wrong = np.abs(true - fused.elevation[iy, ix][seen]) > WRONG_M
+        count += int((wrong | ground.is_dark(world[:, 0], world[:, 1])).sum())
+    return count
+
+
+def broken_bounds(ceiling: Float, fused: gp.TerrainGrid, pause: MovingPause) -> tuple[int, int]:
+    """Bounds that lie lower than the ground ever was there by more than EXCEEDED_M, and the number of bounds."""
+    iy, ix = np.nonzero(np.isfinite(ceiling))
+    x, y = (axis[index] for axis, index in zip(fused.geometry.centres(), (ix, iy), strict=True))
+    bound = np.asarray(ceiling[iy, ix], np.float64)
+    world = transform_points(pause.to_world, np.column_stack((x, y, bound)))
+    lowest = pause.ground.lowest_at(world[:, 0], world[:, 1])
+    return int((lowest > world[:, 2] + EXCEEDED_M).sum()), iy.size
+
+
+def main() -> None:
+    """Drift, wrongly free cells and bounds where parts of the ground move [--first, --walks, --cycles, --world]."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--walks", type=int, default=1, help="walks over each world")
+    parser.add_argument("--cycles", type=int, default=9)
+    parser.add_argument("--world", choices=tuple(WORLDS), action="append", help="default: all")
+    arguments = parser.parse_args()
+    robot = load_robot("guara")
+    print("each without registration -> with it; x, y and claimed sigma of y: rms [mm]")
+    print(
+        f"{'world':<24} {'x':>12} {'y':>12} {'claimed':>12} {'unsafe':>12} {'bounds over':>12} {'unused':>8} conflicts"
+    )
+    for name in arguments.world or WORLDS:
+        for seed in range(arguments.first, arguments.first + arguments.walks):
+            pauses = list(pauses_of(robot, name, seed, arguments.cycles))
+            off, on = (figures(robot, pauses, registered=registered) for registered in (False, True))
+            pairs = (
+                *(f"{getattr(off, key):.1f} -> {getattr(on, key):.1f}" for key in ("x", "y", "claimed")),
+                *(f"{getattr(off, key)} -> {getattr(on, key)}" for key in ("unsafe", "exceeded")),
+            )
+            print(f"{name:<24}", *(f"{pair:>12}" for pair in pairs), f"{on.refused:>8} {on.conflicts}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

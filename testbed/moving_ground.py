@@ -1,0 +1,257 @@
+"""Ground of which parts move from pause to pause: boards, carpets, a cart, a dog, a door, the sides of a platform."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import reduce
+
+import numpy as np
+
+from guara_perception.arrays import Float, Mask
+from testbed.analytic_walk import Ground
+
+NO_RAMP = np.zeros((3, 2))
+
+
+@dataclass(frozen=True)
+class Blocks(Ground):
+    """Boxes and dark patches on a plane: no ramp, no rough stretch, no trench."""
+
+    def height_at(self, x: Float, y: Float) -> Float:
+        """True height in the world [m]."""
+        x, y = np.broadcast_arrays(x, y)
+        height = np.zeros(x.shape)
+        for bx, by, length, width, top in self.boxes:
+            height[(np.abs(x - bx) < length / 2) & (np.abs(y - by) < width / 2)] += top
+        return height
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the ground that moves.
+
+    Attributes:
+        area: x0, x1, y0, y1 [m]; of the part itself at rest, or a window through which it is seen.
+        is_window: the area stays; the part moves through it.
+        ground: relief of the part, in the coordinates that move along.
+        rise: its height above the world's plane [m].
+        speed: what it moves a pause along x, y and z [m].
+        turn: what it turns a pause about the corner (x0, y0) [rad].
+        first, last: pauses between which it moves.
+        breath: amplitude of its height from pause to pause [m].
+    """
+
+    area: tuple[float, float, float, float]
+    ground: Ground
+    rise: float = 0.0
+    speed: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: float = 0.0
+    first: int = 0
+    last: int = 1000
+    breath: float = 0.0
+    is_window: bool = False
+
+    def moved(self, step: int) -> int:
+        """Number of pauses for which it has moved."""
+        return min(max(step - self.first, 0), self.last - self.first)
+
+    def own(self, step: int, x: Float, y: Float) -> tuple[Float, Float, Mask]:
+        """Coordinates that move along, and whether the points lie on the part."""
+        moved = self.moved(step)
+        x0, x1, y0, y1 = self.area
+        u, v = x - self.speed[0] * moved - x0, y - self.speed[1] * moved - y0
+        cosine, sine = np.cos(self.turn * moved), np.sin(self.turn * moved)
+        u, v = cosine * u + sine * v + x0, cosine * v - sine * u + y0
+        at_x, at_y = (x, y) if self.is_window else (u, v)
+        return u, v, (at_x > x0) & (at_x < x1) & (at_y > y0) & (at_y < y1)
+
+    def height(self, step: int) -> float:
+        """Its height above the world's plane at a pause [m]."""
+        return self.rise + self.speed[2] * self.moved(step) + self.breath * float(np.sin(1.7 * step))
+
+    def carried(self, step: int, foot: Float) -> Float:
+        """Place of a foot that stood on it at the pause before."""
+        x, y = foot[:1], foot[1:2]
+        if not self.own(step - 1, x, y)[2][0]:
+            return foot
+        moved = self.moved(step) - self.moved(step - 1)
+        return foot + moved * np.array(self.speed)
+
+
+@dataclass(frozen=True)
+class MovingGround(Ground):
+    """Still ground with parts that move, as it is at one pause."""
+
+    still: Ground = field(default_factory=lambda: blocks())
+    parts: tuple[Part, ...] = ()
+    step: int = 0
+
+    def at(self, step: int) -> MovingGround:
+        """The ground at a pause."""
+        return replace(self, step=step)
+
+    def carried(self, step: int, foot: Float) -> Float:
+        """Place of a foot that stood still on the ground since the pause before."""
+        return reduce(lambda place, part: part.carried(step, place), self.parts, foot)
+
+    def height_at(self, x: Float, y: Float) -> Float:
+        """True height in the world [m]."""
+        x, y = np.broadcast_arrays(x, y)
+        height = np.array(self.still.height_at(x, y))
+        for part in self.parts:
+            u, v, inside = part.own(self.step, x, y)
+            height[inside] = part.height(self.step) + part.ground.height_at(u[inside], v[inside])
+        return height
+
+    def is_dark(self, x: Float, y: Float) -> Mask:
+        """Whether the ground swallows the laser."""
+        x, y = np.broadcast_arrays(x, y)
+        dark = np.array(self.still.is_dark(x, y))
+        for part in self.parts:
+            u, v, inside = part.own(self.step, x, y)
+            dark[inside] = part.ground.is_dark(u[inside], v[inside])
+        return dark
+
+    def lowest_at(self, x: Float, y: Float) -> Float:
+        """Least height that each place has had up to now [m]."""
+        steps = range(self.step + 1) if self.parts else (self.step,)
+        return np.minimum.reduce([self.at(step).height_at(x, y) for step in steps])
+
+
+def blocks(boxes: Float | None = None, dark: Float | None = None) -> Blocks:
+    """Boxes (n, 5) and dark patches (n, 3) on a plane."""
+    return Blocks(np.empty((0, 5)) if boxes is None else boxes, np.empty((0, 3)) if dark is None else dark, NO_RAMP)
+
+
+def scattered(seed: int, x: tuple[float, float], y: tuple[float, float], count: int, dark: int = 0) -> Blocks:
+    """Boxes of 10 to 25 mm, and dark patches, at random places of an area."""
+    rng = np.random.default_rng(7000 + seed)
+    boxes = np.column_stack(
+        (
+            rng.uniform(*x, count),
+            rng.uniform(*y, count),
+            rng.uniform(0.05, 0.15, count),
+            rng.uniform(0.03, 0.08, count),
+            rng.choice([0.010, 0.015, 0.025], count),
+        )
+    )
+    spots = np.column_stack((rng.uniform(*x, dark), rng.uniform(*y, dark), rng.uniform(0.012, 0.025, dark)))
+    return blocks(boxes, spots)
+
+
+def ribs(seed: int, length: float = 6.0) -> Blocks:
+    """Ribs along the way, 8 and 15 mm high, at uneven distances beside the tracks of the feet, and dark patches."""
+    rng = np.random.default_rng(8000 + seed)
+    aside = np.array([-0.29, -0.24, -0.10, -0.03, 0.07, 0.12, 0.25, 0.31]) + rng.uniform(-0.01, 0.01, 8)
+    boxes = np.column_stack(
+        (np.zeros(8), aside, np.full(8, 2 * length), np.full(8, 0.02), rng.choice([0.008, 0.015], 8))
+    )
+    spots = np.column_stack((rng.uniform(0.5, 2.5, 6), rng.uniform(-0.25, 0.25, 6), rng.uniform(0.015, 0.03, 6)))
+    return blocks(boxes, spots)
+
+
+def still_mixed(seed: int) -> MovingGround:
+    """Nothing moves: boxes, a ramp, a rough stretch, a trench."""
+    return _world(Ground.random(seed))
+
+
+def still_ribs(seed: int) -> MovingGround:
+    """Nothing moves: ribs along the way."""
+    return _world(ribs(seed))
+
+
+def board(seed: int) -> MovingGround:
+    """A board beside the tracks of the feet is pushed 5 mm a pause; all else is level."""
+    return _world(blocks(), Part((0.4, 3.5, -0.12, -0.06), blocks(), rise=0.018, speed=(0.0, 0.005, 0.0)))
+
+
+def pulled_carpet(speed: float) -> Callable[[int], MovingGround]:
+    """A carpet with things on it that is pulled aside until the robot stands on it."""
+
+    def carpet(seed: int) -> MovingGround:
+        relief = scattered(seed, (1.0, 2.4), (-0.7, 0.5), 60, dark=20)
+        return _world(
+            scattered(seed + 50, (2.4, 3.0), (-0.3, 0.3), 6),
+            Part((1.0, 2.4, -1.0, 1.0), relief, speed=(0.0, speed, 0.0), first=3, last=19, is_window=True),
+        )
+
+    return carpet
+
+
+def conveyor(seed: int) -> MovingGround:
+    """A belt across the way that runs 5 mm a pause, also under the feet that stand on it."""
+    relief = scattered(seed, (0.9, 1.5), (-0.7, 0.5), 40, dark=10)
+    return _world(
+        scattered(seed + 50, (1.5, 3.0), (-0.3, 0.3), 14),
+        Part((0.9, 1.5, -1.0, 1.0), relief, speed=(0.0, 0.005, 0.0), is_window=True),
+    )
+
+
+def two_things(seed: int) -> MovingGround:
+    """Two boards that go different ways between the tracks, on level ground."""
+    one = Part((0.4, 3.5, -0.12, -0.07), blocks(), rise=0.018, speed=(0.0, 0.003, 0.0))
+    other = Part((0.4, 3.5, 0.24, 0.28), blocks(), rise=0.025, speed=(0.0, 0.004, 0.0))
+    return _world(blocks(), one, other)
+
+
+def cart(seed: int) -> MovingGround:
+    """A cart in the track of the left feet rolls 6 mm a pause, with the foot on it; ribs elsewhere."""
+    return _world(ribs(seed), Part((1.0, 1.35, 0.10, 0.24), blocks(), rise=0.03, speed=(0.006, 0.002, 0.0), first=8))
+
+
+def dog(seed: int) -> MovingGround:
+    """A dog comes to lie between the tracks and breathes; ribs elsewhere."""
+    lying = Part(
+        (1.0, 1.3, -0.11, 0.08),
+        scattered(seed, (1.0, 1.3), (-0.11, 0.08), 5),
+        rise=0.11,
+        speed=(0.0, 0.003, -0.008),
+        first=6,
+        last=14,
+        breath=0.003,
+    )
+    return _world(ribs(seed), lying)
+
+
+def door(seed: int) -> MovingGround:
+    """A door beside the way opens by 5 mm a pause at its edge; all else is level."""
+    return _world(blocks(), Part((0.7, 1.3, -0.34, -0.31), blocks(), rise=0.10, turn=0.008, last=20))
+
+
+def all_seen(seed: int) -> MovingGround:
+    """All that is seen moves 5 mm a pause while the robot stands."""
+    relief = scattered(seed, (0.4, 1.2), (-0.7, 0.5), 40, dark=10)
+    return _world(blocks(), Part((0.45, 3.0, -2.0, 2.0), relief, speed=(0.0, 0.005, 0.0), is_window=True))
+
+
+def platform(seed: int) -> MovingGround:
+    """A platform, the world here, that drives 5 mm a pause past lower ground at its sides."""
+    beside = [scattered(seed + side, (-0.5, 3.0), (-1.0, 1.0), 150) for side in (0, 1)]
+    sides = ((-3.0, 6.0, 0.24, 2.0), (-3.0, 6.0, -2.0, -0.24))
+    parts = (
+        Part(area, ground, rise=-0.03, speed=(0.0, -0.005, 0.0), is_window=True)
+        for area, ground in zip(sides, beside, strict=True)
+    )
+    return _world(ribs(seed), *parts)
+
+
+def _world(still: Ground, *parts: Part) -> MovingGround:
+    return MovingGround(still.boxes, still.dark, still.phases, still, parts)
+
+
+WORLDS: dict[str, Callable[[int], MovingGround]] = {
+    "still, mixed": still_mixed,
+    "still, ribs": still_ribs,
+    "board pushed": board,
+    "carpet, 7 mm": pulled_carpet(0.007),
+    "carpet, 10 mm": pulled_carpet(0.010),
+    "conveyor": conveyor,
+    "two things": two_things,
+    "cart under a foot": cart,
+    "dog lies down": dog,
+    "door": door,
+    "all seen, robot stands": all_seen,
+    "platform": platform,
+}
+STANDING = ("all seen, robot stands",)

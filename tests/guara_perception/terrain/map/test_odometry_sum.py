@@ -1,0 +1,156 @@
+"""Corrections of a walk held against odometry's own sum: noise passes, a drift of the ground does not, for any walk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import guara_perception as gp
+from guara_perception.fields import Fields
+from guara_perception.terrain.map.odometry_sum import (
+    EARLIER_PAUSES,
+    MOST_SIGMAS,
+    OdometrySum,
+    moved,
+    transition_between,
+)
+from kinematics import PoseInOdom, RobotModel
+from tests.thorough import examples
+
+MakeScan = Callable[..., gp.TerrainGrid]
+SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
+SIGMAS = np.array([0.001, 0.001, 0.002])
+START = np.diag([1e-10, 1e-10, 1e-10])
+
+
+def walked(
+    rng: np.random.Generator, corrections: np.ndarray, *, step: float = 0.035
+) -> tuple[OdometrySum, np.ndarray, np.ndarray]:
+    """Sums of a walk with a correction (x, y, yaw) at each pause; last correction and pose of odometry."""
+    transform, odometry, sums = np.eye(4), np.eye(4), OdometrySum()
+    odometry[:2, 3] = rng.uniform(-5, 5, 2)
+    sums = sums.started(transform, odometry, START)
+    for correction in corrections:
+        before = transform @ odometry
+        odometry = odometry.copy()
+        odometry[0, 3] += step
+        here = transform @ odometry
+        sums = sums.grown(transition_between(before, here), np.diag(SIGMAS**2))
+        transform = moved(correction, here) @ transform
+        sums = sums.started(transform, odometry, START)
+    return sums, transform, odometry
+
+
+@settings(max_examples=examples(50), deadline=None)
+@given(st.integers(0, 10_000))
+def test_errors_add_up_as_covariances_do(seed: int) -> None:
+    """A correction of each of two pauses moves the robot by both, and a turn also by its way since."""
+    rng = np.random.default_rng(seed)
+    first, second = rng.normal(0, 1, (2, 3)) * SIGMAS
+    before, here = np.eye(4), np.eye(4)
+    before[:2, 3], here[:2, 3] = rng.uniform(-3, 3, (2, 2))
+    both = moved(transition_between(before, here) @ first + second, here)
+    one_by_one = moved(second, here) @ moved(first, before)
+    # Turns of milliradians: of second order over the way.
+    np.testing.assert_allclose(both @ here, one_by_one @ here, atol=2e-4)
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 2), st.integers(14, 40))
+def test_what_always_goes_one_way_is_found_before_it_adds_up(seed: int, axis: int, pauses: int) -> None:
+    """One sigma of odometry a pause passes at each; the sum does not pass, and less than all of it was let through."""
+    rng = np.random.default_rng(seed)
+    corrections = np.zeros((pauses, 3))
+    corrections[:, axis] = SIGMAS[axis] * rng.choice([-1, 1])
+    sums, transform, odometry = walked(rng, corrections)
+    contradiction = sums.contradiction(transform, odometry, 0.0)
+    if axis == 2:  # A turn also explains a shift, so less of it adds up.
+        assert contradiction is not None or pauses < 24
+        return
+    assert contradiction is not None
+    assert np.abs(contradiction.taken_back[axis]) > MOST_SIGMAS * SIGMAS[axis]
+    assert contradiction.reason.startswith("registration has moved the walk by ")
+
+
+@settings(max_examples=examples(100), deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 40))
+def test_what_odometry_can_err_by_passes(seed: int, pauses: int) -> None:
+    """Corrections far within odometry's sum since every pause are kept."""
+    rng = np.random.default_rng(seed)
+    sums, transform, odometry = walked(rng, rng.uniform(-0.2, 0.2, (pauses, 3)) * SIGMAS)
+    assert sums.contradiction(transform, odometry, 0.0) is None
+
+
+@settings(max_examples=examples(50), deadline=None)
+@given(st.integers(0, 10_000))
+def test_a_slip_along_the_way_passes_as_far_as_robot_toml_grants_it(seed: int) -> None:
+    """Feet that slide back alike: along the way the share is granted, across it nothing is."""
+    rng = np.random.default_rng(seed)
+    along = np.tile([0.003, 0.0, 0.0], (20, 1))
+    sums, transform, odometry = walked(rng, along)
+    assert sums.contradiction(transform, odometry, 0.0) is not None
+    assert sums.contradiction(transform, odometry, 0.2) is None
+    sums, transform, odometry = walked(rng, along[:, [1, 0, 2]])
+    assert sums.contradiction(transform, odometry, 0.2) is not None
+
+
+def test_memory_is_bounded_and_a_file_gives_it_back() -> None:
+    """A walk without end keeps EARLIER_PAUSES of them."""
+    sums, _, _ = walked(np.random.default_rng(0), np.zeros((EARLIER_PAUSES + 30, 3)))
+    assert len(sums.transforms) == len(sums.positions) == len(sums.covariances) == EARLIER_PAUSES
+    names = ("transforms", "positions", "covariances")
+    again = OdometrySum.of_fields(Fields({name: getattr(sums, name).tolist() for name in names}, "map.npz"))
+    for name in names:
+        np.testing.assert_array_equal(getattr(again, name), getattr(sums, name))
+    assert not len(OdometrySum.of_fields(Fields({name: [] for name in names}, "map.npz")).transforms)
+    assert OdometrySum().contradiction(np.eye(4), np.eye(4), 0.04) is None
+
+
+def bumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.asarray(0.012 * np.sin(40 * x) * np.cos(35 * y) + 0.008 * np.sin(23 * x + 31 * y))
+
+
+def drifting(make_scan: MakeScan, step: int, aside: float) -> gp.TerrainGrid:
+    """A scan of bumps that have moved `aside` to the right, with noise."""
+    x, y = np.meshgrid(*make_scan(0.0).geometry.centres())
+    noise = np.random.default_rng(step).normal(0, 2e-4, x.shape)
+    return make_scan(bumps(x, y + aside) + noise, step=step)
+
+
+@pytest.mark.slow
+def test_ground_that_moves_does_not_take_the_map_along(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+    """All that is seen moves 3 mm a pause: corrections are taken back, which is told, and the drift grows by them."""
+    terrain_map = gp.TerrainMap(robot)
+    told, before = None, 0.0
+    for step in range(24):
+        fused = terrain_map.update(
+            drifting(make_scan, step, 0.003 * step),
+            PoseInOdom(np.eye(4), step * SINCE_LAST, covariance_since_last=SINCE_LAST),
+        )
+        record = fused.record
+        assert isinstance(record, gp.MapRecord)
+        assert record.sideways_correction is not None
+        if record.registration_refused:
+            told = record.registration_refused
+            break
+        before = record.sideways_correction[1]
+    assert told is not None and "ground that is seen may move" in told
+    assert abs(before) > 0.002
+    assert record.sideways_correction[1] == pytest.approx(0.0, abs=1e-9)
+    seen_at_first = terrain_map.sideways_drift.variances(np.array([1]), np.array([0.7]), np.array([0.0]), np.eye(4))
+    assert np.sqrt(seen_at_first[1, 0]) > abs(before)
+    # The pauses that follow do not trust the ground either, also after a restart.
+    terrain_map.save(tmp_path / "map.npz")
+    again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
+    for each in (terrain_map, again):
+        fused = each.update(
+            drifting(make_scan, step + 1, 0.003 * (step + 1)),
+            PoseInOdom(np.eye(4), 20 * SINCE_LAST, covariance_since_last=SINCE_LAST),
+        )
+        assert fused.metadata["registration_refused"] == told
+        assert fused.metadata["sideways_correction"][1] == pytest.approx(0.0, abs=1e-9)
