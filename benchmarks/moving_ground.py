@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Float32
 from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
 from kinematics.transforms import transform_points
 from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, scan, seen_height, walk
@@ -116,7 +116,7 @@ def wrongly_free(fused: gp.TerrainGrid, pause: MovingPause) -> int:
     return count
 
 
-def broken_bounds(ceiling: Float, fused: gp.TerrainGrid, pause: MovingPause) -> tuple[int, int]:
+def broken_bounds(ceiling: Float32, fused: gp.TerrainGrid, pause: MovingPause) -> tuple[int, int]:
     """Bounds that lie lower than the ground ever was there by more than EXCEEDED_M, and the number of bounds."""
     iy, ix = np.nonzero(np.isfinite(ceiling))
     x, y = (axis[index] for axis, index in zip(fused.geometry.centres(), (ix, iy), strict=True))
