@@ -1,7 +1,8 @@
 """Errors of every scan of a data folder that has a truth, as the data's README defines them.
 
-`python -m benchmarks accuracy DATA ... [--paper]`; with --paper a table as README.md has it: per cent of the surface's
-width, as the paper states its error, and processor time without decoding the frames.
+`python -m benchmarks accuracy DATA ... [--paper | --images]`; with --paper a table as README.md has it: per cent of the
+surface's width, as the paper states its error, and processor time without decoding the frames; with --images the range
+images (`benchmarks.range_images`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.range_images import print_images
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.scanning.stripe_finder import METHODS
 from kinematics import load_robot
@@ -81,9 +83,15 @@ def main() -> None:
     parser.add_argument("-c", "--calibration", type=Path, help="calibration.json; default: the truth of each folder")
     parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
     parser.add_argument("--method", help="comma-separated methods; default: precise, with --paper all")
-    parser.add_argument("--paper", action="store_true", help="in the paper's terms, as a table in Markdown")
+    terms = parser.add_mutually_exclusive_group()
+    terms.add_argument("--paper", action="store_true", help="in the paper's terms, as a table in Markdown")
+    terms.add_argument("--images", action="store_true", help="orthorectified range images, as a table in Markdown")
     arguments = parser.parse_args()
     robot = load_robot("guara")
+    if arguments.images:
+        scans = scans_with_truth(arguments.data, arguments.scans, arguments.calibration)
+        print_images([(name, Path(scan.source).parent, calibration) for name, scan, _, calibration in scans], robot)
+        return
     methods = arguments.method.split(",") if arguments.method else list(METHODS) if arguments.paper else ["precise"]
     if arguments.paper:
         print("the paper states 0.5 % near and 2.5 % far: 2.7 and 13.5 mm of 540 mm; ms without decoding the frames\n")

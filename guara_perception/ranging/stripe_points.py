@@ -30,6 +30,11 @@ FADED_OF_LEVEL = 0.6
 LEVEL_COLUMNS = 12
 # This many columns in a row must be bright to end a fade: speckle makes single columns bright within a shadow.
 SOUND_COLUMNS = 2
+# Along a shadow's edge a stripe is cut lengthwise: over several columns it is displaced by this much and more, and its
+# first DIM_COLUMNS are weaker than this share of the level further in.
+DISPLACED_M = 0.00075
+DIM_COLUMNS = 3
+DIM_OF_LEVEL = 0.85
 # A fade is searched in this many columns from the end of a run, in more only if it does not end there.
 FADE_WINDOW = 24
 
@@ -204,8 +209,8 @@ def run_ends(height: Float, strength: Float) -> Mask:
         strength: (s, w) heights of the returns above background [grey levels].
 
     Returns:
-        (s, w) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, or in a run
-        that is short and weak.
+        (s, w) bool: within END_COLUMNS of a gap or a jump, in the faded end of a run, in a run that is short and weak,
+        or in an end of what is left that is dim and displaced.
     """
     breaks = run_breaks(height)
     if not breaks.any():
@@ -218,7 +223,30 @@ def run_ends(height: Float, strength: Float) -> Mask:
     ends = _faded(np.where(is_return, strength, 0.0), is_return, breaks)
     ends |= beside[:, END_COLUMNS : END_COLUMNS + width]
     ends &= is_return
+    trusted = is_return & ~ends
+    for way in (1, -1):
+        ends[:, ::way] |= _displaced(height[:, ::way], strength[:, ::way], trusted[:, ::way])
     return ends
+
+
+def _displaced(height: Float, strength: Float, trusted: Mask) -> Mask:
+    """First columns of the runs of trusted returns that are dim, and higher or lower than the run is further in.
+
+    A run all of whose first columns differ from those further in is a slope, and stays.
+    """
+    displaced = np.zeros(trusted.shape, dtype=bool)
+    stripe, first = np.nonzero(trusted[:, 1:] & ~trusted[:, :-1])
+    inside = first + 1 + 2 * LEVEL_COLUMNS <= trusted.shape[1]
+    stripe, column = stripe[inside, None], first[inside, None] + 1 + np.arange(2 * LEVEL_COLUMNS)
+    whole = trusted[stripe, column].all(axis=1)
+    stripe, column = stripe[whole], column[whole]
+    end, level = np.split(height[stripe, column], 2, axis=1)
+    light = strength[stripe, column]
+    dim = light[:, :DIM_COLUMNS].mean(axis=1) < DIM_OF_LEVEL * light[:, LEVEL_COLUMNS:].mean(axis=1)
+    off = (np.abs(end - np.median(level, axis=1)[:, None]) > DISPLACED_M) & dim[:, None]
+    taken = np.arange(LEVEL_COLUMNS) < off.argmin(axis=1)[:, None]
+    displaced[np.broadcast_to(stripe, taken.shape)[taken], column[:, :LEVEL_COLUMNS][taken]] = True
+    return displaced
 
 
 def run_breaks(height: Float) -> Mask:

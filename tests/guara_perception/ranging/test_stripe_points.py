@@ -162,6 +162,22 @@ def test_short_weak_run_is_left_out() -> None:
     assert not ends_of(height, strength)[32:36].any()
 
 
+def test_dim_and_displaced_end_of_a_run_is_left_out() -> None:
+    """Along a shadow's edge a stripe is cut lengthwise: dim, and too high. Bright bumps, slopes, dim flat ends stay."""
+    height, strength = np.zeros((2, 120))
+    height[:10] = np.nan
+    strength[10:] = 100.0
+    height[12:19], strength[12:19] = 0.002, 75.0
+    ends = ends_of(height, strength)
+    assert ends[10:19].all() and not ends[19:].any()
+    np.testing.assert_array_equal(ends_of(height[::-1], strength[::-1]), ends[::-1])
+    sound = np.arange(120) == 10
+    sound[11] = True
+    np.testing.assert_array_equal(ends_of(height, np.where(strength > 0, 100.0, 0.0)), sound)
+    np.testing.assert_array_equal(ends_of(np.where(height == 0.002, 0.0, height), strength), sound)
+    np.testing.assert_array_equal(ends_of(height * 0 + 0.0005 * np.arange(120), strength), sound)
+
+
 def plainly_faded(run: list[float]) -> int:
     """Number of columns before two in a row reach 0.6 of the mean of the next twelve, by a plain loop."""
     holds = []

@@ -1,0 +1,149 @@
+"""Range images of recorded scans beside their truth, their grid, and the grid that is made of them again.
+
+`python -m benchmarks accuracy DATA --images`. A pixel is 0.88 x 0.84 mm, the truth is known every millimetre: a pixel
+that is known counts as made up where camera or laser sees none of the millimetres that it covers.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import guara_perception as gp
+from guara_perception.app.scene.range_images import range_image_messages
+from guara_perception.ranging.range_images import COLUMNS, ROWS
+from guara_perception.scanning.pictures import cause_image, sigma_image_mm, with_pictures
+from guara_perception.scanning.process import run_scan
+from kinematics import RobotModel
+
+# Edges of the truth's and the grid's cells [m].
+MILLIMETRE, CELL = 0.001, 0.005
+# An unknown pixel between known ones that are no further apart is a hole where the surface was seen.
+HOLE_PIXELS = 2
+ROUNDS = 5
+HEADER = (
+    "| scan | unknown pixels % | unknown cells % | ratio | ratio of a perfect image | made up | in holes | mean mm | "
+    "hazards differ % | free alone | ms | MB |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+)
+MUST = "| must |  |  | 1.15 |  | 0 |  | 0.1 | 2 | 0 |  |  |"
+
+
+@dataclass(frozen=True, slots=True)
+class ImageFigures:
+    """Figures of one orthorectified range image.
+
+    Attributes:
+        unknown, unknown_cells: shares of the image's pixels and of the grid's cells.
+        perfect: the ratio of the two for an image of all that camera and laser see, by truth.
+        made_up: known pixels of which camera or laser sees nothing, and the same judged by their centres.
+        surplus: unknown pixels in known cells, those that truth calls unseen, and those in holes.
+        mean: of the differences of height between the grid made of the image and the scan's own [mm].
+        differ: share of the cells whose hazards differ between the two.
+        free_alone: cells that are free by the image only.
+        seconds: processor time of drawing both images.
+        size: of the three messages [bytes].
+    """
+
+    unknown: float
+    unknown_cells: float
+    perfect: float
+    made_up: tuple[int, int]
+    surplus: tuple[int, ...]
+    mean: float
+    differ: float
+    free_alone: int
+    seconds: float
+    size: int
+
+    def row(self, name: str) -> str:
+        """Line of the table (Markdown)."""
+        return (
+            f"| {name} | {100 * self.unknown:.1f} | {100 * self.unknown_cells:.1f} | "
+            f"{self.unknown / self.unknown_cells:.2f} | {self.perfect:.2f} | {self.made_up[0]} | {self.surplus[2]} | "
+            f"{self.mean:.3f} | {100 * self.differ:.2f} | {self.free_alone} | {1e3 * self.seconds:.0f} | "
+            f"{self.size / 1e6:.1f} |"
+        )
+
+    def budget(self, name: str) -> str:
+        """Sentence on the unknown pixels of known cells."""
+        whole, unseen, holes = self.surplus
+        rest = whole - unseen - holes
+        return (
+            f"{name}: {whole} unknown pixels in known cells: {100 * unseen / whole:.0f} % camera or laser cannot see, "
+            f"{100 * holes / whole:.1f} % in holes, {100 * rest / whole:.0f} % between the last return and an edge; "
+            f"{self.made_up[1]} known pixels have a centre that nobody sees, {self.made_up[0]} are wholly unseen"
+        )
+
+
+def image_figures(folder: Path, calibration: gp.Calibration, robot: RobotModel, rounds: int = 1) -> ImageFigures:
+    """Figures of the scan in a folder with its truth."""
+    processor = run_scan(gp.open_scan(folder), calibration, robot)
+    bare, seconds = processor.finish(), []
+    for _ in range(rounds):
+        start = time.process_time()
+        scan = with_pictures(bare, processor)
+        seconds.append(time.process_time() - start)
+    image = scan.pictures["ortho_image_mm"]
+    with np.load(folder / "truth.npz") as truth:
+        seen = truth["visible"] & truth["lit"] & ~truth["dark"]
+    again = gp.terrain_from_range_image(image, cause_image(scan), sigma_mm=sigma_image_mm(scan), robot=robot)
+    both = np.isfinite(again.elevation) & np.isfinite(scan.elevation)
+    known, (centre_seen, any_seen) = np.isfinite(image), _seen_pixels(seen)
+    x, y = (np.arange(ROWS) + 0.5) * 0.45 / ROWS, (np.arange(COLUMNS) + 0.5) * 0.54 / COLUMNS
+    in_known_cell = np.isfinite(scan.elevation)[(y / CELL).astype(int)[None, :], (x / CELL).astype(int)[:, None]]
+    side = round(CELL / MILLIMETRE)
+    seen_cells = seen.reshape(seen.shape[0] // side, side, -1, side).any(axis=(1, 3))
+    surplus, in_hole = ~known & in_known_cell, _holes(known)
+    return ImageFigures(
+        unknown=float((~known).mean()),
+        unknown_cells=float(np.isnan(scan.elevation).mean()),
+        perfect=float((~centre_seen).mean() / (~seen_cells).mean()),
+        made_up=(int((known & ~any_seen).sum()), int((known & ~centre_seen).sum())),
+        surplus=tuple(int(some.sum()) for some in (surplus, surplus & ~centre_seen, surplus & centre_seen & in_hole)),
+        mean=float(np.abs(again.elevation - scan.elevation)[both].mean() * 1e3),
+        differ=float((again.hazard != scan.hazard).mean()),
+        free_alone=int(((again.hazard == 0) & (scan.hazard != 0)).sum()),
+        seconds=min(seconds),
+        size=sum(len(message.data) for message in range_image_messages(scan).values()),
+    )
+
+
+def _seen_pixels(seen: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Pixels (ROWS, COLUMNS) whose centre is seen, and those of which any millimetre is; `seen` is [iy, ix]."""
+
+    def at(row: float, column: float) -> npt.NDArray[np.bool_]:
+        """The millimetre at this share of each pixel's length and width."""
+        iy, ix = (
+            ((np.arange(count) + share) * length / count).astype(int)
+            for count, share, length in zip((COLUMNS, ROWS), (column, row), seen.shape, strict=True)
+        )
+        return seen[np.ix_(iy, ix)].T
+
+    # A pixel is shorter than a millimetre: its corners lie in all that it covers.
+    ends = (1e-6, 1 - 1e-6)
+    return at(0.5, 0.5), np.any([at(row, column) for row in ends for column in ends], axis=0)
+
+
+def _holes(known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Pixels between known ones of their row or column that are at most HOLE_PIXELS + 1 apart."""
+    holes = np.zeros(known.shape, dtype=bool)
+    for axis in (0, 1):
+        for before in range(1, HOLE_PIXELS + 1):
+            for behind in range(1, HOLE_PIXELS + 2 - before):
+                holes |= np.roll(known, before, axis) & np.roll(known, -behind, axis)
+    return holes
+
+
+def print_images(folders: list[tuple[str, Path, gp.Calibration]], robot: RobotModel) -> None:
+    """Print the table and, for each scan, where the unknown pixels of known cells come from."""
+    print(HEADER)
+    budgets = []
+    for name, folder, calibration in folders:
+        found = image_figures(folder, calibration, robot, ROUNDS)
+        print(found.row(name), flush=True)
+        budgets.append(found.budget(name))
+    print(MUST, *budgets, sep="\n")
