@@ -148,7 +148,3 @@ def main() -> None:
                 *(f"{getattr(off, key)} -> {getattr(on, key)}" for key in ("unsafe", "exceeded")),
             )
             print(f"{name:<24}", *(f"{pair:>12}" for pair in pairs), f"{on.refused:>8} {on.conflicts}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
