@@ -41,6 +41,11 @@ class _Sample:
         return tuple(self.stance.joint_positions), self.stance.gravity_in_base is None, self.angular_velocity is None
 
 
+def _or_nan(vector: Point | None) -> Point:
+    """A vector, NaN where it is not measured."""
+    return (np.nan, np.nan, np.nan) if vector is None else vector
+
+
 class StanceStreamPublisher(Resource):
     """Publisher of the joints, sample by sample, which are sent in batches; never waits for a receiver.
 
@@ -109,8 +114,8 @@ class StanceStreamPublisher(Resource):
             times=np.array([sample.stamp - samples[0].stamp for sample in samples]) * 1e-9,
             joint_positions=[list(stance.joint_positions.values()) for stance in stances],
             supports=[[leg in stance.support_feet for leg in self._legs] for stance in stances],
-            gravity_in_base=[each.gravity_in_base for each in stances if each.gravity_in_base is not None],
-            angular_velocity=[each.angular_velocity for each in samples if each.angular_velocity is not None],
+            gravity_in_base=[_or_nan(each.gravity_in_base) for each in stances],
+            angular_velocity=[_or_nan(each.angular_velocity) for each in samples],
             epoch=self.epoch,
         )
         self._sequence += 1

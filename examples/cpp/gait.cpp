@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <fstream>
 #include <iostream>
+#include <limits>
 #include <mutex>
 #include <random>
 #include <stdexcept>
@@ -105,6 +106,9 @@ int main(int count, char ** words)
       batch.times.clear();
       batch.joint_positions.clear();
       batch.supports.assign(SAMPLES * batch.legs.size(), 1);
+      // There is no IMU: all NaN, never empty.
+      batch.gravity_in_base.assign(3 * SAMPLES, std::numeric_limits<double>::quiet_NaN());
+      batch.angular_velocity = batch.gravity_in_base;
       for (int k = 0; k < SAMPLES; ++k) {
         std::this_thread::sleep_for(SAMPLE_PERIOD);
         const Time time = now();

@@ -52,10 +52,11 @@ function sample() {
 function stream() {
   sample();
   const stamp = samples[0].stamp;
+  const not_measured = Array(3 * samples.length).fill(NaN); // there is no IMU: all NaN, never empty
   const message = {
     header: { stamp, frame_id: "base_link" }, robot: "guara", epoch, sequence: BigInt(batches++), joint_names: Object.keys(posture), legs: feet,
     times: samples.map((each) => seconds_of(each.stamp, stamp)), joint_positions: samples.flatMap((each) => each.joint_positions),
-    supports: new Uint8Array(samples.length * feet.length).fill(1), gravity_in_base: [], angular_velocity: [],
+    supports: new Uint8Array(samples.length * feet.length).fill(1), gravity_in_base: not_measured, angular_velocity: not_measured,
   };
   samples = [];
   send("guara/gait/v1/stance_stream", streamWriter.writeMessage(message));

@@ -249,6 +249,7 @@ def check_gait(program: list[object], root: Path, robot: RobotModel) -> None:
     assert node.returncode == 0
     assert len(streamed) > 20 and [batch.sequence for batch in streamed] == list(range(len(streamed)))
     samples = sum(len(batch.stamps) for batch in streamed)
+    assert all(batch.gravity_in_base is None and batch.angular_velocity is None for batch in streamed)
     assert samples > 100 and all(batch.supports.all() and batch.legs == robot.legs for batch in streamed)
     assert dict(zip(streamed[0].joint_names, streamed[0].joint_positions[0], strict=True)) == pytest.approx(
         robot.posture(robot.config.scan_posture), abs=0.002

@@ -151,8 +151,8 @@ EXCEPTIONS: Mapping[str, Mapping[str, Range]] = {
         "legs": Range(entries=64, characters=200),
         "times": Range(entries=1000, low=0, high=10, unit="s"),
         "supports": Range(entries=64_000, low=0, high=1),
-        "gravity_in_base": Range(entries=3000, low=-1e6, high=1e6),
-        "angular_velocity": Range(entries=3000, low=-1e3, high=1e3, unit="rad/s"),
+        "gravity_in_base": Range(entries=3000, low=-1e6, high=1e6, nan=True),
+        "angular_velocity": Range(entries=3000, low=-1e3, high=1e3, unit="rad/s", nan=True),
     },
 }
 # Types that are checked when decoded, including all submessages.

@@ -35,8 +35,8 @@ class StanceStream:
         times: (n,) since the stamp, ascending from 0 [s].
         joint_positions: (n, j) [rad].
         supports: (n, l) True where the leg carries weight.
-        gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; (0, 3) without an IMU.
-        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; (0, 3) where it is not measured.
+        gravity_in_base: (n, 3) direction of gravity in `base_link`, pointing down; None without an IMU.
+        angular_velocity: (n, 3) of the body, in `base_link` [rad/s]; None where it is not measured.
         epoch: identity of the walk, as in `StancePause`.
         frame_id: `base_link`.
     """
@@ -49,8 +49,8 @@ class StanceStream:
     times: npt.ArrayLike
     joint_positions: npt.ArrayLike
     supports: npt.ArrayLike
-    gravity_in_base: npt.ArrayLike = ()
-    angular_velocity: npt.ArrayLike = ()
+    gravity_in_base: npt.ArrayLike | None = None
+    angular_velocity: npt.ArrayLike | None = None
     epoch: str = ""
     frame_id: str = "base_link"
 
@@ -63,6 +63,8 @@ class StanceStream:
         """
         check_name(self.robot)
         names, legs = texts(self.joint_names, "joint_names"), texts(self.legs, "legs")
+        if not names:
+            raise MessageError("joint_names is empty; allowed: 1 to 256 joints")
         for what, given in (("joint_names", names), ("legs", legs)):
             if len(set(given)) != len(given):
                 raise MessageError(f"{what} names one twice: {', '.join(given)}")
@@ -78,11 +80,13 @@ class StanceStream:
         supports = _rows(self.supports, n, len(legs), "supports")
         check_value(STANCE_STREAM, "supports", supports.ravel())
         gravity = _vectors(self.gravity_in_base, n, "gravity_in_base")
-        lengths = np.linalg.norm(gravity, axis=1)
-        if ((lengths < GRAVITY_LENGTH.low) | (lengths > GRAVITY_LENGTH.high)).any():
-            raise MessageError(f"length of gravity_in_base is {lengths.min():g}; allowed: {GRAVITY_LENGTH}")
+        if gravity is not None:
+            lengths = np.linalg.norm(gravity, axis=1)
+            if ((lengths < GRAVITY_LENGTH.low) | (lengths > GRAVITY_LENGTH.high)).any():
+                raise MessageError(f"length of gravity_in_base is {lengths.min():g}; allowed: {GRAVITY_LENGTH}")
         turning = _vectors(self.angular_velocity, n, "angular_velocity")
-        check_value(STANCE_STREAM, "angular_velocity", turning.ravel())
+        if turning is not None:
+            check_value(STANCE_STREAM, "angular_velocity", turning.ravel())
         carries = supports > 0.5
         carries.setflags(write=False)
         set_fields(
@@ -110,8 +114,12 @@ def _rows(values: npt.ArrayLike, rows: int, columns: int, what: str) -> Float:
     return checked_array(array, (rows, columns), what)
 
 
-def _vectors(values: npt.ArrayLike, rows: int, what: str) -> Float:
-    return _rows(values, rows if np.size(values) else 0, 3, what)
+def _vectors(values: npt.ArrayLike | None, rows: int, what: str) -> Float | None:
+    """The values (rows, 3); None where all are NaN, as a message says that they are not measured."""
+    if values is None:
+        return None
+    array = np.asarray(values, dtype=np.float64)
+    return None if array.size == 3 * rows and np.isnan(array).all() else _rows(array, rows, 3, what)
 
 
 def encode_stance_stream(stream: StanceStream) -> bytearray:
@@ -120,9 +128,11 @@ def encode_stance_stream(stream: StanceStream) -> bytearray:
     Raises:
         MessageError: a field does not fit its ROS 2 type.
     """
+    # Writers of CDR disagree on the padding after an empty list of float64, so none is ever empty.
     flat = {
-        name: np.asarray(getattr(stream, name), np.float64).ravel()
+        name: np.full(3 * len(stream.stamps), np.nan) if values is None else np.asarray(values, np.float64).ravel()
         for name in ("joint_positions", "gravity_in_base", "angular_velocity")
+        for values in (getattr(stream, name),)
     }
     supports = np.asarray(stream.supports).ravel().astype(np.uint8)
     return encode(to_ros(STANCE_STREAM, stream, supports=supports, **flat))

@@ -7,18 +7,34 @@ import pytest
 
 from tests.transport.messages.samples import sample_stream
 from transport import MessageError, decode_stance_stream, encode_stance_stream, gravity_of_orientation
+from transport.messages.codec import decode, encode
+from transport.messages.typestore import STANCE_STREAM
 
 
 def test_a_batch_comes_back_as_it_was(peer) -> None:
     """Every field, with and without an IMU; arrays cannot be written."""
     whole = sample_stream(peer)
-    for stream in (whole, replace(whole, gravity_in_base=(), angular_velocity=())):
+    for stream in (whole, replace(whole, gravity_in_base=None, angular_velocity=None)):
         found = decode_stance_stream(bytes(encode_stance_stream(stream)))
         for field in stream.__dataclass_fields__:
             ours, theirs = getattr(stream, field), getattr(found, field)
             assert np.array_equal(ours, theirs) and type(ours) is type(theirs), field
             assert not isinstance(theirs, np.ndarray) or not theirs.flags.writeable
     assert (np.diff(whole.stamps) == [5_000_000, 5_100_000]).all() and whole.stamps[0] == whole.stamp
+
+
+def test_no_list_of_float64_is_ever_empty(peer) -> None:
+    """Fast-CDR and rosbags pad differently after an empty one; what is not measured is NaN, and read as None."""
+    message = decode(encode_stance_stream(replace(sample_stream(peer), gravity_in_base=None)), STANCE_STREAM)
+    assert np.isnan(message.gravity_in_base).all() and message.gravity_in_base.size == 9
+    for field in ("gravity_in_base", "angular_velocity"):
+        setattr(message, field, np.full(9, np.nan))
+    found = decode_stance_stream(bytes(encode(message)))
+    assert found.gravity_in_base is None and found.angular_velocity is None
+    for refused in (np.array([]), np.array([0.0, 0.0, -1.0] * 2 + [np.nan] * 3), np.full(6, np.nan)):
+        message.gravity_in_base = refused
+        with pytest.raises(MessageError, match="gravity_in_base"):
+            decode_stance_stream(bytes(encode(message)))
 
 
 @pytest.mark.parametrize(
@@ -32,6 +48,10 @@ def test_a_batch_comes_back_as_it_was(peer) -> None:
         ({"joint_positions": [[0.1, np.nan]] * 3}, "joint_positions"),
         ({"joint_names": ("a", "a")}, "joint_names names one twice"),
         ({"supports": [[1, 2]] * 3}, "supports of StanceStream is 2"),
+        ({"joint_names": (), "joint_positions": [[]] * 3}, "joint_names is empty; allowed: 1 to 256 joints"),
+        ({"gravity_in_base": []}, "gravity_in_base has shape"),
+        ({"angular_velocity": [[0, 0, 0], [np.nan] * 3, [0, 0, 0]]}, "angular_velocity"),
+        ({"gravity_in_base": [[0, 0, -1], [0, 0, -1], [0, np.nan, -1]]}, "gravity_in_base"),
         ({"gravity_in_base": [[0, 0, 0]] * 3}, "length of gravity_in_base is 0"),
         ({"gravity_in_base": [[0, 0, -1]] * 2}, "gravity_in_base has shape"),
         ({"angular_velocity": [[0, 0, 1e4]] * 3}, "angular_velocity of StanceStream is 10000"),
