@@ -35,6 +35,12 @@ TELL_HANDEDNESS = (
 # Largest misfit of correct points: crosses found by the program fit within 0.1 px, pixels given by hand within 1 or 2.
 MAX_RESIDUAL_PX = {"found": 1.0, "given": 3.0}
 GIVEN_SIGMA_PX = 0.5
+# Three crosses fit a pose whatever they are: which one is wrong is told by four others or more, where the fit without
+# it is better than without any other by this factor.
+LEAST_OTHERS = 4
+CLEARER = 2.0
+# Crosses reach a correlation of 0.8, texture of a floor hardly 0.6.
+SURE_SCORE = 0.7
 # A mount further than this from the nominal one is another robot, another floor point or a swapped mark.
 MAX_SHIFT_M = 0.050
 MAX_TURN = float(np.deg2rad(8.0))
@@ -85,35 +91,63 @@ def locate_camera(
     check_extent(fiducials.points_in_footprint)
     if fiducials.points_px is not None:
         return _from_given(camera, fiducials, nominal_camera_to_footprint)
-    best, most_found = _find(grey, camera, fiducials.points_in_footprint, nominal_camera_to_footprint)
-    count = len(fiducials.points_in_footprint)
+    points = fiducials.points_in_footprint
+    best, lost = _find(grey, camera, points, nominal_camera_to_footprint)
     if best is None or best.rms_px > MAX_RESIDUAL_PX["found"]:
-        _refuse_changed(grey, camera, fiducials.points_in_footprint, nominal_camera_to_footprint)
+        _refuse_changed(grey, camera, points, nominal_camera_to_footprint)
     if best is None:
         raise CalibrationRefused(
-            f"fiducials: {most_found} of {count} crosses were found near where the nominal mount predicts them: check "
-            "that all are in view, dark on a bright floor and at the points_in_footprint given, or give points_px"
+            f"fiducials: {len(points) - len(lost)} of {len(points)} crosses were found near where the nominal mount "
+            f"predicts them, not {_named(points, lost)}: check that all are in view, dark on a bright floor and at the "
+            "points_in_footprint given, or give points_px"
         )
     if best.rms_px > MAX_RESIDUAL_PX["found"]:
         raise CalibrationRefused(
             f"fiducials: the crosses found do not lie at points_in_footprint (misfit {best.rms_px:.1f} px, "
-            f"{MAX_RESIDUAL_PX['found']:.1f} allowed): measure the points again"
+            f"{MAX_RESIDUAL_PX['found']:.1f} allowed): {_misplaced(camera, points, best, nominal_camera_to_footprint)}"
         )
     _check_nominal(best, nominal_camera_to_footprint)
     return best
 
 
-def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, int]:
-    """Pose that fits the crosses best, None if some were not found, and the largest number found."""
+def _named(points: Float, numbers: list[int]) -> str:
+    """Crosses by number and position, for a message."""
+    return ", ".join(f"cross {i + 1} at ({points[i, 0]:.3f}, {points[i, 1]:.3f})" for i in numbers)
+
+
+def _misplaced(camera: CameraModel, points: Float, pose: FloorPose, nominal: Float) -> str:
+    """Advice on crosses that are missing, or on the one that the others contradict, told by leaving each out."""
+    missing = [i for i, mark in enumerate(pose.marks) if mark.score < SURE_SCORE]
+    if missing:
+        return f"no more than a spot of the floor resembles {_named(points, missing)}: lay it, dark, flat and whole"
+    fits = []
+    for i in range(len(points) if len(points) > LEAST_OTHERS else 0):
+        others = [k for k in range(len(points)) if k != i]
+        marks = [pose.marks[k] for k in others]
+        fits.append(_fit(camera, points[others], marks, nominal @ MOUNTS[pose.mount], pose.mount))
+    order = sorted(range(len(fits)), key=lambda i: fits[i].rms_px)
+    if not fits or fits[order[0]].rms_px > min(MAX_RESIDUAL_PX["found"], fits[order[1]].rms_px / CLEARER):
+        return "measure the points again"
+    wrong = order[0]
+    found = to_floor(camera, fits[wrong].transform_camera_to_footprint, pose.marks[wrong].centre_px[None])[0]
+    apart = 1e3 * float(np.linalg.norm(found - points[wrong]))
+    return (
+        f"by the others {_named(points, [wrong])} lies {apart:.0f} mm away, at ({found[0]:.3f}, {found[1]:.3f}): "
+        "measure it again"
+    )
+
+
+def _find(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> tuple[FloorPose | None, list[int]]:
+    """Pose that fits the crosses best, None where some are not found, and those that are not."""
     poses: list[FloorPose] = []
-    most_found = 0
+    fewest = list(range(len(points)))
     for mount, turn in MOUNTS.items():
         marks = find_crosses(grey, camera, nominal @ turn, points)
         found = [mark for mark in marks if mark is not None]
-        most_found = max(most_found, len(found))
+        fewest = min(fewest, [i for i, mark in enumerate(marks) if mark is None], key=len)
         if len(found) == len(marks):
             poses.append(_fit(camera, points, found, nominal @ turn, mount))
-    return min(poses, key=lambda pose: pose.rms_px, default=None), most_found
+    return min(poses, key=lambda pose: pose.rms_px, default=None), fewest
 
 
 def _refuse_changed(grey: Grey, camera: CameraModel, points: Float, nominal: Float) -> None:

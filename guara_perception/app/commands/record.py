@@ -125,7 +125,7 @@ def command(
             rangefinder, known, operator = workshop.rangefinder, Devices(source="simulated"), workshop
         else:
             rangefinder = rangefinder_of(known, free=True)
-            operator = TextOperator(page.tell, Settings.of(model))
+            operator = TextOperator(page.ask, Settings.of(model))
         writer = SessionWriter(session, plan, redo)
         click.echo(f"live page: {page.address}")
 

@@ -79,7 +79,11 @@ def command(
     standing = stance_of(stance, model)
     if no_calibration:
         with rig.rangefinder, progress("Scanning") as show:
-            problems = scan_uncalibrated(rig.rangefinder, model, standing, target, mode=mode, progress=show)
+            problems = scan_uncalibrated(
+                *(rig.rangefinder, model, standing, target),
+                mode=mode,
+                on_stripe=lambda picture, done, total: show(done, total),
+            )
         for problem in problems:
             click.echo(problem, err=True)
         click.echo(f"{target}: recorded without a calibration")

@@ -23,6 +23,8 @@ SAME_OF_WIDTH: Final = 0.04
 CLIPPED_SHARE: Final = 0.02
 # A common lens, to judge tilts before the real one is known: focal length as a share of the picture's width.
 FOCAL_OF_WIDTH: Final = 0.92
+# The exposure was metered on the stripe, and all pictures of a session have the same.
+TOO_BRIGHT: Final = "shade the scene or close the iris, or begin a session in this light, which is then metered anew"
 SIDES: Final = ("left", "right", "top", "bottom")
 
 
@@ -44,7 +46,7 @@ class BoardAdvice:
         """View of a picture, and the reason why it cannot be used, empty when it can."""
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
-            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped"
+            reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped: {TOO_BRIGHT}"
             return BoardView.unusable(name, reason), reason
         view = find_board(picture, self.board, name)
         if not view.is_usable:

@@ -36,7 +36,7 @@ class LivePage:
             InvalidInput: the port is taken.
         """
         self._lock = threading.Lock()
-        self._task = self._advice = ""
+        self._task = self._request = self._advice = ""
         self._picture: Image | None = None
         self._number = 0
         page = self
@@ -72,7 +72,12 @@ class LivePage:
     def tell(self, task: str) -> None:
         """Show the name of the current task."""
         with self._lock:
-            self._task, self._advice = task, ""
+            self._task, self._request, self._advice = task, "", ""
+
+    def ask(self, request: str) -> None:
+        """Show what the operator is to do until the next task."""
+        with self._lock:
+            self._request, self._advice = request, ""
 
     def watch(self, picture: Image, advice: str) -> None:
         """Show a picture and the advice for the next one."""
@@ -82,7 +87,7 @@ class LivePage:
 
     def _answer(self, path: str) -> tuple[bytes, str]:
         with self._lock:
-            state = {"task": self._task, "advice": self._advice, "number": self._number}
+            state = {"task": self._task, "request": self._request, "advice": self._advice, "number": self._number}
             picture = self._picture
         if path == "/":
             return PAGE.read_bytes(), "text/html; charset=utf-8"

@@ -17,8 +17,8 @@ class Operator(Protocol):
     def show_board(self, advice: str) -> None:
         """Request a board held up, with advice on the next picture; returns at once."""
 
-    def lay_board(self, board: BoardSpec) -> None:
-        """Request the board on the floor, in view; returns when it is there."""
+    def lay_board(self, board: BoardSpec, why_again: str) -> None:
+        """Request the board on the floor, `why_again` with the fault of the last try; returns when it is there."""
 
     def lay_crosses(self, points: str, why_again: str) -> None:
         """Request the crosses on the floor, `why_again` with the fault of the last try; returns when they are there."""
@@ -33,9 +33,9 @@ class Operator(Protocol):
 class TextOperator:
     """Operator asked on the terminal; the live page shows the same text."""
 
-    def __init__(self, tell: Callable[[str], None], settings: Settings) -> None:
-        """Show every line with `tell` too; the settings name the area for the plates."""
-        self._tell, self._settings = tell, settings
+    def __init__(self, ask: Callable[[str], None], settings: Settings) -> None:
+        """Show every request with `ask` too; the settings name the area for the plates."""
+        self._show, self._settings = ask, settings
         self._printed = ""
 
     def show_board(self, advice: str) -> None:
@@ -43,9 +43,10 @@ class TextOperator:
         if advice != self._printed:
             self._print(advice)
 
-    def lay_board(self, board: BoardSpec) -> None:
-        """Ask for the board on the floor."""
-        self._ask("Lay the board flat on the floor, wholly in the picture")
+    def lay_board(self, board: BoardSpec, why_again: str) -> None:
+        """Ask for the board on the floor, with the reason when it could not be used."""
+        again = f"{why_again}. " if why_again else ""
+        self._ask(f"{again}Lay the board flat on the floor, wholly in the picture")
 
     def lay_crosses(self, points: str, why_again: str) -> None:
         """Ask for the crosses, with the reason when they were not found."""
@@ -70,9 +71,9 @@ class TextOperator:
 
     def _ask(self, text: str) -> None:
         self._print(text)
-        click.pause(f"{text}; then press any key ")
+        click.pause("then press any key ")
 
     def _print(self, text: str) -> None:
         self._printed = text
-        self._tell(text)
+        self._show(text)
         click.echo(text, err=True)

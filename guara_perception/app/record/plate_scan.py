@@ -12,6 +12,7 @@ import numpy as np
 from drivers import LightCheck
 from guara_perception.app.files.scan_folder import ScanFolderWriter
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
+from guara_perception.arrays import Image
 from guara_perception.exceptions import MirrorSlipped, PerceptionError
 from guara_perception.settings import Settings
 
@@ -41,7 +42,7 @@ def scan_uncalibrated(
     folder: Path,
     *,
     mode: str = "standard",
-    progress: Callable[[int, int], None] | None = None,
+    on_stripe: Callable[[Image, int, int], None] | None = None,
 ) -> tuple[str, ...]:
     """Take one scan into a scan folder; every row of its frames is checked, since no stripe's band is known.
 
@@ -54,7 +55,7 @@ def scan_uncalibrated(
         stance: stance in which it stands.
         folder: scan folder to make.
         mode: "standard" or "coarse".
-        progress: called with (stripes done, stripes in all).
+        on_stripe: called with the picture of each stripe, its number from 1, and the number of all.
 
     Returns:
         Faults of the light, a sentence each; the scan is complete nevertheless.
@@ -87,8 +88,8 @@ def scan_uncalibrated(
                         dark=capture.dark,
                     )
                     done += 1
-                    if progress is not None:
-                        progress(done, len(order))
+                    if on_stripe is not None:
+                        on_stripe(capture.on, done, len(order))
         lost = rangefinder.lost_steps(order)
         if lost:
             raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")

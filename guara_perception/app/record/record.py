@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -12,16 +13,19 @@ import numpy as np
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.record.board_advice import BoardAdvice
+from guara_perception.app.record.live_pictures import Watch, area_look, board_look, crosses_look, plain, show_while
 from guara_perception.app.record.operator import Operator
 from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibrated
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
-from guara_perception.calibration.mount import check_extent, locate_camera
+from guara_perception.calibration.mount import MOUNTS, check_extent, locate_camera
 from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError
+from guara_perception.settings import Settings
 
 if TYPE_CHECKING:
     from kinematics import RobotModel
@@ -32,8 +36,6 @@ GRAB_SECONDS: Final = 2.0
 # Pictures of the board after which the recording gives up (ten minutes at 30 per second).
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
-# Called with a picture and the request for the next one.
-Watch = Callable[[Image, str], None]
 # A robot's camera sees no floor beyond.
 FARTHEST_CROSS_M: Final = 5.0
 
@@ -75,9 +77,11 @@ def record_session(
     if writer.has(DEVICES_FILE):
         _as_before(rangefinder, load_devices(writer.folder / DEVICES_FILE))
     else:
-        operator.clear()
+        tell("the bare floor")
+        show_while(operator.clear, lambda: _picture(rangefinder), plain, watch)
         tell("metering the exposure and measuring the camera's lag")
         save_devices(measured_devices(robot, rangefinder, devices), writer.folder / DEVICES_FILE)
+    tell("the board, held up")
     _record_boards(writer, rangefinder, operator, tell, watch)
     if not writer.has(FLOOR_PICTURE):
         tell("the board on the floor")
@@ -85,11 +89,24 @@ def record_session(
     if not writer.has(CROSSES_PICTURE):
         tell("the crosses")
         _record_crosses(writer, robot, rangefinder, operator, watch)
+    if all(writer.has(name) for name in writer.plate_names):
+        return writer.finish()
+    lens, crosses = _lens(writer), Fiducials(CROSSES_PICTURE, plan.crosses)
+    floor = locate_camera(to_grey(writer.read(CROSSES_PICTURE)), lens, crosses, _nominal(writer, robot))
+    to_footprint, settings = floor.transform_camera_to_footprint, Settings.of(robot)
+
+    def progress(picture: Image, done: int, total: int) -> None:
+        watch(picture, f"stripe {done} of {total}")
+
     for name, plate in zip(writer.plate_names, plan.plates, strict=True):
         if not writer.has(name):
-            operator.lay_plate(plate)
-            tell(f"scanning the plate of {1e3 * plate:g} mm")
-            for problem in scan_uncalibrated(rangefinder, robot, plan.stance, writer.folder / name):
+            task = f"the plate of {1e3 * plate:g} mm" if plate else "the bare floor, scanned"
+            tell(task)
+            look = area_look(lens, to_footprint, settings, plate)
+            show_while(partial(operator.lay_plate, plate), lambda: _picture(rangefinder), look, watch)
+            tell(f"scanning {task}")
+            folder = writer.folder / name
+            for problem in scan_uncalibrated(rangefinder, robot, plan.stance, folder, on_stripe=progress):
                 tell(f"{name}: {problem}")
     return writer.finish()
 
@@ -180,37 +197,54 @@ def _record_boards(
 
 
 def _record_floor(writer: SessionWriter, rangefinder: Rangefinder, operator: Operator, watch: Watch) -> None:
+    board, reason = writer.plan.board, ""
+    look = board_look(board)
     for _ in range(MOST_TRIES):
-        operator.lay_board(writer.plan.board)
+        ask = partial(operator.lay_board, board, reason)
+        show_while(ask, lambda: _picture(rangefinder), look, watch)
         picture = _fresh(rangefinder)
-        view = find_board(picture, writer.plan.board, FLOOR_PICTURE)
-        watch(picture, view.reason or "the board lies well")
+        watch(*look(picture))
+        view = find_board(picture, board, FLOOR_PICTURE)
         if view.is_usable:
             writer.write(FLOOR_PICTURE, picture)
             return
-    raise RecordingFailed(f"the board on the floor was not found: {view.reason}")
+        reason = view.reason
+    raise RecordingFailed(f"the board on the floor was not found: {reason}")
 
 
 def _record_crosses(
     writer: SessionWriter, robot: RobotModel, rangefinder: Rangefinder, operator: Operator, watch: Watch
 ) -> None:
-    plan = writer.plan
-    pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
-    views = [find_board(picture, plan.board, name) for name, picture in pictures.items()]
-    height, width = pictures[FLOOR_PICTURE].shape[:2]
-    lens = calibrate_intrinsics([view for view in views if view.is_usable], plan.board, (width, height))
-    nominal = robot.stance_pose(plan.stance).transform_base_to_footprint @ robot.transform_camera_to_base
+    plan, lens = writer.plan, _lens(writer)
     points = ", ".join(f"({x:.3f}, {y:.3f})" for x, y in plan.crosses)
+    nominal = _nominal(writer, robot)
+    look = crosses_look(lens, plan.crosses, tuple(nominal @ turn for turn in MOUNTS.values()))
     reason = ""
     for _ in range(MOST_TRIES):
-        operator.lay_crosses(points, reason)
+        ask = partial(operator.lay_crosses, points, reason)
+        show_while(ask, lambda: _picture(rangefinder), look, watch)
         picture = _fresh(rangefinder)
         try:
-            locate_camera(to_grey(picture), lens.camera, Fiducials(CROSSES_PICTURE, plan.crosses), nominal)
+            locate_camera(to_grey(picture), lens, Fiducials(CROSSES_PICTURE, plan.crosses), nominal)
         except CalibrationRefused as error:
             reason = str(error)
-            watch(picture, reason)
+            watch(look(picture)[0], reason)
             continue
         writer.write(CROSSES_PICTURE, picture)
         return
     raise RecordingFailed(f"the crosses were not found: {reason}")
+
+
+def _nominal(writer: SessionWriter, robot: RobotModel) -> Float:
+    """Pose (4, 4) of the camera in base_footprint by the robot's model."""
+    pose = robot.stance_pose(writer.plan.stance)
+    return np.asarray(pose.transform_base_to_footprint @ robot.transform_camera_to_base)
+
+
+def _lens(writer: SessionWriter) -> CameraModel:
+    """Lens by the pictures of the board so far."""
+    pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
+    views = [find_board(picture, writer.plan.board, name) for name, picture in pictures.items()]
+    height, width = pictures[FLOOR_PICTURE].shape[:2]
+    usable = [view for view in views if view.is_usable]
+    return calibrate_intrinsics(usable, writer.plan.board, (width, height)).camera

@@ -108,7 +108,7 @@ class SimulatedWorkshop:
         lean = rotation([about_x, 0, 0]) @ rotation([0, about_y, 0]) @ rotation([0, 0, turn])
         self._still(self._targets.board(self._board, self._board_pose(ray / ray[2] * distance, lean)))
 
-    def lay_board(self, board: BoardSpec) -> None:
+    def lay_board(self, board: BoardSpec, why_again: str) -> None:
         """Lay the board where the camera looks."""
         to_camera = np.linalg.inv(self._camera_to_footprint)
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -11,7 +13,12 @@ from hypothesis import strategies as st
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import to_grey
+from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.crosses import MOST_FITS, _cross_derivatives, _cross_model, find_crosses
+from guara_perception.calibration.mount import locate_camera
+from guara_perception.exceptions import CalibrationRefused
+from guara_perception.simulation.target_pictures import TargetCamera
+from kinematics import load_robot
 from tests.thorough import examples
 
 POSITIONS = np.random.default_rng(0).uniform(-1.4, 1.4, (300, 2))
@@ -49,3 +56,49 @@ def test_texture_of_a_floor_is_no_cross(monkeypatch: pytest.MonkeyPatch) -> None
     endless = [fit for fit in fits if not fit.success]
     assert endless and all(fit.nfev <= MOST_FITS for fit in fits)
     assert sum(mark is not None for mark in marks) <= len(fits) - len(endless)
+
+
+def refusal(lie: np.ndarray, given: np.ndarray) -> str:
+    """Refusal of crosses that lie elsewhere than given; empty when there is none."""
+    workshop = SimulatedWorkshop()
+    to_footprint = workshop.robot.stance_pose(workshop.stance).transform_base_to_footprint
+    seen = to_footprint @ workshop.truth.transform_camera_to_base
+    picture = TargetCamera.of(workshop.truth.camera, seed=1).crosses(lie, seen)
+    nominal = to_footprint @ workshop.robot.transform_camera_to_base
+    try:
+        locate_camera(to_grey(picture), workshop.truth.camera, Fiducials("crosses", given), nominal)
+    except CalibrationRefused as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", range(5))
+@pytest.mark.parametrize("off", [(0.010, 0.0), (0.0, 0.010)])
+def test_the_one_cross_that_was_measured_wrongly_is_named(wrong: int, off: tuple[float, float]) -> None:
+    """With its distance and the place where the others put it, told by leaving each out."""
+    given = cross_points(load_robot("guara"))
+    lie = given.copy()
+    lie[wrong] += off
+    place = rf"\({lie[wrong, 0]:.2f}\d, {lie[wrong, 1]:.2f}\d\)"
+    told = rf"by the others cross {wrong + 1} at .* lies (9|10|11) mm away, at {place}: measure it again"
+    assert re.search(told, refusal(lie, given))
+    assert refusal(given, given) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forgotten", range(5))
+def test_a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured(forgotten: int) -> None:
+    """Even where a spot of the floor resembles a cross."""
+    given = cross_points(load_robot("guara"))
+    told = refusal(np.delete(given, forgotten, axis=0), given)
+    assert f"cross {forgotten + 1} at " in told and "measure" not in told
+    assert "4 of 5 crosses were found" in told or "no more than a spot of the floor resembles" in told
+
+
+@pytest.mark.slow
+def test_of_four_crosses_none_can_be_told_from_the_others() -> None:
+    """Three fit a pose whatever they are."""
+    given = cross_points(load_robot("guara"))[:4]
+    lie = given + np.array([[0.01, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    assert refusal(lie, given).endswith("measure the points again")

@@ -89,3 +89,9 @@ def test_what_is_wrong_with_a_picture_is_reported(show):
     assert problem == ""
     advice.take(view, good.shape)
     assert advice.judge(good, good)[1].startswith("shown before; 1 of 12 pictures: ")
+
+
+def test_a_picture_that_is_clipped_says_what_to_do():
+    """As `guara scan` does in the same light."""
+    _, reason = BoardAdvice(BOARD).judge(np.full((512, 640), 255, np.uint8))
+    assert reason.startswith("too bright: 100 % of the picture is clipped: shade the scene or close the iris")

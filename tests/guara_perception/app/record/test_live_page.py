@@ -33,9 +33,11 @@ def test_page_shows_task_advice_and_picture():
         with pytest.raises(urllib.error.HTTPError, match="404"):
             get(page.address + "picture.jpg")
         page.tell("the crosses")
+        page.ask("lay them")
         page.watch(np.full((1000, 2000), 40_000, np.uint16), "move it left")
         assert json.loads(get(page.address + "state.json")) == {
             "task": "the crosses",
+            "request": "lay them",
             "advice": "move it left",
             "number": 1,
         }
@@ -60,18 +62,19 @@ def test_person_is_asked_task_by_task(
     """Each request waits for a key, except for the board that is held up, whose advice is given once."""
     waited: list[str] = []
     reported: list[str] = []
-    monkeypatch.setattr("click.pause", lambda text: waited.append(text))
+    monkeypatch.setattr("click.pause", waited.append)
     operator = TextOperator(reported.append, Settings.of(robot))
     operator.clear()
     for _ in range(3):
         operator.show_board("tilt it")
-    operator.lay_board(BoardSpec(9, 7, 0.03))
+    operator.lay_board(BoardSpec(9, 7, 0.03), "the board is blurred")
     operator.lay_crosses("(1, 2)", "cross 3 not found")
     operator.lay_plate(0.04)
     operator.lay_plate(0.0)
-    assert len(waited) == 5 and reported.count("tilt it") == 1
-    assert "cross 3 not found" in waited[2] and "plate of 40 mm" in waited[3] and "Clear the floor" in waited[4]
-    assert capsys.readouterr().err.count("\n") == 6
+    assert waited == ["then press any key "] * 5 and reported.count("tilt it") == 1
+    assert reported[2].startswith("the board is blurred. Lay the board") and "cross 3 not found" in reported[3]
+    assert "plate of 40 mm" in reported[4] and "Clear the floor" in reported[5]
+    assert capsys.readouterr().err.splitlines() == reported
 
 
 @pytest.mark.slow
@@ -83,12 +86,14 @@ def test_page_in_a_browser_shows_what_is_reported(tmp_path):
         pytest.skip("no Chromium on this machine")
     with LivePage() as page, Chromium(chromium, tmp_path / "profile") as browser:
         page.tell("the board on the floor")
+        page.ask("press any key")
         page.watch(np.full((300, 400, 3), (0, 0, 255), np.uint8), "lay it flat")
         browser.call("Page.navigate", url=page.address)
         browser.wait_for(
             "document.getElementById('advice') && document.getElementById('advice').textContent == 'lay it flat'"
         )
         browser.wait_for("document.getElementById('picture').naturalWidth == 400")
+        assert browser.evaluate("document.getElementById('request').textContent") == "press any key"
         assert browser.evaluate("document.getElementById('task').textContent") == "the board on the floor"
         red = (browser.screenshot().astype(int) @ np.array([[1], [-1], [-1]]) > 150).mean()
         assert red > 0.1 and browser.errors == []

@@ -170,21 +170,27 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"
 
 
-def record_with(workshop: SimulatedWorkshop, session: Path) -> SessionWriter:
-    """Go on with a session in a workshop; returns its writer."""
+def record_with(workshop: SimulatedWorkshop, session: Path, watched: list[str] | None = None) -> list[str]:
+    """Go on with a session in a workshop; returns what was told, and adds what was shown with pictures."""
     board, crosses = parse_board("9x7", 0.03), cross_points(workshop.robot)
     plan = SessionPlan("guara", board, crosses, (0.0, 0.04, 0.08), workshop.stance)
     writer = SessionWriter(session, plan)
     with workshop.rangefinder:
-        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=lambda text: None)
-    return writer
+        told: list[str] = []
+        shown = [] if watched is None else watched
+        watch = lambda picture, text: shown.append(text)  # noqa: E731
+        record_session(writer, workshop.robot, workshop.rangefinder, Devices(), workshop, tell=told.append, watch=watch)
+    return told
 
 
 @pytest.mark.heavy
 def test_an_interrupted_recording_goes_on(unfinished: Path):
     """Only what is missing is taken; pictures that were there are not written again."""
     before = {path: path.stat().st_mtime_ns for path in unfinished.rglob("*.png") if path.parent.name != "report"}
-    record_with(SimulatedWorkshop(), unfinished)
+    shown: list[str] = []
+    told = record_with(SimulatedWorkshop(), unfinished, shown)
+    assert told == ["the board, held up", told[1], "the crosses", "the plate of 40 mm", "scanning the plate of 40 mm"]
+    assert "the scanned area is outlined" in shown and shown[-1] == "stripe 70 of 70"
     assert (unfinished / "session.json").is_file() and (unfinished / "plate_40" / "scan.json").is_file()
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
 
