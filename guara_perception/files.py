@@ -59,7 +59,8 @@ def read_toml(path: Path, largest: int) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise FileFormatError(f"{path}: no valid TOML: {error}") from None
+        hint = "; text needs quotes" if "Invalid value" in str(error) else ""
+        raise FileFormatError(f"{path}: no valid TOML: {error}{hint}") from None
 
 
 def decode_picture(content: bytes, source: str) -> Image:

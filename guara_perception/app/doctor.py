@@ -33,6 +33,10 @@ CHECKS = ("usb", "board", "camera", "cameras", "zenoh", "calibration", "drift", 
 CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
 DISK_BYTES = 1_000_000_000
+NO_FLOOR = (
+    "scan again with more floor in view; where flat, empty floor fills the view, the calibration is of another camera "
+    "or mount"
+)
 # Limit for one stripe of 1280x1024 px: below half the time between frames at 30 per second.
 STRIPE_SECONDS = 0.015
 
@@ -201,7 +205,7 @@ def check_scan_drift(calibration: Path | None, scan: Path | None) -> Finding:
     if drift.verdict == HOLDS:
         floor, stripes = 1e3 * drift.floor_height, 1e3 * drift.stripe_rms
         return Finding(OK, f"the calibration holds: floor {floor:+.1f} mm, stripes {stripes:.2f} mm rms")
-    return Finding(WARN, f"{'; '.join(drift.reasons)}: scan again with more floor in view")
+    return Finding(WARN, f"{'; '.join(drift.reasons)}: {NO_FLOOR}")
 
 
 def check_disk(folder: Path) -> Finding:

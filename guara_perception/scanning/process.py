@@ -123,7 +123,7 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     if missing := indices.difference(calibration.indices):
         raise CalibrationMismatch(
             f"{scan.source}: stripe index {_listed(missing)} is not in the calibration, "
-            f"which holds {_listed(calibration.indices)}"
+            f"which holds {_listed(calibration.indices)}: one of the two is of another rangefinder or another pattern"
         )
     angles = {stripe.index: stripe.mirror_angle for stripe in scan.stripes}
     calibrated = {index: calibration.stripe(index).mirror_angle for index in angles}

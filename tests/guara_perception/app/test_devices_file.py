@@ -70,6 +70,7 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nsize = [1, 2]', "camera.size is [1, 2], allowed: 64"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\n[board]\nvendor_id = 70000', "board.vendor_id is 70000"),
         ("format = ", "no valid TOML"),
+        ("format = guara-devices/1", "(at line 1, column 10); text needs quotes"),
         ("a = " + "[" * 20_000, "no valid TOML"),
         ("#" * 100_000, "has 100000 bytes, 65536 are allowed"),
     ],

@@ -1,0 +1,110 @@
+"""The 30 mistakes that were made on the first days of two strangers, and the tests that make each and see its message.
+
+`python -m tests.guara_perception.app.test_beginners_mistakes` prints the table.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parents[2]
+RECORD, REFUSALS = "guara_perception/app/record/test_record.py", "guara_perception/calibration/test_refusals.py"
+PROCESS, DEVICES = "guara_perception/app/commands/test_process.py", "guara_perception/app/test_devices_file.py"
+CROSSES = "guara_perception/calibration/test_crosses.py"
+# Mistake, what is said (as the test has it), file, test.
+MISTAKES = (
+    ("plates in the wrong order", "exchange the heights in", RECORD, "a_refusal_tells_the_way_on"),
+    (
+        "plate 75 for 80 mm",
+        "contradicts the others: they put",
+        "guara_perception/calibration/test_calibrate.py",
+        "wrong_plate_is_named",
+    ),
+    ("plate forgotten", "--redo plates", RECORD, "a_part_is_recorded_again"),
+    ("camera upside down", "rolled by 180 degrees", "benchmarks/test_mirrored.py", ""),
+    ("camera mirrored", "pictures are mirrored", "benchmarks/test_mirrored.py", ""),
+    ("wrong square size", "--square", RECORD, "a_refusal_tells_the_way_on"),
+    ("ruler of 15", "--printed-150 is 15 mm, allowed: 135 ... 165", RECORD, "wrong_options_are_refused"),
+    ("plates in millimetres", "heights of -0.5 ... 0.5 m", RECORD, "wrong_options_are_refused"),
+    ("--plates 0", "allowed: 2 ... 20 heights", RECORD, "wrong_options_are_refused"),
+    ("another board", "wrong corner count", REFUSALS, "fault_is_refused"),
+    ("one cross 10 mm off", "by the others cross", CROSSES, "the_one_cross_that_was_measured_wrongly_is_named"),
+    ("all crosses off", "near where the nominal mount predicts them", REFUSALS, "fault_is_refused"),
+    ("one cross forgotten", "resembles", CROSSES, "a_forgotten_cross_is_named_and_no_cross_is_called_wrongly_measured"),
+    ("crosses in millimetres", "give metres, not", RECORD, "wrong_options_are_refused"),
+    (
+        "board not on the floor",
+        "no board of 9x7 inner corners",
+        "guara_perception/app/record/test_live_pictures.py",
+        "a_board_that_is_not_on_the_floor_is_asked_for_again_with_the_reason",
+    ),
+    ("lens cap", "no column of the picture shows the laser", "drivers/sweep/test_metering.py", ""),
+    ("blur", "blurred: black-white edges are", REFUSALS, "fault_is_refused"),
+    (
+        "too bright, recording",
+        "shade the scene or close the iris",
+        "guara_perception/app/record/test_board_advice.py",
+        "a_picture_that_is_clipped_says_what_to_do",
+    ),
+    (
+        "too bright, scanning",
+        "is clipped without the laser: shade the scen",
+        "guara_perception/scanning/test_light_diagnosis.py",
+        "",
+    ),
+    ("dark, scanning", "no stripe shows the laser", "drivers/sweep/test_acquisition_faults.py", ""),
+    ("frame deleted", "it is not there", PROCESS, "keep_going_goes_on_without_a_missing_frame"),
+    ("no permission on USB", "udevadm control --reload-rules", "drivers/board/test_udev.py", ""),
+    ("board held by another program", "another program holds", "drivers/board/test_usb_link.py", ""),
+    (
+        "no board",
+        "no laser board",
+        "guara_perception/app/commands/test_scan_and_run.py",
+        "without_a_board_a_scan_fails_and_says_so",
+    ),
+    ("no camera", "no camera found: check cable", "guara_perception/app/test_find_cameras.py", "no_camera_at_all"),
+    (
+        "name of the robot misspelt",
+        "no robot 'tapir'",
+        "guara_perception/app/commands/test_process_refusals.py",
+        "bad_scan_is_refused",
+    ),
+    (
+        "new robot, not measured",
+        "--simulated needs none of them",
+        "guara_perception/app/commands/test_scan_and_run.py",
+        "",
+    ),
+    (
+        "calibration of another rig",
+        "the calibration is of another camera or mount",
+        "guara_perception/app/test_doctor.py",
+        "drift_is_checked_on_a_scan",
+    ),
+    (
+        "devices.toml: key misspelt, text without quotes",
+        "text needs quotes",
+        DEVICES,
+        "wrong_files_are_refused_by_field",
+    ),
+    ("wrong name in `guara listen`", "no node of robot 'tapir' was found", "guara_perception/app/test_client.py", ""),
+)
+
+
+@pytest.mark.parametrize(("mistake", "said", "file", "name"), MISTAKES, ids=[each[0] for each in MISTAKES])
+def test_a_test_makes_the_mistake_and_sees_the_message(mistake: str, said: str, file: str, name: str):
+    """The message stands in the file of the test, and the test is there."""
+    text = (TESTS / file).read_text()
+    assert said in text and f"def test_{name}" in text
+
+
+def test_all_thirty_are_there():
+    """None is listed twice."""
+    assert len({mistake for mistake, *_ in MISTAKES}) == 30
+
+
+if __name__ == "__main__":
+    for mistake, said, file, name in MISTAKES:
+        print(f"{mistake:<50} {said:<55} {file}{f'::test_{name}' if name else ''}")
