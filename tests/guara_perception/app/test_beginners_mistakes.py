@@ -36,7 +36,7 @@ MISTAKES = (
     ("crosses in millimetres", "give metres, not", RECORD, "wrong_options_are_refused"),
     (
         "board not on the floor",
-        "the board on the floor was not found",
+        "floor was not found",
         "guara_perception/app/record/test_live_pictures.py",
         "a_board_that_is_not_on_the_floor_is_asked_for_again_with_the_reason",
     ),

@@ -43,7 +43,7 @@ def test_pictures_go_on_until_the_operator_has_answered():
         if len(shown) == 3:
             pressed.set()
 
-    show_while(lambda: assert_waited(pressed), lambda: np.full((4, 4), len(shown), np.uint8), plain, watch)
+    show_while(lambda: assert_waited(pressed), lambda: np.full((4, 4), len(shown), np.uint32), plain, watch)
     assert shown[:3] == [(0, ""), (1, ""), (2, "")]
     with pytest.raises(KeyboardInterrupt):
         show_while(interrupt, lambda: np.zeros((4, 4), np.uint8), plain, watch)
@@ -112,6 +112,6 @@ def test_a_board_that_is_not_on_the_floor_is_asked_for_again_with_the_reason(
     monkeypatch.setattr("guara_perception.app.record.record.MOST_TRIES", 2)
     plan = SessionPlan("guara", BOARD, cross_points(workshop.robot), (0.0, 0.04), workshop.stance)
     writer = SessionWriter(tmp_path / "session", plan)
-    with workshop.rangefinder as rangefinder, pytest.raises(RecordingFailed, match="the board on the floor was not found: .+"):
+    with workshop.rangefinder as rangefinder, pytest.raises(RecordingFailed, match="floor was not found: .+"):
         _record_floor(writer, rangefinder, Forgetful(), lambda picture, text: shown.append(text))
     assert asked[0] == "" and asked[1] in shown and asked[1] != ""
