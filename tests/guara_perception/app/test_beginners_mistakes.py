@@ -57,7 +57,7 @@ MISTAKES = (
     ("dark, scanning", "no stripe shows the laser", "drivers/sweep/test_acquisition_faults.py", ""),
     ("frame deleted", "it is not there", PROCESS, "keep_going_goes_on_without_a_missing_frame"),
     ("no permission on USB", "udevadm control --reload-rules", "drivers/board/test_udev.py", ""),
-    ("board held by another program", "another program holds", "drivers/board/test_usb_link.py", ""),
+    ("board held by another program", "another program uses", "drivers/board/test_usb_link.py", ""),
     (
         "no board",
         "no laser board",
