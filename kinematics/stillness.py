@@ -76,8 +76,18 @@ class CameraMotion:
     is_still: bool
 
 
-class _Feet:
-    """Least squares over a set of standing feet: matrices that map joint changes to the camera's motion."""
+class StandingFeet:
+    """Least squares over some standing feet: matrices that map joint changes to the camera's motion.
+
+    Attributes:
+        names: the feet.
+        motion: (6, n) joint changes to motion.
+        whitened: (6, n) joint changes to whitened motion.
+        residual: (3 feet - 6, n) joint changes to what no motion explains.
+        inverse: (6, 3 feet) whitened changes of the soles to motion.
+        covariance: (6, 6) of the motion, for sigma = 1.
+        units: chi^2 of a unit motion in each of some directions, for sigma = 1: all shifts, then all turns.
+    """
 
     def __init__(self, robot: RobotModel, begin: Stance, feet: Sequence[str], camera: Float) -> None:
         """Linearise at the stance of BEGIN.
@@ -91,29 +101,35 @@ class _Feet:
                 "three are needed to tell whether the camera moved"
             )
         state = robot.state(begin.joint_positions)
+        self.names = tuple(feet)
+        self._whiten: list[Float] = []
         rows, by_joints = [], []
         for leg, sole in zip(feet, state.soles_in_base(feet), strict=True):
             jacobian = state.jacobian(state.tree.leg(leg).sole)[:3]
             whiten = np.linalg.inv(np.linalg.cholesky(jacobian @ jacobian.T + LEAST_LEVER * np.eye(3)))
             rows.append(whiten @ np.hstack([-np.eye(3), skew(sole - camera)]))
             by_joints.append(whiten @ jacobian)
+            self._whiten.append(whiten)
         design, white = np.vstack(rows), np.vstack(by_joints)
         left, values, _ = np.linalg.svd(design)
         if values[-1] < 1e-6 * values[0]:
             raise StanceError(f"support_feet: {', '.join(feet)} stand on a line; the camera's motion cannot be told")
-        # Maps of joint changes to motion (6, n), whitened motion (6, n) and residual (3 feet - 6, n).
-        self.motion: Float = np.linalg.pinv(design) @ white
+        self.inverse: Float = np.linalg.pinv(design)
+        self.motion: Float = self.inverse @ white
         self.whitened: Float = left[:, :6].T @ white
         self.residual: Float = left[:, 6:].T @ white
         self.covariance: Float = np.linalg.inv(design.T @ design)
         information = design.T @ design
-        # chi^2 of a unit motion along each of DIRECTIONS for sigma = 1: translations, then rotations.
         self.units = np.array(
             [
                 np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS)
                 for block in (information[:3, :3], information[3:, 3:])
             ]
         )
+
+    def whitened_soles(self, changes: Float) -> Float:
+        """Changes (feet, 3) of the soles in `base_link` [m], weighed each by its leg, (3 feet,) [rad]."""
+        return np.concatenate([whiten @ change for whiten, change in zip(self._whiten, changes, strict=True)])
 
 
 class Stillness:
@@ -146,7 +162,7 @@ class Stillness:
         self._first = checked_positions(robot.tree, stance.joint_positions)
         self._last = self._first
         self._names = stance.support_feet
-        self._feet: _Feet | None = None
+        self._feet: StandingFeet | None = None
         # Row k: sum of joint changes since BEGIN over the first k readings; rows in the middle of a long pause are
         # dropped (`_add_sum`). BEGIN is the first reading, its change is zero.
         self._sums = np.zeros((4 * LONGEST, len(self._first)))
@@ -172,7 +188,7 @@ class Stillness:
         positions, time = checked_positions(self._robot.tree, stance.joint_positions), _checked_time(time)
         names = tuple(foot for foot in self._names if foot in stance.support_feet)
         if self._feet is None or names != self._names:
-            self._feet = _Feet(self._robot, self._begin, names, self._camera)
+            self._feet = StandingFeet(self._robot, self._begin, names, self._camera)
             self._names = names
             self._energies.clear()
         if time == self._times[-1] and np.array_equal(positions, self._last):
@@ -220,7 +236,7 @@ class Stillness:
         REP-103 order in `base_link` (translation of the optical centre [m], rotation [rad]), for the shortest pulse
         that must be found (`PULSE_S`); before a second reading, for a single reading.
         """
-        feet = self._feet or _Feet(self._robot, self._begin, self._names, self._camera)
+        feet = self._feet or StandingFeet(self._robot, self._begin, self._names, self._camera)
         window = self._recent()
         return read_only(self._variance * (1 / window + 1 / max(self._count - window, 1)) * feet.covariance)
 
@@ -229,8 +245,8 @@ class Stillness:
         shift, turn = np.linalg.norm(self._latest[:3]), np.linalg.norm(self._latest[3:])
         return CameraMotion(float(shift), float(turn), not self._motion)
 
-    def _learn(self, feet: _Feet, change: Float) -> None:
-        """Learn the white noise from residuals of successive readings; at least the noise that robot.toml states."""
+    def _learn(self, feet: StandingFeet, change: Float) -> None:
+        """White noise from the residual of successive readings; robot.toml's is its least."""
         stated = self._robot.noise.encoder_noise**2
         self._energies.append(float(np.sum((feet.residual @ change) ** 2)) / 2.0)
         degrees = len(feet.residual)
@@ -250,8 +266,8 @@ class Stillness:
         self._row += 1
         self._count += 1
 
-    def _test(self, feet: _Feet) -> None:
-        """Run all comparisons of windows that end at the last reading."""
+    def _test(self, feet: StandingFeet) -> None:
+        """All comparisons of windows that end at the last reading."""
         sums, row, count = self._sums, self._row, self._count
         windows = 2 ** np.arange(int(math.log2(min(count - 1, LONGEST))) + 1)
         pairs = windows[2 * windows < count]
@@ -285,7 +301,7 @@ class Stillness:
                 f"during the scan; {1e3 * limits.camera_translation_limit:g} mm and "
                 f"{math.degrees(limits.camera_rotation_limit):.3g} degrees are allowed: scan again"
             )
-        elif not self._motion and np.any(apart > _most_apart(len(feet.residual))):
+        elif not self._motion and np.any(apart > most_apart(len(feet.residual))):
             worst = int(np.argmax(apart))
             self._motion = (
                 "standing feet moved against each other during the scan, or the joints are far noisier than "
@@ -382,8 +398,8 @@ def _threshold(count: int) -> float:
     return chi2
 
 
-def _most_apart(degrees: int) -> float:
-    """Largest chi^2 of the residual attributed to noise: three times its sigma, with a margin against false alarms."""
+def most_apart(degrees: int) -> float:
+    """Largest chi^2 of the residual that passes for noise: three times the noise, and never by chance in a pause."""
     return 9.0 * degrees + 18.0
 
 

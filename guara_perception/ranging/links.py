@@ -59,6 +59,7 @@ def links_of(
     pattern: range,
     join_height: float,
     y_range: tuple[float, float],
+    parted: Collection[Key] = (),
 ) -> Links:
     """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
     numbers = {key: number for number, key in enumerate(keys)}
@@ -67,7 +68,7 @@ def links_of(
     points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
     for row, index in enumerate(indices):
         points[:, row] = stripes[index].points.T
-    before, after = _links(stripes, indices, pattern, join_height)
+    before, after = _links(stripes, indices, pattern, join_height, parted)
     low, high = points[1] < y_range[0], points[1] > y_range[1]
     own = [numbers.get((index, index), -1) for index in indices]
     pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
@@ -103,12 +104,12 @@ def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array],
 
 
 def _links(
-    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float
+    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float, parted: Collection[Key]
 ) -> tuple[Mask, Mask]:
     """Masks (s, w) of the columns in which each stripe is linked to the previous one, and to the next one.
 
-    No column if that stripe was lost. All columns at an end of the pattern: no stripe is fired there that could
-    contradict the surface.
+    No column if that stripe was lost or the two are parted. All columns at an end of the pattern: no stripe is fired
+    there that could contradict the surface.
     """
     stride = pattern.step
     around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
@@ -122,6 +123,8 @@ def _links(
         for link, other in ((before, index - stride), (after, index + stride)):
             if other not in stripes:
                 link[row] = index not in pattern or other not in pattern
+            elif (min(index, other), max(index, other)) in parted:
+                link[row] = False
     return before, after
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
@@ -36,9 +38,18 @@ class Triangulator:
         """
         self._rays = ColumnRays(camera)
         self._per_row = 1.0 / camera.matrix[1, 1]
+        self._place(transform_camera_to_footprint)
+
+    def _place(self, transform_camera_to_footprint: Float) -> None:
         self._rotation = transform_camera_to_footprint[:3, :3]
         self._translation = transform_camera_to_footprint[:3, 3]
         self.view_point = np.array(self._translation)
+
+    def at(self, transform_camera_to_footprint: Float) -> Triangulator:
+        """The same camera at another pose (4, 4)."""
+        other = copy.copy(self)
+        other._place(transform_camera_to_footprint)
+        return other
 
     def points(self, plane_in_camera: Float, position_px: npt.ArrayLike, columns: Index | None = None) -> Float:
         """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -12,10 +12,11 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import Calibration, plane_in_frame
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.row_bands import row_bands
-from guara_perception.ranging.locate import Locator
+from guara_perception.ranging.locate import Locator, Triangulator
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile
+from kinematics.self_filter import SelfFilter
 
 # Bands extend this far beyond the height limits, so that a stripe just outside of these is still detected.
 LIMIT_MARGIN_M = 0.025
@@ -37,6 +38,26 @@ class StripeGeometry:
 
     plane_in_camera: Float
     band: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripePlace:
+    """Where camera and body were at the flash of one stripe.
+
+    Attributes:
+        transform_camera_to_footprint: (4, 4).
+        body: body of the robot, in base_footprint.
+        covariance: (6, 6) of the camera's place relative to that of the other stripes, in REP-103 order along the axes
+            of base_footprint: translation of the optical centre [m], rotation [rad].
+    """
+
+    transform_camera_to_footprint: Float
+    body: SelfFilter
+    covariance: Float
+
+    def height_variance(self, points: Float) -> Float:
+        """Variances (...) of the heights of points (3, ...) in base_footprint."""
+        return variance_by_motion(points, self.transform_camera_to_footprint[:3, 3], self.covariance[2:5, 2:5])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +83,26 @@ class ScanGeometry:
         """Picture positions (n, 2) of points (n, 3) in base_footprint."""
         transform = self.transform_camera_to_footprint
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
+
+    def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
+        """The scan as it was taken: each plane from its own place, the sensors where they were in the middle of it."""
+        if not places:
+            return self
+        poses = {index: place.transform_camera_to_footprint for index, place in places.items()}
+        planes = [
+            plane_in_frame(stripe.plane_in_camera[None], poses.get(index, self.transform_camera_to_footprint))
+            for index, stripe in self.stripes.items()
+        ]
+        middle = sorted(places)[len(places) // 2]
+        transform = poses[middle]
+        every_plane = plane_in_frame(np.array([stripe.plane for stripe in self.calibration.stripes]), transform)
+        camera = transform[:3, 3]
+        return replace(
+            self,
+            transform_camera_to_footprint=transform,
+            planes_in_footprint=np.concatenate(planes),
+            sensor_origins=(camera, laser_origin(every_plane, camera)),
+        )
 
 
 def scan_geometry(
@@ -131,6 +172,24 @@ class StripeRanger:
             rows = np.kron(np.eye(2), turn)[2:5]
             self._motion = rows @ motion_covariance @ rows.T
 
+    def points_at(
+        self, profiles: Mapping[int, StripeProfile], places: Mapping[int, StripePlace]
+    ) -> dict[int, StripePoints]:
+        """Points of stripes by index, each from its own place; their frames must not be bad."""
+        assert isinstance(self._locator, Triangulator)
+        found: dict[int, StripePoints] = {}
+        for index, profile in profiles.items():
+            place = places[index]
+            found[index] = stripe_points(
+                [profile],
+                self._locator.at(place.transform_camera_to_footprint),
+                self._geometry.stripes[index].plane_in_camera[None],
+                self._height_limits,
+                place.body.contains,
+                self._added_variance([index], place),
+            )[0]
+        return found
+
     def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
         """Points of stripes by index, for profiles of good frames."""
         found: dict[int, StripePoints] = {}
@@ -146,30 +205,46 @@ class StripeRanger:
             found.update(zip(group, points, strict=True))
         return found
 
-    def _added_variance(self, indices: Sequence[int]) -> Callable[[Float], Float] | None:
+    def _added_variance(
+        self, indices: Sequence[int], place: StripePlace | None = None
+    ) -> Callable[[Float], Float] | None:
         """Variances (s, n) [m^2] of heights at points (3, s, n) due to the calibration and to motion of the camera.
 
         None for a camera that stood and a calibration without covariance, which is one made from a drawing.
         """
         uncertainty, geometry = self._uncertainty, self._geometry
+        by_motion = None if self._motion is None else self._variance_by_motion
+        transform = geometry.transform_camera_to_footprint
+        if place is not None:
+            by_motion, transform = place.height_variance, place.transform_camera_to_footprint
         if uncertainty is None:
-            return None if self._motion is None else self._variance_by_motion
+            return by_motion
         planes = np.array([geometry.stripes[index].plane_in_camera for index in indices])
 
         def variance(points: Float) -> Float:
-            camera = geometry.transform_camera_to_footprint, geometry.calibration.transform_camera_to_base
+            camera = transform, geometry.calibration.transform_camera_to_base
             by_calibration = uncertainty.variance(indices, planes, points, *camera)
-            return by_calibration if self._motion is None else by_calibration + self._variance_by_motion(points)
+            return by_calibration if by_motion is None else by_calibration + by_motion(points)
 
         return variance
 
     def _variance_by_motion(self, points: Float) -> Float:
-        """Variances (s, n) of heights at points (3, s, n): z moves by v_z + w_x r_y - w_y r_x, r from the camera."""
         assert self._motion is not None
-        x, y = points[:2] - self._geometry.transform_camera_to_footprint[:2, 3, None, None]
-        (zz, zx, zy), (_, xx, xy), (_, _, yy) = self._motion
-        # Element by element, so that rounding does not depend on the other stripes.
-        return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
+        return variance_by_motion(points, self._geometry.transform_camera_to_footprint[:3, 3], self._motion)
+
+
+def variance_by_motion(points: Float, camera: Float, motion: Float) -> Float:
+    """Variances (...) of the heights of points (3, ...): z moves by v_z + w_x r_y - w_y r_x, r from the camera (3,).
+
+    Args:
+        points: in base_footprint.
+        camera: optical centre in base_footprint.
+        motion: (3, 3) covariance of the camera's motion: z, and turns about x and y.
+    """
+    x, y = points[0] - camera[0], points[1] - camera[1]
+    (zz, zx, zy), (_, xx, xy), (_, _, yy) = motion
+    # Element by element: so that rounding does not depend on the other stripes.
+    return np.asarray(zz + 2.0 * (zx * y - zy * x) + xx * y**2 - 2.0 * xy * x * y + yy * x**2)
 
 
 def in_groups(items: list[Item], size: int = TOGETHER) -> Iterator[list[Item]]:

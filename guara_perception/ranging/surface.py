@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -100,6 +100,7 @@ def surface_of(
     join_height: float,
     resolution: float,
     y_range: tuple[float, float] = EVERYWHERE,
+    parted: Collection[Key] = (),
 ) -> SurfaceSamples:
     """Surface of stripes (points that both neighbours confirm) and of pairs of stripes (lines between them).
 
@@ -110,8 +111,9 @@ def surface_of(
         join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
         y_range: range of y outside which points and lines are omitted [m].
+        parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
     """
-    seen = links_of(stripes, keys, pattern, join_height, y_range)
+    seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
     variance = np.array([stripes[index].variance for index in seen.indices])
     found = [
         confirmed_points(seen.points, variance, seen.confirmed, seen.own),

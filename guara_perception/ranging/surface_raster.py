@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -28,14 +28,18 @@ from guara_perception.terrain.layers.hazard import Hazard
 class SurfaceRaster:
     """Raster of the stripes of a scan, added in any order; each swath is rasterised once no stripe can change it."""
 
-    def __init__(self, geometry: GridGeometry, pattern: range, join_height: float) -> None:
+    def __init__(
+        self, geometry: GridGeometry, pattern: range, join_height: float, parted: Collection[Key] = ()
+    ) -> None:
         """Start empty.
 
         Args:
             geometry: the cells.
             pattern: indices of the stripes of the scan's mode.
             join_height: largest height difference of one surface [m].
+            parted: pairs of neighbouring stripes between which there is no surface.
         """
+        self._parted = frozenset(parted)
         self._geometry = geometry
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
@@ -113,7 +117,7 @@ class SurfaceRaster:
         low = self._geometry.origin[1] - cell
         y_range = (low, low + (self._geometry.shape[0] + 2) * cell)
         for group in in_groups(sorted(keys), 2 * TOGETHER):
-            samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range)
+            samples = surface_of(self._stripes, group, self._pattern, self._join_height, cell, y_range, self._parted)
             found = rasterise_swaths(samples, len(group), self._geometry)
             for key, swath in zip(group, found, strict=True):
                 columns = swath.columns(self._geometry)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Collection, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +15,23 @@ from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.drift import Drift
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
-from guara_perception.ranging.locate import locator
-from guara_perception.ranging.scan_geometry import StripeRanger, scan_geometry
+from guara_perception.ranging.locate import Triangulator, locator
+from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.surface import Key
 from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Proof, without_spoilt
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface, sway_variance
 from guara_perception.scanning.second_line import SECOND_LINE, has_second_line
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
+from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, parted_pairs
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import Stance, StanceError, Stillness
+from kinematics import BodyTrack, Stance, StanceError, Stillness
 from kinematics.self_filter import SelfFilter
 
 
@@ -60,6 +61,7 @@ class ScanProcessor:
         resolution: float | None = None,
         stamp: int = 0,
         step: int = 0,
+        track: BodyTrack | None = None,
     ) -> None:
         """Compute everything that does not depend on the frames.
 
@@ -73,10 +75,13 @@ class ScanProcessor:
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
+            track: where the body is, relative to this stance, for a robot that sways: every stripe is then placed by
+                the `instant` of its `FramePair`, and one whose place is not known is not used. More samples may be
+                added to it until `finish`. None = the robot stands still.
 
         Raises:
             InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
-                the area.
+                the area, a track with a method that assumes one pose.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
             MissingFile, FileFormatError: the calibration's file is not there or not valid.
             kinematics.KinematicsError: no such robot, or the stance does not fit it.
@@ -96,7 +101,7 @@ class ScanProcessor:
         self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
         self.pose = robot.stance_pose(self._stance)
         self._stamp, self._step = int(stamp), int(step)
-        cell = settings.resolution if resolution is None else float(resolution)
+        self._cell = settings.resolution if resolution is None else float(resolution)
         to_footprint = self.pose.transform_base_to_footprint
         self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
         if not self._geometry.stripes:
@@ -115,8 +120,12 @@ class ScanProcessor:
         self._ranger = StripeRanger(
             self._geometry, self._locator, height_limits, self._body.contains, self._undetectable_motion()
         )
-        sway = sway_variance(robot, self.pose)
-        self._new_surface = partial(ScanSurface, cell, self._geometry, settings, self._pattern, self._body, sway)
+        self._sway = sway_variance(robot, self.pose)
+        self._places: StripePlaces | None = None
+        if track is not None:
+            if not isinstance(self._locator, Triangulator):
+                raise InvalidInput(f"method {method!r} takes one pose for all stripes; allowed with a track: 'precise'")
+            self._places = StripePlaces(track, self.pose, calibration.transform_camera_to_base)
         self._profiles: dict[int, StripeProfile] = {}
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
         self._surface = self._new_surface()
@@ -178,7 +187,8 @@ class ScanProcessor:
 
     def _what_is_proved(self) -> _Proved:
         """Profiles and surface of what the dark flashes confirm; cached until something is added."""
-        version = (*self._proof.version, len(self._profiles))
+        placed = 0 if self._places is None else self._places.update()
+        version = (*self._proof.version, len(self._profiles), placed)
         if self._proved is None or self._proved[0] != version:
             self._proved = version, self._prove(self._proof.judge())
         return self._proved[1]
@@ -187,6 +197,9 @@ class ScanProcessor:
         width = self._calibration.camera.size[0]
         unproved = f"{OTHER_INSTANT}: no dark flash came after it"
         forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
+        places = None if self._places is None else self._places.places
+        if places is not None:
+            forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
         if proof.refused:
             forbidden = dict.fromkeys(self._profiles, proof.refused)
         changed: dict[int, StripeProfile] = {}
@@ -197,12 +210,28 @@ class ScanProcessor:
                 changed[index] = bad_frame(width, forbidden[index])
             elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
                 changed[index] = new
-        if not changed:
+        if not changed and places is None:
             return _Proved(proof, self._profiles, self._surface)
-        surface = self._new_surface()
-        surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
-        surface.add(self._ranger.points({i: each for i, each in changed.items() if not each.is_frame_bad}))
-        return _Proved(proof, {**self._profiles, **changed}, surface)
+        profiles = {**self._profiles, **changed}
+        good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
+        if places is None:
+            surface = self._new_surface()
+            surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
+            surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
+        else:
+            ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
+            surface = self._new_surface(places, parted_pairs(places, self._pattern.step, ends))
+            surface.add(self._ranger.points_at(good, places))
+        return _Proved(proof, profiles, surface)
+
+    def _new_surface(
+        self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
+    ) -> ScanSurface:
+        """A surface without stripes."""
+        geometry, body = self._geometry, self._body
+        if places:
+            geometry, body = geometry.moved(places), places[sorted(places)[len(places) // 2]].body
+        return ScanSurface(self._cell, geometry, self.settings, self._pattern, body, self._sway, parted)
 
     def drift(self) -> Drift:
         """Drift of the calibration: measured floor compared with the plane of the soles.
@@ -215,6 +244,8 @@ class ScanProcessor:
         """Points of the stripes as if every frame had been mirrored left to right."""
         profiles = self._what_is_proved().profiles
         usable = {index: each.mirrored() for index, each in profiles.items() if not each.is_frame_bad}
+        if self._places is not None:
+            return self._ranger.points_at(usable, self._places.places)
         return self._ranger.points(usable)
 
     @property
@@ -266,7 +297,11 @@ class ScanProcessor:
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
         extracted = time.perf_counter()
-        points = self._ranger.points(good)
+        points: Mapping[int, StripePoints] = {}
+        if self._places is None:
+            points = self._ranger.points(good)
+        else:
+            self._places.expect({pair.index: pair.instant for pair in pairs if pair.index in good})
         triangulated = time.perf_counter()
         self._profiles.update(profiles)
         self._surface.add(points)
@@ -332,6 +367,7 @@ class ScanProcessor:
             stamp=self._stamp,
             step=self._step,
         )
+        other._places = self._places
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
         other._samples.take_over(self._samples, indices)
         other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.ranging.surface import Key
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.terrain.assessment.assess import Reassessment
@@ -46,6 +47,7 @@ class ScanSurface:
         pattern: range,
         body: SelfFilter,
         sway_variance: Callable[[GridGeometry], Float] | None = None,
+        parted: Collection[Key] = (),
     ) -> None:
         """Start with nothing seen.
 
@@ -57,6 +59,7 @@ class ScanSurface:
             body: body of the robot at the stance of the scan, in base_footprint.
             sway_variance: variance (ny, nx) of the heights of a grid by the body's sway [m^2], which the mean over
                 samples does not reduce; None = none.
+            parted: pairs of neighbouring stripes between which there is no surface.
 
         Raises:
             InvalidInput: the resolution does not divide the footprint.
@@ -80,7 +83,7 @@ class ScanSurface:
         self._area = functools.cache(lambda name: area(*rows[name]))
         self._pooling = max(int(np.ceil(cell / FINEST_CELL_M - 1e-9)), 1)
         fine = self.grids["wide"].refined(self._pooling)
-        self._raster = SurfaceRaster(fine, pattern, settings.join_height)
+        self._raster = SurfaceRaster(fine, pattern, settings.join_height, parted)
 
     @property
     def stripes(self) -> dict[int, StripePoints]:

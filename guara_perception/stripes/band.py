@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
@@ -35,12 +36,14 @@ class FramePair:
         on: picture with the laser on, (h, w) or (h, w, 3) BGR as OpenCV reads it, uint8 or uint16.
         off: picture with the laser off, or None: earlier frames of the sweep serve instead.
         dark: picture of the dark flash that came after the stripe, None where none did.
+        instant: time of the flash [s], by the clock of the body's track; NaN where it is not known.
     """
 
     index: int
     on: Image
     off: Image | None = None
     dark: Image | None = None
+    instant: float = math.nan
 
 
 class SharedFrame:

@@ -1,0 +1,181 @@
+"""Pose of the body at every instant of a pause, by a stream of its joints over the feet that stand.
+
+The feet do not move on the ground, so where the body is follows from where the soles are in `base_link`, now and at
+BEGIN. The joints are smoothed about the instant (a parabola in time, weighted by distance), and a rigid motion is
+fitted to the soles by generalised least squares, each sole weighed by its own leg as in `stillness`. The bias of a
+joint is the same at both ends and cancels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from kinematics.arrays import Float, Mask, read_only
+from kinematics.exceptions import ArgumentError, StanceError
+from kinematics.model import RobotModel
+from kinematics.stance import Stance
+from kinematics.state import RobotState
+from kinematics.stillness import MOST_NOISE, StandingFeet, most_apart
+from kinematics.transforms import checked_transform, transform_points
+
+# [s] Samples up to so far before and after an instant are smoothed. At a sway of 2 Hz a parabola is off by 0.4 % of it.
+HALF_WINDOW = 0.08
+# [s] Two samples further apart than this, at the instant, tell nothing of it: three of 50 Hz are lost.
+LONGEST_GAP = 0.08
+# A parabola and one sample that can contradict it.
+LEAST_SAMPLES = 4
+# Samples that are kept: a minute at 1 kHz; the oldest go first.
+MOST_SAMPLES = 60_000
+# Steps of the fit: at a turn of 0.1 rad the third is below a micrometre.
+STEPS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPlace:
+    """Place of the body at one instant; arrays are read-only.
+
+    Attributes:
+        transform_base_to_begin: (4, 4) from `base_link` now to `base_link` at BEGIN.
+        covariance: (6, 6) of this motion, in REP-103 order in `base_link`: translation of the optical centre [m],
+            rotation [rad]. What all instants of a pause share, such as the noise of BEGIN's joints, is not in it.
+        state: state of the robot, of the smoothed joints.
+    """
+
+    transform_base_to_begin: Float
+    covariance: Float
+    state: RobotState
+
+
+class BodyTrack:
+    """Places of the body during one pause; samples are added in the order of their times."""
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+    ) -> None:
+        """Start with the stance of BEGIN, to which all places are relative.
+
+        Args:
+            robot: the model.
+            stance: stance of BEGIN.
+            transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
+
+        Raises:
+            StanceError: fewer than three feet carry the body, or they stand on a line.
+            UnknownName, JointPositionError: the stance is not one of this robot.
+        """
+        camera = robot.transform_camera_to_base
+        if transform_camera_to_base is not None:
+            camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
+        self._robot, self._stance, self._camera = robot, stance, np.asarray(camera)[:3, 3]
+        self._feet: dict[tuple[str, ...], StandingFeet] = {}
+        self._feet_of(stance.support_feet)
+        self._begin = robot.state(stance.joint_positions)
+        self._times: Float = np.zeros(0)
+        self._joints: Float = np.zeros((0, len(self._begin.positions)))
+        self._supports: Mask = np.zeros((0, len(robot.legs)), dtype=bool)
+
+    def add(self, times: npt.ArrayLike, joint_positions: npt.ArrayLike, supports: npt.ArrayLike) -> None:
+        """Add n samples.
+
+        Args:
+            times: (n,) ascending, later than those before [s]; any clock.
+            joint_positions: (n, j) in the order of the robot's joints [rad].
+            supports: (n, l) whether each of the robot's legs carries weight, in their order.
+
+        Raises:
+            ArgumentError: wrong shape, values that are not finite, or times that do not ascend.
+        """
+        times, joints = np.array(times, dtype=np.float64), np.array(joint_positions, dtype=np.float64)
+        carry = np.array(supports, dtype=bool)
+        wanted = (len(times), self._joints.shape[1]), (len(times), self._supports.shape[1])
+        if times.ndim != 1 or (joints.shape, carry.shape) != wanted:
+            raise ArgumentError(f"joints and supports have shapes {joints.shape}, {carry.shape}; allowed: {wanted}")
+        if not (np.isfinite(times).all() and np.isfinite(joints).all()):
+            raise ArgumentError("times and joint_positions must be finite")
+        if (np.diff(np.append(self._times[-1:], times)) <= 0.0).any():
+            raise ArgumentError("times must ascend: each sample is later than the one before")
+        self._times = np.append(self._times, times)[-MOST_SAMPLES:]
+        self._joints = np.concatenate((self._joints, joints))[-MOST_SAMPLES:]
+        self._supports = np.concatenate((self._supports, carry))[-MOST_SAMPLES:]
+
+    def covers(self, time: float) -> bool:
+        """True once no later sample changes the place at a time [s]."""
+        return bool(self._times.size and self._times[-1] >= time + HALF_WINDOW)
+
+    def at(self, time: float, time_sigma: float = 0.0) -> BodyPlace | None:
+        """Place of the body at a time.
+
+        Args:
+            time: instant, by the clock of the samples [s].
+            time_sigma: standard deviation of it [s].
+
+        Returns:
+            The place; None where samples are missing about it, where fewer than three feet of BEGIN stand, where they
+            moved against each other, and where the joints move faster than the samples tell.
+        """
+        first, end = np.searchsorted(self._times, (time - HALF_WINDOW, time + HALF_WINDOW))
+        after = int(np.searchsorted(self._times, time))
+        if end - first < LEAST_SAMPLES or not first < after < end:
+            return None
+        if self._times[after] - self._times[after - 1] > LONGEST_GAP:
+            return None
+        since = self._times[first:end] - time
+        weights = (1.0 - np.abs(since / HALF_WINDOW) ** 3) ** 3
+        parabola = np.stack((np.ones_like(since), since, since**2), axis=1)
+        gains: Float = np.asarray(
+            np.linalg.solve(parabola.T @ (weights[:, None] * parabola), parabola.T * weights), np.float64
+        )
+        joints = self._joints[first:end]
+        smoothed, rates, bends = gains @ joints
+        residual = joints - parabola @ (smoothed, rates, bends)
+        stated = self._robot.noise.encoder_noise**2
+        noise = float(np.sum(weights[:, None] * residual**2)) / (joints.shape[1] * _freedom(parabola, weights, gains))
+        carries = np.logical_and.reduce(self._supports[first:end]).tolist()
+        standing = dict(zip(self._robot.legs, carries, strict=True))
+        names = tuple(foot for foot in self._stance.support_feet if standing[foot])
+        if noise > MOST_NOISE**2 * stated or len(names) < 3:
+            return None
+        try:
+            feet = self._feet_of(names)
+        except StanceError:
+            return None
+        variance = max(noise, stated)
+        share = float(gains[0] @ gains[0])
+        state = self._robot.state(smoothed)
+        transform, apart = self._fit(feet, state)
+        if apart > most_apart(len(feet.residual)) * variance * (1.0 + share):
+            return None
+        rate = feet.motion @ rates
+        covariance = variance * share * feet.covariance + time_sigma**2 * np.outer(rate, rate)
+        return BodyPlace(read_only(transform), read_only(covariance), state)
+
+    def _feet_of(self, names: tuple[str, ...]) -> StandingFeet:
+        if names not in self._feet:
+            self._feet[names] = StandingFeet(self._robot, self._stance, names, self._camera)
+        return self._feet[names]
+
+    def _fit(self, feet: StandingFeet, state: RobotState) -> tuple[Float, float]:
+        """Motion (4, 4) that takes the soles to where they were at BEGIN, and chi^2 of what remains, for sigma = 1."""
+        import pinocchio
+
+        begin, now = self._begin.soles_in_base(feet.names), state.soles_in_base(feet.names)
+        transform = np.eye(4)
+        for _ in range(STEPS):
+            left = feet.whitened_soles(transform_points(transform, now) - begin)
+            step = feet.inverse @ left
+            turn = np.eye(4)
+            turn[:3, :3] = pinocchio.exp3(step[3:])
+            turn[:3, 3] = step[:3] + self._camera - turn[:3, :3] @ self._camera
+            transform = turn @ transform
+        left = feet.whitened_soles(transform_points(transform, now) - begin)
+        return transform, float(left @ left)
+
+
+def _freedom(parabola: Float, weights: Float, gains: Float) -> float:
+    """Expected weighted sum of squared residuals of one joint, for sigma = 1."""
+    hat = np.eye(len(weights)) - parabola @ gains
+    return max(float(np.sum(weights[:, None] * hat**2)), math.ulp(1.0))

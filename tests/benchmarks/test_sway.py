@@ -1,0 +1,61 @@
+"""A scan of a body that sways, rendered from where it is at each flash: with a stream of its joints, and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.sway import MUST, P95_M, STILL, WRONG_M, figures, scan
+from guara_perception.app.node.simulated import DEMO_WORLD
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.world import load_world
+from guara_perception.stripes.band import FramePair
+from kinematics import BodyTrack, RobotModel
+from testbed.swaying_robot import stream_of
+
+SIZE = (320, 256)
+
+
+@pytest.mark.heavy
+def test_a_body_that_sways_is_scanned_as_one_that_stands(robot: RobotModel) -> None:
+    """0.5 degrees, 5 mm, 1 Hz, 200 samples a second; without them thousands of free cells are wrong."""
+    world = load_world(DEMO_WORLD)
+    still = [scan(robot, world, STILL, 0.0, 0, SIZE)]
+    p95, wrong, kept = figures([scan(robot, world, MUST, 200.0, 0, SIZE)], still)
+    assert p95 < P95_M / 2 and wrong == 0 and kept > 0.95
+    p95, wrong, _ = figures([scan(robot, world, MUST, 0.0, 0, SIZE)], still)
+    assert p95 > WRONG_M and wrong > 500
+
+
+@pytest.mark.slow
+def test_a_stripe_whose_place_is_not_known_is_not_used(
+    robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    """A recorded still scan: with samples about half of its stripes the other half is as if lost, and told."""
+    times = np.arange(-0.2, 0.6, 0.005)
+    readings, _ = stream_of(robot, STILL, times, np.random.default_rng(0), bias=0.0)
+    track = BodyTrack(robot, paper_scan.stance)
+    processor = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode, track=track)
+    for number, (stripe, on, off) in enumerate(paper_scan.frames()):
+        processor.add_all([FramePair(stripe.index, on, off, instant=0.025 * number)])
+    assert not np.isfinite(processor.finish().elevation).any()
+    joints = [paper_scan.stance.joint_positions[name] for name in robot.tree.joint_names]
+    noise = readings - readings.mean(axis=0)
+    track.add(times, np.array(joints) + noise, np.ones((len(times), len(robot.legs)), dtype=bool))
+    grid, whole = processor.finish(), gp.process_scan(paper_scan, calibration, robot)
+    known = np.isfinite(grid.elevation)
+    assert 0.1 < known.sum() / np.isfinite(whole.elevation).sum() < 1.0
+    # The noise of the stream moves points over the borders of cells.
+    assert (known & ~np.isfinite(whole.elevation)).sum() < 0.01 * known.sum()
+    both = known & np.isfinite(whole.elevation)
+    assert np.percentile(np.abs(grid.elevation - whole.elevation)[both], 99) < 0.001
+    assert any("where the body was" in profile.reason for profile in processor.profiles.values())
+
+
+def test_methods_that_assume_one_pose_take_no_track(
+    robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    track = BodyTrack(robot, paper_scan.stance)
+    with pytest.raises(InvalidInput, match="takes one pose for all stripes; allowed with a track: 'precise'"):
+        gp.ScanProcessor(calibration, robot, paper_scan.stance, "coarse", method="paper", track=track)

@@ -1,0 +1,116 @@
+"""Place of the body at every instant, by a stream of joints with noise and bias over the feet that stand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError
+from testbed.swaying_robot import Sway, stream_of
+
+GROUND = np.array([(x, y, -0.36) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
+SWAY = Sway(turn=np.radians(0.5), shift=0.005, frequency=1.0)
+TIMES = np.linspace(0.05, 1.95, 39)
+
+
+def tracked(robot: RobotModel, sway: Sway, rate: float, seed: int = 0, **changes: float) -> BodyTrack:
+    """A track of two seconds and a bit on both sides, BEGIN at 0."""
+    times = np.arange(-0.2, 2.2, 1.0 / rate)
+    readings, begin = stream_of(robot, sway, times, np.random.default_rng(seed), **changes)
+    track = BodyTrack(robot, begin)
+    track.add(times, readings, np.ones((len(times), len(robot.legs))))
+    return track
+
+
+def errors(track: BodyTrack, sway: Sway) -> np.ndarray:
+    """Errors (instants, corners) of the height of the ground, by the place of the body [m]; NaN without a place."""
+    found = np.full((len(TIMES), len(GROUND)), np.nan)
+    for row, time in enumerate(TIMES.tolist()):
+        place = track.at(time)
+        if place is not None:
+            moved = np.linalg.inv(sway.at(time)) @ place.transform_base_to_begin
+            found[row] = (GROUND @ moved[:3, :3].T + moved[:3, 3] - GROUND)[:, 2]
+    return found
+
+
+@pytest.mark.parametrize(("rate", "most"), [(50.0, 1.5e-4), (200.0, 1e-4), (1000.0, 1e-4)])
+def test_the_body_is_placed_to_a_tenth_of_a_millimetre(robot: RobotModel, rate: float, most: float) -> None:
+    """Encoders off by 0.2 degrees, with 0.05 degrees of noise: what the stripes do not share is a small part of it."""
+    for seed in range(3):
+        found = errors(tracked(robot, SWAY, rate, seed), SWAY)
+        assert np.isfinite(found).all()
+        assert np.std(found - found.mean(axis=0), axis=0).max() < most
+        assert np.abs(found).max() < 5e-4
+
+
+def test_the_covariance_is_that_of_the_places(robot: RobotModel) -> None:
+    """Of 12 pauses of a robot that stands: heights of the ground scatter as the covariance says."""
+    still = Sway(0.0, 0.0, 1.0)
+    x, y = (GROUND[:, :2] - np.asarray(robot.transform_camera_to_base)[:2, 3]).T
+    lever = np.stack([0 * x, 0 * x, 0 * x + 1, y, -x, 0 * x], axis=1)
+    scatter, claimed = [], []
+    for seed in range(12):
+        track = tracked(robot, still, 200.0, seed, bias=0.0)
+        found = errors(track, still)
+        scatter.append(np.var(found - found.mean(axis=0), axis=0))
+        place = track.at(1.0)
+        assert place is not None
+        claimed.append(np.einsum("ij,jk,ik->i", lever, place.covariance, lever))
+    ratio = np.mean(scatter, axis=0) / np.mean(claimed, axis=0)
+    assert (ratio > 0.5).all() and (ratio < 1.5).all()
+
+
+def test_an_instant_that_is_not_sure_adds_to_the_covariance(robot: RobotModel) -> None:
+    """By as much as the body moves in that time."""
+    track = tracked(robot, SWAY, 200.0)
+    sure, unsure = track.at(1.0), track.at(1.0, time_sigma=0.01)
+    assert sure is not None and unsure is not None
+    camera = np.append(np.asarray(robot.transform_camera_to_base)[:3, 3], 1.0)
+    speed = ((SWAY.at(1.01) - SWAY.at(0.99)) @ camera)[:3] / 0.02
+    added = np.sqrt(np.diag(unsure.covariance - sure.covariance)[:3])
+    # In the axes of the body at BEGIN, and of smoothed joints with noise.
+    assert np.linalg.norm(added) == pytest.approx(0.01 * np.linalg.norm(speed), rel=0.2)
+
+
+def test_no_place_where_the_samples_do_not_tell_it(robot: RobotModel) -> None:
+    """Before, after, in a gap, with a foot lifted, with feet that move apart, with joints faster than the samples."""
+    times = np.arange(0.0, 2.0, 0.005)
+    readings, begin = stream_of(robot, SWAY, times, np.random.default_rng(1))
+    ones = np.ones((len(times), len(robot.legs)), dtype=bool)
+
+    def at(time: float, joints: np.ndarray = readings, supports: np.ndarray = ones, kept: np.ndarray | None = None):
+        track = BodyTrack(robot, begin)
+        rows = np.ones(len(times), dtype=bool) if kept is None else kept
+        track.add(times[rows], joints[rows], supports[rows])
+        assert track.covers(1.0) and not track.covers(1.95)
+        return track.at(time)
+
+    assert at(1.0) is not None
+    assert at(-0.01) is None and at(2.01) is None
+    assert at(1.0, kept=np.abs(times - 1.0) > 0.05) is None
+    two = ones.copy()
+    two[times > 0.9, :2] = False
+    assert at(0.5, supports=two) is not None and at(1.0, supports=two) is None
+    three = ones.copy()
+    three[:, 0] = False
+    assert at(1.0, supports=three) is not None
+    slipped = readings.copy()
+    knee = robot.tree.joint_index(robot.tree.leg(robot.legs[0]).joints[2])
+    slipped[times > 0.7, knee] += 0.05
+    assert at(0.5, slipped) is not None and at(1.0, slipped) is None
+    kicked = readings + 0.02 * np.sin(2 * np.pi * 40.0 * times)[:, None]
+    assert at(1.0, kicked) is None
+
+
+def test_what_is_no_track_is_refused(robot: RobotModel) -> None:
+    posture = robot.posture("scan")
+    with pytest.raises(StanceError, match="three are needed"):
+        BodyTrack(robot, Stance(posture, ("lf", "rf"), None))
+    track = BodyTrack(robot, Stance(posture, robot.legs, None))
+    joints, supports = np.zeros((2, len(posture))), np.ones((2, 4))
+    for times, text in (([0.0, 0.0], "must ascend"), ([0.0, np.nan], "must be finite"), ([0.0], "have shapes")):
+        with pytest.raises(ArgumentError, match=text):
+            track.add(times, joints, supports)
+    track.add([0.0, 0.1], joints, supports)
+    with pytest.raises(ArgumentError, match="must ascend"):
+        track.add([0.1, 0.2], joints, supports)
