@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float32, Image, Mask
-from guara_perception.scanning.second_line import REFUSED_SHARE, REFUSED_STRIPES, SECOND_LINE
+from guara_perception.scanning.second_line import REFUSED_SHARE, REFUSED_STRIPES, SECOND_LINE, doubled_stripes
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.stripes.peaks import upper_median
 
@@ -62,7 +62,7 @@ class FlashProof:
         self._planned: set[int] = set()
         self._seen: dict[int, float] = {}
         self._darks: dict[int, tuple[float, Mask]] = {}
-        self._doubled: set[int] = set()
+        self._second: dict[int, float] = {}
         self._alone: tuple[int, Image] | None = None
 
     def expect(self, dark_after: Collection[int]) -> None:
@@ -73,9 +73,9 @@ class FlashProof:
         """Take the profile of a stripe, in the order in which the stripes were fired."""
         self._seen[index] = float("nan") if profile.is_frame_bad else _share_of_light(profile)
 
-    def add_second_line(self, index: int) -> None:
-        """Note that the picture of a stripe shows two lines."""
-        self._doubled.add(index)
+    def add_second_line(self, index: int, share: float) -> None:
+        """Take the brightness of a second line in the picture of a stripe, as a share of the stripe's."""
+        self._second[index] = share
 
     def add_dark(self, index: int, dark: Image, reference: Image | None) -> None:
         """Take the frame of the dark flash after a stripe.
@@ -106,15 +106,15 @@ class FlashProof:
     @property
     def version(self) -> tuple[int, ...]:
         """Changes with everything that is added."""
-        return len(self._planned), len(self._seen), len(self._darks), len(self._doubled)
+        return len(self._planned), len(self._seen), len(self._darks), len(self._second)
 
     def judge(self) -> Proof:
         """Judge the frames added so far."""
         order, count = list(self._seen), len(self._darks) if self._planned else None
-        if len(self._doubled) >= max(REFUSED_STRIPES, REFUSED_SHARE * len(order)):
-            text = f"{FOREIGN_LIGHT}: {SECOND_LINE}, in {len(self._doubled)} of {len(order)}: another robot, or a "
+        doubled = doubled_stripes(self._second)
+        if len(doubled) >= max(REFUSED_STRIPES, REFUSED_SHARE * len(order)):
+            text = f"{FOREIGN_LIGHT}: {SECOND_LINE}, in {len(doubled)} of {len(order)}: another robot, or a "
             return Proof(text + "reflection of our own line in a window or mirror", darks=count)
-        doubled = frozenset(self._doubled)
         if not self._planned:
             return Proof(doubled=doubled)
         lines = [index for index in order if index in self._darks and self._darks[index][0] >= LINE_SHARE]

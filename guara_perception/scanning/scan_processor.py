@@ -23,7 +23,7 @@ from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Pro
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
 from guara_perception.scanning.scan_surface import ScanSurface, sway_variance
-from guara_perception.scanning.second_line import SECOND_LINE, has_second_line
+from guara_perception.scanning.second_line import SECOND_LINE, second_line
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, parted_pairs
 from guara_perception.settings import RobotLike, Settings, robot_model
@@ -292,8 +292,8 @@ class ScanProcessor:
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
             self._proof.add(pair.index, profiles[pair.index])
-            if pair.index in good and has_second_line(pair, good[pair.index]):
-                self._proof.add_second_line(pair.index)
+            if pair.index in good:
+                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index]))
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
         extracted = time.perf_counter()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index
@@ -15,11 +17,18 @@ COLUMNS, LEAST_COLUMNS = 96, 12
 REACH_OF_HEIGHT = 1 / 32
 # Largest asymmetry of a single line, as a share of its top: a second line of this brightness shifts the measured row.
 LEAST_SHARE = 0.45
+# So does a fainter one if our line is hardly seen beside it; what all stripes show is a reflection, which moves none.
+LEAST_ODD_SHARE, ODD = 0.2, 2.5
 # Two lines that merge have a flat top. The width at a quarter of the height is 2.2 times that at three quarters for a
 # Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is
 # 0.8 to 1.3 as bright as the other, half a stripe beside it; nearer ones move the row by less than 5 mm of height.
 LEAST_WIDTHS = 1.62
-LEVELS = 0.25, 0.75
+LEVELS = 0.25, 0.5, 0.75
+# Two lines that lie apart, but within the width of half the height: 3 times as wide there as at three quarters; 1.55
+# for a Gaussian, 1.3 to 1.6 for single lines of simulated and rendered scenes.
+MOST_WIDTHS = 2.2
+# The flanks of the line itself lie nearer to its top.
+LEAST_BINS = 4
 BIN_PX = 0.5
 # Above this share of clipped tops, a flat top is no sign of a second line.
 MOST_CLIPPED = 0.1
@@ -29,10 +38,10 @@ LEAST_TOP = 12.0
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 
 
-def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
-    """Test that most of a stripe has a line of comparable brightness beside it, by the asymmetry of its cross-section.
+def second_line(pair: FramePair, profile: StripeProfile) -> float:
+    """Brightness of a second line beside a stripe or merged with it, as a share of the stripe's; 1 where they merge.
 
-    False without a laser-off picture, where a bright edge of the scene would look like a line.
+    Most columns must show it. 0 without a laser-off picture, where a bright edge of the scene would look like a line.
 
     Args:
         pair: the pictures.
@@ -40,33 +49,51 @@ def has_second_line(pair: FramePair, profile: StripeProfile) -> bool:
     """
     columns = np.flatnonzero(np.isfinite(profile.position_px))
     if pair.off is None or columns.size < LEAST_COLUMNS:
-        return False
+        return 0.0
     columns = columns[:: max(columns.size // COLUMNS, 1)]
     reach = max(round(REACH_OF_HEIGHT * pair.on.shape[0]), 4)
     tops = np.rint(profile.position_px[columns]).astype(np.intp)
     inside = (tops >= reach) & (tops < pair.on.shape[0] - reach)
     tops, columns = tops[inside], columns[inside]
     if columns.size < LEAST_COLUMNS:
-        return False
+        return 0.0
     light = _around(pair.on, tops, columns, reach) - _around(pair.off, tops, columns, reach)
     scale = 255.0 / float(np.iinfo(pair.on.dtype).max)
     # The highest pixel, which may be one beside the rounded row.
     level = light[reach - 1 : reach + 2].max(axis=0)
     seen = level * scale > LEAST_TOP
     if np.count_nonzero(seen) < LEAST_COLUMNS:
-        return False
+        return 0.0
     below, above = light[reach + 2 :], light[: reach - 1][::-1]
-    difference = np.median((below - above)[:, seen] / level[seen], axis=1)
-    if np.abs(difference).max() > LEAST_SHARE:
-        return True
+    # Without the sign: some columns may have been found on the one line, some on the other.
+    share = float(np.median(np.abs(below - above)[:, seen] / level[seen], axis=1).max())
     if is_clipped(pair.on[tops[seen], columns[seen]]).mean() > MOST_CLIPPED:
-        return False
+        return share
     distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
-    return _ratio_of_widths(distance[:, seen], light[:, seen] / level[seen]) < LEAST_WIDTHS
+    section = _section(distance[:, seen], light[:, seen] / level[seen])
+    wide, middle, narrow = (_width(section, level) for level in LEVELS)
+    if wide < LEAST_WIDTHS * narrow or MOST_WIDTHS * narrow < middle < np.inf:
+        return 1.0
+    # The row found may lie between the two lines: the sides of the highest place.
+    top = int(section.argmax())
+    sides = min(top, section.size - 1 - top)
+    apart = np.arange(LEAST_BINS, sides + 1)
+    return max(share, float(np.abs(section[top + apart] - section[top - apart]).max(initial=0.0)))
 
 
-def _ratio_of_widths(distance: Float, light: Float32) -> float:
-    """Width of the mean cross-section at a quarter of its height over that at three quarters; infinite where unknown.
+def doubled_stripes(shares: Mapping[int, float]) -> frozenset[int]:
+    """Stripes that a second line may have moved: a bright one, or a fainter one that the scan's other stripes lack.
+
+    Args:
+        shares: brightness of the second line, by index of the stripe.
+    """
+    usual = float(np.median(list(shares.values()))) if shares else 0.0
+    least = min(LEAST_SHARE, max(LEAST_ODD_SHARE, ODD * usual))
+    return frozenset(index for index, share in shares.items() if share > least)
+
+
+def _section(distance: Float, light: Float32) -> Float:
+    """Mean cross-section in bins of BIN_PX, as shares of its height.
 
     Args:
         distance: (rows, n) from the centre of the stripe [px].
@@ -77,9 +104,7 @@ def _ratio_of_widths(distance: Float, light: Float32) -> float:
     inside = (bins >= 0) & (bins <= 2 * half)
     total = np.bincount(bins[inside], light.ravel()[inside], 2 * half + 1)
     section = total / np.maximum(np.bincount(bins[inside], minlength=2 * half + 1), 1)
-    section /= max(float(section.max()), 1e-6)
-    wide, narrow = (_width(section, level) for level in LEVELS)
-    return wide / narrow if narrow > 0 else np.inf
+    return np.asarray(section / max(float(section.max()), 1e-6))
 
 
 def _width(section: Float, level: float) -> float:

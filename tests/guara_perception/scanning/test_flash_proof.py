@@ -16,12 +16,13 @@ from drivers import AcquireOptions, OffFrames
 from guara_perception.app.main import run
 from guara_perception.app.summary import summary
 from guara_perception.scanning.flash_proof import FlashProof, lit_pixels
+from guara_perception.scanning.second_line import doubled_stripes
 from kinematics import PoseInOdom
 from testbed.scenes import OWN_DATA, recorded
 from testbed.strange_cases import Case, cases, measure
 from testbed.strange_light import Fault, Scene, beside, ghost, take
 
-CODE_CAUSES = "foreign laser light", "frames are not of their flash"
+CODE_CAUSES = "foreign laser light", "frames are not of their flash", "two lines in one picture"
 # Pauses between two scans of a test.
 STEPS = 3
 PER_STRIPE = AcquireOptions(off=OffFrames.PER_STRIPE, together=16)
@@ -30,6 +31,8 @@ CASES = [
     Case("foreign", Fault("the same, step by step", extra=beside(-1, 1.6)), triggered=False),
     Case("foreign", Fault("own laser dead", gain=0.0, extra=beside(1, 1.0))),
     Case("foreign", Fault("own laser weak", gain=0.25, extra=beside(0.5, 1.0))),
+    Case("short line", Fault("half a stripe aside, 1.6 as bright", extra=beside(0.5, 1.6, range(14, 20)))),
+    Case("short line", Fault("three times as bright", extra=beside(-0.5, 3.0, range(3, 13)))),
     Case("ghost", Fault("three quarters of a stripe aside", extra=ghost(0.75, 1.3))),
     Case("ghost", Fault("half a stripe aside", extra=ghost(-0.5, 1.3))),
     Case("frames", Fault("pixels of the frame before", late=1)),
@@ -171,6 +174,14 @@ def test_dark_frames_without_a_laser_off_picture_are_compared_with_each_other() 
         picture[row : row + 3, :, 2] += 80
         proof.add_dark(index, picture, None)
     assert proof.judge().refused.startswith("foreign laser light")
+
+
+@pytest.mark.parametrize("usual", [0.03, 0.2])
+def test_a_second_line_that_other_stripes_lack_spoils_its_stripe(usual: float) -> None:
+    """A fainter one too; one that all stripes show is a reflection, which moves no height by more than 5 mm."""
+    shares = dict.fromkeys(range(20), usual) | {3: 0.3, 7: 0.5, 8: 1.0}
+    assert doubled_stripes(shares) == ({3, 7, 8} if usual < 0.1 else {7, 8})
+    assert doubled_stripes({}) == frozenset()
 
 
 @pytest.mark.heavy
