@@ -66,9 +66,11 @@ def second_line(pair: FramePair, profile: StripeProfile) -> float:
         return 0.0
     below, above = light[reach + 2 :], light[: reach - 1][::-1]
     # Without the sign: some columns may have been found on the one line, some on the other.
-    share = float(np.median(np.abs(below - above)[:, seen] / level[seen], axis=1).max())
+    difference = (below - above)[:, seen] / level[seen]
+    share = float(np.median(np.abs(difference), axis=1).max())
     if is_clipped(pair.on[tops[seen], columns[seen]]).mean() > MOST_CLIPPED:
-        return share
+        # Ragged edges of clipped tops differ without a sign in every stripe; one that others lack counts.
+        return max(float(np.abs(np.median(difference, axis=1)).max()), min(share, LEAST_SHARE))
     distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
     section = _section(distance[:, seen], light[:, seen] / level[seen])
     wide, middle, narrow = (_width(section, level) for level in LEVELS)
