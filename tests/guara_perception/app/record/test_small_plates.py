@@ -127,6 +127,20 @@ def test_a_missed_step_is_told_from_a_stripe_beside_the_plate(
     assert "fell off" not in str(refused.value)
 
 
+@pytest.mark.parametrize("plate", [1, 2, 3])
+def test_a_missed_step_near_a_plates_edge_is_refused(
+    plate: int, targets: CalibrationSession, scans: Path, robot: RobotModel
+) -> None:
+    """Also where only a few stripes lie between the step and the edge, which could be taken for stripes beside it.
+
+    The stripes after a step may lie where a plate of another height would put them: then that is the cause it names.
+    """
+    session = session_of(targets, scans, FITTING["A3, moved"])
+    for first in (1, 3, 6, 15, 17, 20, 22, 25, 28, 31, 34):
+        with pytest.raises(gp.CalibrationRefused, match="the mirror missed a step|plate heights look swapped"):
+            calibrate_session(missed_step(session, plate, first), robot)
+
+
 REFUSED = {
     (
         "area_40",
