@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast, overload
 
@@ -163,17 +164,13 @@ class LayeredGrid(Gridded):
         def __getattr__(self, name: str) -> Array:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}; layers: {', '.join(LAYER_NAMES)}")
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Plain containers, for pickling and copying."""
+    # Not __getstate__: dataclasses with slots overwrite it before Python 3.11.4.
+    def __reduce__(self) -> tuple[object, ...]:
+        """Support pickling and copying: a mapping proxy cannot be pickled, a dict can."""
         state = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for name in ("layers", "pictures"):
             state[name] = dict(state[name])
-        return state
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            object.__setattr__(self, name, value)
-        self.__post_init__()
+        return partial(type(self), **state), ()
 
     @property
     def metadata(self) -> Mapping[str, Any]:

@@ -40,13 +40,6 @@ STATED = (
 )
 
 
-def _thawed(value: object) -> object:
-    """A copy with dictionaries in place of read-only mappings, which cannot be pickled."""
-    if isinstance(value, Mapping):
-        return {key: _thawed(each) for key, each in value.items()}
-    return [_thawed(each) for each in value] if isinstance(value, list | tuple) else value
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GridRecord(FrozenArrays):
     """Fields common to scans and maps; None where a value is absent.
@@ -125,7 +118,7 @@ class GridRecord(FrozenArrays):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle support, by the JSON form."""
-        return type(self).from_json, (_thawed(self.to_json()),)
+        return type(self).from_json, (dict(self.to_json()),)
 
     @classmethod
     def from_json(cls: type[R], data: Mapping[str, object]) -> R:
