@@ -22,6 +22,7 @@ from pathlib import Path
 
 import guara_perception as gp
 from benchmarks.peers import PATIENCE, ROOT, free_endpoint, free_port, say
+from benchmarks.rounds import resident_mb
 from benchmarks.soak import Child
 from transport import PausePhase, StancePause, open_client
 from transport.stance_link import StanceReceiver
@@ -45,9 +46,8 @@ class Size:
     @classmethod
     def of(cls, pid: int) -> Size:
         """Those of a living process."""
-        folder = Path(f"/proc/{pid}")
-        fields = dict(line.split(":", 1) for line in (folder / "status").read_text().splitlines() if ":" in line)
-        return cls(int(fields["VmRSS"].split()[0]) / 1024, len(list((folder / "fd").iterdir())), int(fields["Threads"]))
+        handles, threads = (len(list(Path(f"/proc/{pid}/{name}").iterdir())) for name in ("fd", "task"))
+        return cls(resident_mb(pid), handles, threads)
 
     def __str__(self) -> str:
         """As in the report."""

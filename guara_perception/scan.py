@@ -78,6 +78,17 @@ class Scan:
         if count > 1:
             raise InvalidInput(f"{self.source}: stripe index {index} is listed {count} times, each may be listed once")
 
+    def refuse_withdrawn(self) -> None:
+        """Refuse a scan whose grid the node withdrew.
+
+        Raises:
+            InvalidInput: it did; the message has its reason.
+        """
+        if self.withdrawn:
+            raise InvalidInput(
+                f"{self.source}: its grid was withdrawn on the robot ({self.withdrawn}), so nothing is made of it"
+            )
+
     @property
     def end(self) -> int:
         """Stamp of the last stripe [ns since the epoch]; `stamp` where the stripes have none."""

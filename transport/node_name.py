@@ -10,11 +10,10 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-from transport import zenoh_api
 from transport.configuration import DEFAULT_ENDPOINT
 from transport.exceptions import ConnectionFailed, NameTaken, TransportError
 from transport.keys import DEFAULT_ROBOT, NODE_ROLE, alive_key, claim_key, run_key
-from transport.links.liveliness import AliveToken, TokenWatcher
+from transport.links.liveliness import AliveToken, TokenWatcher, alive_keys
 from transport.links.session import Session, open_client, open_node
 from transport.messages.status_message import StatusItem
 from transport.messages.terrain_message import Health
@@ -56,8 +55,8 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
     claim = AliveToken(session, claim_key(robot, mine))
     deadline, is_reported = time.monotonic() + timeout, False
     while True:
-        others = _tokens(session, alive_key(robot)) + _tokens(session, run_key(robot))
-        claims = [key.rpartition("/")[2] for key in _tokens(session, claim_key(robot))]
+        others = alive_keys(session, alive_key(robot)) + alive_keys(session, run_key(robot))
+        claims = [key.rpartition("/")[2] for key in alive_keys(session, claim_key(robot))]
         if not others and min([mine, *claims]) == mine:
             return claim
         if not is_reported:
@@ -70,11 +69,6 @@ def claim_name(session: Session, robot: str, *, timeout: float = NAME_TIMEOUT) -
                 "receive grids of two robots. Stop it, or give this one another name (--name)"
             )
         time.sleep(POLL)
-
-
-def _tokens(session: Session, key: str) -> list[str]:
-    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, key), f"cannot look for {key!r}")
-    return found
 
 
 def open_only_node(

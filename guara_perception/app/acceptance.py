@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 import cv2
 import numpy as np
 
-from guara_perception.app.calibration_report.drawing import BLUE, ORANGE, data_url, new_figure, to_png
-from guara_perception.app.calibration_report.html import STYLE
+from guara_perception.app.calibration_report.drawing import BLUE, ORANGE, new_figure, to_png
+from guara_perception.app.calibration_report.html import STYLE, image, table
 from guara_perception.app.summary import facts
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.calibration import Calibration
@@ -209,11 +209,11 @@ class Acceptance:
                 f'<p class="verdict {"good" if self.is_held else "refused"}">{escape(self.verdict)}</p>',
                 f"<p><b>{kind}</b> Before each scan it was to be switched off and on; its mirror homed anew. Share "
                 f"known: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
-                _table(head, blocks),
-                f'<img alt="error of each block and scan" src="{data_url(self._errors_png())}"><h2>Scans</h2>',
-                _table(("scan", "errors, lowest block first [mm]", "share known", "health"), turns),
+                table(blocks, head),
+                f"{image(self._errors_png(), 'error of each block and scan')}<h2>Scans</h2>",
+                table(turns, ("scan", "errors, lowest block first [mm]", "share known", "health")),
                 "<h2>Device</h2>",
-                _table(("", ""), [*self.device.items(), ("note", self.note or "none given")]),
+                table([*self.device.items(), ("note", self.note or "none given")], ("", "")),
                 "</html>",
             ]
         )
@@ -234,9 +234,3 @@ class Acceptance:
         axes.set(ylabel="error [mm], three sigmas", xticks=range(len(self.blocks)))
         axes.set_xticklabels([f"{1e3 * height:g} mm" for height in self.blocks])
         return to_png(figure)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    cells = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
-    cells += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
-    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

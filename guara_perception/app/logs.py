@@ -14,6 +14,8 @@ STYLES = ("text", "json")
 TEXT = "%(levelname)s %(name)s: %(message)s"
 # Records of one message within the time [s]; further ones are counted, not logged.
 MOST, WITHIN_S = 10, 60.0
+# Different messages that are counted at a time: those with values in their text would fill the memory over months.
+MOST_MESSAGES = 1000
 # Priorities of syslog(3) by level, as sd-daemon(3) prefixes them to lines on standard error.
 PRIORITIES = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
@@ -53,6 +55,8 @@ class RateLimit(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         """Decide about a record, and note on it what was left out before."""
         now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
+        if len(self._windows) >= MOST_MESSAGES:
+            self._windows.clear()
         window = self._windows.setdefault(key, [now, 0.0])
         begun, count = window
         left_out = int(count) - MOST

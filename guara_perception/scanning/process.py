@@ -96,8 +96,7 @@ def run_scan(
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
     """Reject a scan that the node withdrew, or during which the camera moved by more than robot.toml allows."""
-    if scan.withdrawn:
-        raise InvalidInput(f"{scan.source}: not processed, since the node withdrew its grid ({scan.withdrawn})")
+    scan.refuse_withdrawn()
     if scan.stance_end is None:
         return
     try:

@@ -16,14 +16,12 @@ from transport.supervision import RESTARTS, Failure, FailureLog, follow, forget,
 TIMEOUT = 30.0
 ROOT = Path(__file__).parents[2]
 # Files that may make threads themselves: the mechanism; the drivers, which know nothing of it and hand what ends a
-# thread of theirs to whoever waits for its frames; the last resort when closing hangs; a question to a person, whose
-# error is raised where its answer is awaited; emulators, which no robot runs.
+# thread of theirs to whoever waits for its frames; the last resort when closing hangs; emulators, which no robot runs.
 MAY_MAKE_THREADS = (
     "transport/supervision.py",
     "drivers/sweep/stripe_worker.py",
     "drivers/cameras/opencv_camera.py",
     "guara_perception/app/until_stopped.py",
-    "guara_perception/app/record/live_pictures.py",
     "drivers/emulator/",
 )
 

@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from transport import clock, zenoh_api
+from transport import clock
 from transport.exceptions import ReceiveTimeout, ScannerGone, ScannerUnavailable, StaleTerrain
 from transport.grids.evidence import G
 from transport.grids.grid_judge import POLL, TAKING_BACK, GridJudge, Terms
 from transport.keys import PERCEPTION_VERSION, alive_keys_of_all_versions
+from transport.links.liveliness import alive_keys
 from transport.links.received import Received
 from transport.links.receiver import NewestReceiver
 from transport.links.session import Session
@@ -119,7 +120,7 @@ class GridWaiter:
     def unavailable(self, found: str = "") -> ScannerUnavailable:
         """Error for a missing node; its message begins with `found`."""
         # Nodes of other major versions have other keys, so that nothing of them is received.
-        others = zenoh_api.tokens(self._session.raw, alive_keys_of_all_versions(self._robot))
+        others = alive_keys(self._session, alive_keys_of_all_versions(self._robot))
         versions = sorted({key.split("/")[2] for key in others} - {PERCEPTION_VERSION})
         if versions:
             return ScannerUnavailable(

@@ -10,6 +10,12 @@ from transport import zenoh_api
 from transport.links.session import Resource, Session
 
 
+def alive_keys(session: Session, keys: str) -> list[str]:
+    """Keys of the tokens that are alive now and match `keys`, a key expression."""
+    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, keys), f"cannot look for {keys!r}")
+    return found
+
+
 class AliveToken(Resource):
     """Liveliness token of a session; others see it disappear when the session closes or is lost."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -59,22 +60,22 @@ def report_page(result: CalibrationResult) -> str:
         *_lens(result),
         "<h2>Where the camera sits: the crosses on the floor</h2>",
         "<p>The crosses are at positions measured with a tape. Detected and expected positions should coincide.</p>",
-        _image(drawing.fiducials(result), "fiducials"),
+        image(drawing.fiducials(result), "fiducials"),
         "<h2>The laser planes</h2>",
         "<p>A turning mirror projects the laser onto the floor as one line after another. Scans of a flat plate at "
         "known heights determine each laser plane in space.</p>",
-        _image(drawing.side_view(result), "laser planes from the side"),
-        _image(drawing.stripes_over_plate(result), "stripes over plates"),
+        image(drawing.side_view(result), "laser planes from the side"),
+        image(drawing.stripes_over_plate(result), "stripes over plates"),
         "<h2>How well heights are measured</h2>",
         "<p>Left: height errors on the plates; values near zero are good, a slope or a step is not. Right, the "
         "stricter test: each plate measured with laser planes fitted to the other plates only.</p>",
-        _image(drawing.plate_errors(result), "height errors on the plates"),
+        image(drawing.plate_errors(result), "height errors on the plates"),
         "<p>Expected height error of a scan (one standard deviation):</p>",
-        _image(drawing.height_sigma(result), "predicted sigma of heights"),
+        image(drawing.height_sigma(result), "predicted sigma of heights"),
         _paper(result),
         "<h2>The mirror</h2>",
         "<p>A regular wave is caused by the motor; a jump would be a missed step.</p>",
-        _image(drawing.mirror_steps(result), "mirror steps"),
+        image(drawing.mirror_steps(result), "mirror steps"),
         "</html>",
     ]
     return "\n".join(parts)
@@ -91,30 +92,38 @@ def _lens(result: CalibrationResult) -> list[str]:
             "<h2>The board, before and after</h2>",
             "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, "
             "the board has even squares when it is rectified to a view from straight above.</p>",
-            _image(drawing.board_before_after(result, ground), "board before and after correction"),
+            image(drawing.board_before_after(result, ground), "board before and after correction"),
         ]
     parts += [
         "<h2>Does the lens model fit?</h2>",
         "<p>Each arrow is the residual of one corner of the board, enlarged. Arrows in all directions are noise; "
         "arrows like their neighbours (for instance all outward in one corner) mean a bent board or a wrong model. A "
         "picture with a long bar is blurred, or the board moved.</p>",
-        _image(drawing.corner_residuals(result), "corner errors"),
+        image(drawing.corner_residuals(result), "corner errors"),
         "<h2>Was the whole picture used?</h2>",
         "<p>The lens is only calibrated where the board was seen. On the right, the resulting position error of points "
         "on the floor.</p>",
-        _image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
+        image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
     ]
     halves = drawing.halves(result)
     if halves is not None:
         parts += [
             "<p>A small error proves little: a wrong model can fit its own pictures well. The lens is therefore "
             "calibrated twice, from every other picture, and the two must agree:</p>",
-            _image(halves, "difference between the two halves"),
+            image(halves, "difference between the two halves"),
         ]
     return parts
 
 
-def _image(png: bytes, text: str) -> str:
+def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+    """Table of escaped cells, with a heading or without."""
+    lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)] if head else []
+    lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
+
+
+def image(png: bytes, text: str) -> str:
+    """Picture within the page, and its text for those who do not see it."""
     return f'<img alt="{escape(text)}" src="{data_url(png)}">'
 
 
@@ -152,8 +161,7 @@ def _found(result: CalibrationResult) -> str:
         ("floor homography", f"condition number {result.surface.condition:.1f}, misfit {misfit:.3f} mm"),
         ("stripes", str(len(result.calibration.stripes))),
     )
-    cells = "".join(f"<tr><td>{name}</td><td>{escape(text)}</td></tr>" for name, text in rows)
-    return f"<h2>What was found</h2><table>{cells}</table>"
+    return f"<h2>What was found</h2>{table(rows)}"
 
 
 def _paper(result: CalibrationResult) -> str:

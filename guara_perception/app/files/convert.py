@@ -78,9 +78,8 @@ def _write_recording(
 
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
-    if scan.withdrawn:
-        # scan.json has no field for this.
-        raise InvalidInput(f"{scan.source}: its grid was withdrawn on the robot ({scan.withdrawn}); not converted")
+    # scan.json has no field for this.
+    scan.refuse_withdrawn()
     with ScanFolderWriter(target) as writer:
         reader = FrameReader(scan)
         for done, stripe in enumerate(scan.stripes, start=1):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.settings import Settings
+from transport.supervision import supervised
 
 # A picture with what was found drawn into it, and a sentence about it.
 Look = Callable[[Image], tuple[Image, str]]
@@ -28,13 +29,23 @@ SIDE_POINTS = 20
 
 def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, watch: Watch) -> None:
     """Show one picture after the other until `ask`, on a thread of its own, has its answer."""
-    with ThreadPoolExecutor(1, "operator") as pool:
-        answer = pool.submit(ask)
-        while True:
+    answer: Future[None] = Future()
+
+    def wait_for_answer() -> None:
+        try:
+            ask()
+            answer.set_result(None)
+        except BaseException as error:  # raised where the answer is awaited
+            answer.set_exception(error)
+
+    thread = supervised("operator", wait_for_answer, restarts=None)
+    thread.start()
+    try:
+        while not answer.done():
             watch(*look(grab()))
-            if answer.done():
-                answer.result()
-                return
+    finally:
+        thread.join()
+    answer.result()
 
 
 def plain(picture: Image) -> tuple[Image, str]:

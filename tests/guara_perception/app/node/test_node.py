@@ -364,6 +364,6 @@ def test_a_withdrawn_scan_is_not_replayed(
         ["convert", both, out, "--step", "1"],
     ):
         refused = guara(*arguments)
-        assert refused.code == 2 and "withdr" in refused.err
+        assert refused.code == 2 and "its grid was withdrawn on the robot" in refused.err
         assert refused.err.count("\n") == 1
     assert "every scan was withdrawn" in guara("replay", moved, "-o", out).err and not out.exists()
