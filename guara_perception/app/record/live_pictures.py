@@ -41,8 +41,10 @@ def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, w
     thread = supervised("operator", wait_for_answer, restarts=None)
     thread.start()
     try:
-        while not answer.done():
+        while True:
             watch(*look(grab()))
+            if answer.done():
+                break
     finally:
         thread.join()
     answer.result()
