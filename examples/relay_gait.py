@@ -41,14 +41,13 @@ def main() -> int:
             query.reply(CLOCK, told.get(timeout=5.0))
 
     with zenoh.open(configuration) as session:
-        queryable = session.declare_queryable(CLOCK, answer)
+        session.declare_queryable(CLOCK, answer)
         for line in gait.stdout:
             key, payload = line.split()
             if key == CLOCK:
                 told.put(bytes.fromhex(payload))
             else:
                 session.put(key, bytes.fromhex(payload))
-        queryable.undeclare()
     return gait.wait()
 
 
