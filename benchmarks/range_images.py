@@ -63,18 +63,18 @@ class ImageFigures:
         """Line of the table (Markdown)."""
         return (
             f"| {name} | {100 * self.unknown:.1f} | {100 * self.unknown_cells:.1f} | "
-            f"{self.unknown / self.unknown_cells:.2f} | {self.perfect:.2f} | {self.made_up[0]} | {self.surplus[2]} | "
-            f"{self.mean:.3f} | {100 * self.differ:.2f} | {self.free_alone} | {1e3 * self.seconds:.0f} | "
-            f"{self.size / 1e6:.1f} |"
+            f"{_ratio(self.unknown, self.unknown_cells):.2f} | {self.perfect:.2f} | {self.made_up[0]} | "
+            f"{self.surplus[2]} | {self.mean:.3f} | {100 * self.differ:.2f} | {self.free_alone} | "
+            f"{1e3 * self.seconds:.0f} | {self.size / 1e6:.1f} |"
         )
 
     def budget(self, name: str) -> str:
         """Sentence on the unknown pixels of known cells."""
         whole, unseen, holes = self.surplus
-        rest = whole - unseen - holes
+        rest, percent = whole - unseen - holes, 100 / max(whole, 1)
         return (
-            f"{name}: {whole} unknown pixels in known cells: {100 * unseen / whole:.0f} % camera or laser cannot see, "
-            f"{100 * holes / whole:.1f} % in holes, {100 * rest / whole:.0f} % between the last return and an edge; "
+            f"{name}: {whole} unknown pixels in known cells: {percent * unseen:.0f} % camera or laser cannot see, "
+            f"{percent * holes:.1f} % in holes, {percent * rest:.0f} % between the last return and an edge; "
             f"{self.made_up[1]} known pixels have a centre that nobody sees, {self.made_up[0]} are wholly unseen"
         )
 
@@ -101,7 +101,7 @@ def image_figures(folder: Path, calibration: gp.Calibration, robot: RobotModel, 
     return ImageFigures(
         unknown=float((~known).mean()),
         unknown_cells=float(np.isnan(scan.elevation).mean()),
-        perfect=float((~centre_seen).mean() / (~seen_cells).mean()),
+        perfect=_ratio(float((~centre_seen).mean()), float((~seen_cells).mean())),
         made_up=(int((known & ~any_seen).sum()), int((known & ~centre_seen).sum())),
         surplus=tuple(int(some.sum()) for some in (surplus, surplus & ~centre_seen, surplus & centre_seen & in_hole)),
         mean=float(np.abs(again.elevation - scan.elevation)[both].mean() * 1e3),
@@ -110,6 +110,11 @@ def image_figures(folder: Path, calibration: gp.Calibration, robot: RobotModel, 
         seconds=min(seconds),
         size=sum(len(message.data) for message in range_image_messages(scan).values()),
     )
+
+
+def _ratio(pixels: float, cells: float) -> float:
+    """Ratio of the two shares; 1 where both are zero, as on an empty floor."""
+    return pixels / cells if cells else 1.0 if not pixels else float("inf")
 
 
 def _seen_pixels(seen: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
