@@ -28,7 +28,6 @@ GROUPS = {
         "targets": "Print board, crosses and labels to scale as a PDF",
         "record": "Record the pictures of a calibration session, step by step",
         "calibrate": "Compute a calibration from a recorded session",
-        "acceptance": "Measure blocks of known height; report what the device can do",
     },
     "Run": {
         "run": "Start the node: scan at each stance pause and publish",
@@ -44,16 +43,22 @@ GROUPS = {
         "info": "Describe a file or folder",
     },
     "Robots and sites": {
-        "robot": "Make or check the folder of a robot",
+        "robot": "Make, check and accept a robot, and install it as a service",
         "security": "Make and check certificates and access rules",
-        "service": "Install the node as a service of the system",
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
 # Commands whose names are words of Python.
 MODULES = {"import": "import_"}
-# Earlier names of commands, still accepted, with the module of each.
-ALIASES = {"cameras": "doctor", "fleet": "listen", "export": "convert", "recover": "convert"}
+# Earlier names of commands, still accepted, with the command of which each is a part now.
+ALIASES = {
+    "cameras": "doctor",
+    "fleet": "listen",
+    "export": "convert",
+    "recover": "convert",
+    "acceptance": "robot",
+    "service": "robot",
+}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Set before numpy and OpenCV are loaded. Matrices are small: threads of linear algebra would only spin, which costs
 # a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
@@ -91,7 +96,10 @@ class LazyGroup(click.Group):
             raise click.UsageError(f"no command {cmd_name!r}; allowed: {', '.join(COMMANDS)}")
         named = {**ALIASES, **MODULES}
         module = importlib.import_module(f"guara_perception.app.commands.{named.get(cmd_name, cmd_name)}")
-        command: click.Command = getattr(module, cmd_name if cmd_name in ALIASES else "command")
+        command: click.Command = module.command
+        if cmd_name in ALIASES:
+            parts = command.commands if isinstance(command, click.Group) else vars(module)
+            command = parts[cmd_name]
         _accept_verbose(command)
         return command
 

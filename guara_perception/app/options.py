@@ -73,13 +73,13 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return _with_options(with_chosen, options)
 
 
-def method_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def method_options(command: Callable[..., Any], *, hides_threshold: bool = False) -> Callable[..., Any]:
     """Add the options --method and --threshold to a command."""
     method = "precise, paper, paper-literal-lens or paper-literal-ortho"
     threshold = "paper's threshold of the binarisation, 0 ... 255 grey levels; default: chosen by each frame"
     options = (
         click.option("--method", default="precise", help=f"stripe extraction: {method}"),
-        click.option("--threshold", type=float, help=threshold),
+        click.option("--threshold", type=float, hidden=hides_threshold, help=threshold),
     )
     return _with_options(command, options)
 

@@ -1,4 +1,4 @@
-"""`guara acceptance`: measure blocks of known height again and again, and report how well the device does."""
+"""`guara robot acceptance`: measure blocks of known height again and again, and report how well the device does."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def command(
 
     \b
     Example:
-      guara acceptance trial --simulated
-      guara acceptance mine -c calibration.json --devices devices.toml --blocks 0.01,0.05 --note "oak, lamps"
+      guara robot acceptance trial --simulated
+      guara robot acceptance mine -c calibration.json --devices devices.toml --blocks 0.01,0.05 --note "oak, lamps"
     """
     from guara_perception.app import acceptance
     from guara_perception.app.node.devices import choose_rig

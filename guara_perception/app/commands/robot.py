@@ -1,4 +1,4 @@
-"""`guara robot`: make the folder of a robot from its URDF, and check it."""
+"""`guara robot`: make the folder of a robot, check it, accept its device, and install its node as a service."""
 
 from __future__ import annotations
 
@@ -7,18 +7,23 @@ from pathlib import Path
 
 import click
 
+from guara_perception.app.commands import acceptance, service
 from guara_perception.app.options import FILE
 
 
 @click.group(name="robot")
 def command() -> None:
-    """Make the folder of a robot from its URDF, and check one.
+    """Make and check the folder of a robot, accept its device, and install its node as a service.
 
     \b
     Example:
       guara robot new my_robot.urdf -o robots/mine
       guara robot check robots/mine --picture mine.png
     """
+
+
+command.add_command(acceptance.command)
+command.add_command(service.command)
 
 
 @command.command(name="new")

@@ -53,7 +53,7 @@ JPEG_QUALITY = 90
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
 @click.option("--security", type=FILE, help="folder made by `guara security init`")
 @click.option("--name", help="instance name in the keys; default: the robot's")
-@method_options
+@partial(method_options, hides_threshold=True)
 @click.option(
     "--node",
     type=FILE,
@@ -128,7 +128,7 @@ def command(
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
     Camera and trigger are set in devices.toml; what is set once for a robot (size and quality of recordings, routers,
-    ROS 2 domain and TF, and every option here) may stand in node.toml.
+    ROS 2 domain and TF, a fixed threshold, and every option here) may stand in node.toml.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`guara service`: the node as a systemd service."""
+"""`guara robot service`: the node as a systemd service."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def command() -> None:
 
     \b
     Example:
-      guara service print --node node.toml
-      guara service install --node /etc/guara/node.toml
+      guara robot service print --node node.toml
+      guara robot service install --node /etc/guara/node.toml
     """
 
 
@@ -44,7 +44,7 @@ def print_unit(node: Path, name: str, user: str) -> None:
 
     \b
     Example:
-      guara service print --node node.toml
+      guara robot service print --node node.toml
     """
     from guara_perception.app.service import unit
 
@@ -60,7 +60,7 @@ def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
 
     \b
     Example:
-      guara service install --node /etc/guara/node.toml
+      guara robot service install --node /etc/guara/node.toml
     """
     import pwd
 
