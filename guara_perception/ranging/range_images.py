@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Float, Float32, Index
-from guara_perception.ranging.lines import shares
-from guara_perception.ranging.links import EVERYWHERE, surface_keys
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.ranging.scan_geometry import in_groups
 from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import surface_lines
+from guara_perception.ranging.surface import EVERYWHERE, Lines, shares, surface_keys, surface_lines
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics.arrays import FrozenArrays
 
@@ -69,7 +67,7 @@ def range_images(
         for found, followed in surface_lines(points, group, pattern, join_height, float(size.min()), y_range):
             if not found.opens.size:
                 continue
-            lines = found.filled(followed, between) if between else found
+            lines = _filled(found, followed, between) if between else found
             share, _, _ = shares(lines.number)
             # In pixels from the nadir: about it, the central projection that eqs. 20 and 21 undo is a pure stretch.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
@@ -90,6 +88,27 @@ def _lines_between(points: Mapping[int, StripePoints], width: float) -> int:
     """Number of lines between neighbouring image columns that leaves no pixel of this width [m] empty."""
     apart = [np.nanmax(np.abs(np.diff(stripe.points[:, 1])), initial=0.0) for stripe in points.values()]
     return min(math.ceil(max(apart, default=0.0) * LARGEST_STRETCH / width) - 1, MOST_BETWEEN) if any(apart) else 0
+
+
+def _filled(lines: Lines, followed: Index, between: int) -> Lines:
+    """Lines with interpolated ones added between those of neighbouring image columns.
+
+    Args:
+        lines: the lines.
+        followed: positions of the lines that are followed by that of the next image column.
+        between: number of lines between two neighbours.
+    """
+    ways = np.arange(1, between + 1) / (between + 1)
+
+    def vectors(own: Float) -> Float:
+        first, second = own[:, followed], own[:, followed + 1]
+        return np.concatenate([own, *(first * (1 - way) + second * way for way in ways)], axis=1)
+
+    def masks(own: Mask) -> Mask:
+        return np.concatenate([own, np.tile(own[followed] | own[followed + 1], between)])
+
+    first, difference = vectors(lines.first), vectors(lines.difference)
+    return Lines(first, difference, masks(lines.opens), masks(lines.closes), lines.number)
 
 
 def _useful_y(

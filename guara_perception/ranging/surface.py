@@ -1,16 +1,197 @@
-"""Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree."""
+"""Surface of a scan: points of stripes that both neighbours confirm, and lines between neighbours that agree.
+
+Two neighbouring stripes of the pattern are linked in an image column if their heights differ by less than
+`join_height`. A stripe can confirm returns of another, never create them: fewer stripes give less surface.
+"""
 
 from __future__ import annotations
 
+import functools
+import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from guara_perception.arrays import Array, Index, Mask
-from guara_perception.ranging.lines import Lines, sample_count, shares
-from guara_perception.ranging.links import EVERYWHERE, Key, links_of
+from guara_perception.arrays import Array, Float, Index, Mask
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
+
+# Key of a swath: (index, index) for one stripe, (index, next index) for the surface between two neighbours.
+Key = tuple[int, int]
+# Ratio of two strengths below which the weaker return may be cut by an edge or a shadow ...
+WEAK_RATIO = 0.4
+# ... so that the two are joined only if their heights differ by less than this.
+WEAK_JOIN_HEIGHT_M = 0.0015
+EVERYWHERE = (-math.inf, math.inf)
+# Samples along a joining line are at most a third of a cell apart, so that no crossed cell is missed.
+SAMPLES_PER_CELL = 3
+# At the end of a surface its last stripe may extend beyond the edge by part of the stripe's width on the ground.
+OPEN_END_M = 0.0005
+
+
+def surface_of(
+    stripes: Mapping[int, StripePoints],
+    keys: Sequence[Key],
+    pattern: range,
+    join_height: float,
+    resolution: float,
+    y_range: tuple[float, float] = EVERYWHERE,
+    parted: Collection[Key] = (),
+) -> SurfaceSamples:
+    """Surface of stripes (points that both neighbours confirm) and of pairs of stripes (lines between them).
+
+    Args:
+        stripes: points by index.
+        keys: (index, index) of stripes and (index, next index) of pairs; each is a swath, numbered in this order.
+        pattern: indices of the stripes of the scan's mode.
+        join_height: largest height difference of one surface [m].
+        resolution: edge of the cells that will be filled [m].
+        y_range: range of y outside which points and lines are omitted [m].
+        parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
+    """
+    seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
+    variance = np.array([stripes[index].variance for index in seen.indices])
+    found = [
+        confirmed_points(seen.points, variance, seen.confirmed, seen.own),
+        *joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs),
+    ]
+    return SurfaceSamples(
+        np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
+        np.concatenate([each.variance for each in found], dtype=np.float64),
+        [run for each in found for run in each.runs],
+    )
+
+
+def surface_lines(
+    stripes: Mapping[int, StripePoints],
+    keys: Sequence[Key],
+    pattern: range,
+    join_height: float,
+    resolution: float,
+    y_range: tuple[float, float] = EVERYWHERE,
+) -> Iterator[tuple[Lines, Index]]:
+    """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
+
+    Yields lines, and the positions of the lines that are followed by that of the next image column.
+    """
+    seen = links_of(stripes, keys, pattern, join_height, y_range)
+    indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
+    points = seen.points.reshape(3, -1).take(indices, axis=1)
+    is_open = np.zeros(indices.size, dtype=bool)
+    width = seen.points.shape[2]
+    yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
+    for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
+        yield lines, _neighbours(begins, width)
+
+
+def surface_keys(stripes: Collection[int], pattern: range) -> list[Key]:
+    """(index, index) of every stripe and (index, next index) of every pair of neighbours of the pattern, in order."""
+    return [key for k in sorted(stripes) for key in ((k, k), (k, k + pattern.step)) if key[1] in stripes]
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """Points of some stripes and their links to neighbouring ones.
+
+    Attributes:
+        indices: indices of s stripes.
+        points: (3, s, w) float32 points of these stripes.
+        confirmed: (s, w) requested points that the stripes on both sides confirm.
+        own: s numbers of swaths of the stripes, -1 for those not requested.
+        links: three (s - 1, w), see `joined_surface`.
+        wanted: (s - 1, w) columns in which lines are requested.
+        pairs: s - 1 numbers of swaths of the pairs, -1 for those not requested.
+    """
+
+    indices: list[int]
+    points: Array
+    confirmed: Mask
+    own: list[int]
+    links: tuple[Mask, Mask, Mask]
+    wanted: Mask
+    pairs: list[int]
+
+
+def links_of(
+    stripes: Mapping[int, StripePoints],
+    keys: Sequence[Key],
+    pattern: range,
+    join_height: float,
+    y_range: tuple[float, float],
+    parted: Collection[Key] = (),
+) -> Links:
+    """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
+    numbers = {key: number for number, key in enumerate(keys)}
+    indices = sorted({index for key in keys for index in key})
+    # Each coordinate contiguous in memory: several times faster than one point after the other.
+    points = np.empty((3, len(indices), len(stripes[indices[0]].variance)), dtype=np.float32)
+    for row, index in enumerate(indices):
+        points[:, row] = stripes[index].points.T
+    before, after = _links(stripes, indices, pattern, join_height, parted)
+    low, high = points[1] < y_range[0], points[1] > y_range[1]
+    own = [numbers.get((index, index), -1) for index in indices]
+    pairs = [numbers.get(key, -1) for key in itertools.pairwise(indices)]
+    return Links(
+        indices,
+        points,
+        before & after & ~(low | high) & _is_requested(own),
+        own,
+        (before[:-1], after[:-1] & _is_requested(pairs), after[1:]),
+        ~((low[:-1] & low[1:]) | (high[:-1] & high[1:])),
+        pairs,
+    )
+
+
+def linked_columns(heights: tuple[Array, Array], strengths: tuple[Array, Array], join_height: float) -> Mask:
+    """Columns in which two neighbouring stripes lie on one surface.
+
+    A stripe that is cut by an edge or a shadow is weak and displaced: where one of the two returns is much weaker than
+    the other, their heights must agree more closely.
+
+    Args:
+        heights: two (..., w), of neighbouring stripes [m].
+        strengths: two (..., w), strengths of their returns [grey levels].
+        join_height: largest height difference of one surface [m].
+
+    Returns:
+        (..., w) bool, True where both have a point and the heights differ by less than the difference allowed.
+    """
+    with np.errstate(invalid="ignore"):
+        weaker, stronger = np.minimum(*strengths), np.maximum(*strengths)
+        allowed = np.where(weaker < WEAK_RATIO * stronger, min(WEAK_JOIN_HEIGHT_M, join_height), join_height)
+        return np.asarray(np.abs(heights[1] - heights[0]) < allowed)
+
+
+def _links(
+    stripes: Mapping[int, StripePoints], indices: list[int], pattern: range, join_height: float, parted: Collection[Key]
+) -> tuple[Mask, Mask]:
+    """Masks (s, w) of the columns in which each stripe is linked to the previous one, and to the next one.
+
+    No column if that stripe was lost or the two are parted. All columns at an end of the pattern: no stripe is fired
+    there that could contradict the surface.
+    """
+    stride = pattern.step
+    around = sorted({near for index in indices for near in (index - stride, index, index + stride) if near in stripes})
+    heights = np.array([stripes[index].points[:, 2] for index in around])
+    strengths = np.array([stripes[index].strength for index in around])
+    linked = np.empty((len(around) + 1, heights.shape[1]), dtype=bool)
+    linked[1:-1] = linked_columns((heights[:-1], heights[1:]), (strengths[:-1], strengths[1:]), join_height)
+    rows = [around.index(index) for index in indices]
+    before, after = linked[rows], linked[[row + 1 for row in rows]]
+    for row, index in enumerate(indices):
+        for link, other in ((before, index - stride), (after, index + stride)):
+            if other not in stripes:
+                link[row] = index not in pattern or other not in pattern
+            elif (min(index, other), max(index, other)) in parted:
+                link[row] = False
+    return before, after
+
+
+def _is_requested(numbers: list[int]) -> Mask:
+    """Mask (n, 1) of the requested swaths, whose numbers are not -1."""
+    return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
 
 
 def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Sequence[int]) -> SurfaceSamples:
@@ -93,61 +274,54 @@ def _lines(
         yield alike_lines, indices, [run for n, run in runs if n == number]
 
 
-def surface_of(
-    stripes: Mapping[int, StripePoints],
-    keys: Sequence[Key],
-    pattern: range,
-    join_height: float,
-    resolution: float,
-    y_range: tuple[float, float] = EVERYWHERE,
-    parted: Collection[Key] = (),
-) -> SurfaceSamples:
-    """Surface of stripes (points that both neighbours confirm) and of pairs of stripes (lines between them).
-
-    Args:
-        stripes: points by index.
-        keys: (index, index) of stripes and (index, next index) of pairs; each is a swath, numbered in this order.
-        pattern: indices of the stripes of the scan's mode.
-        join_height: largest height difference of one surface [m].
-        resolution: edge of the cells that will be filled [m].
-        y_range: range of y outside which points and lines are omitted [m].
-        parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
-    """
-    seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
-    variance = np.array([stripes[index].variance for index in seen.indices])
-    found = [
-        confirmed_points(seen.points, variance, seen.confirmed, seen.own),
-        *joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs),
-    ]
-    return SurfaceSamples(
-        np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
-        np.concatenate([each.variance for each in found], dtype=np.float64),
-        [run for each in found for run in each.runs],
-    )
-
-
-def surface_lines(
-    stripes: Mapping[int, StripePoints],
-    keys: Sequence[Key],
-    pattern: range,
-    join_height: float,
-    resolution: float,
-    y_range: tuple[float, float] = EVERYWHERE,
-) -> Iterator[tuple[Lines, Index]]:
-    """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
-
-    Yields lines, and the positions of the lines that are followed by that of the next image column.
-    """
-    seen = links_of(stripes, keys, pattern, join_height, y_range)
-    indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
-    points = seen.points.reshape(3, -1).take(indices, axis=1)
-    is_open = np.zeros(indices.size, dtype=bool)
-    width = seen.points.shape[2]
-    yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
-    for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
-        yield lines, _neighbours(begins, width)
-
-
 def _neighbours(indices: Index, width: int) -> Index:
     """Positions of those flat indices (stripe, image column) that the next column of the same stripe follows."""
     return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Straight lines of the surface, from a stripe to the next, all with the same number of samples.
+
+    Attributes:
+        first: (3, c) first point of each line, in base_footprint [m].
+        difference: (3, c) vector from the first to the last point [m].
+        opens, closes: (c,) masks of the lines at whose first, or last, point the surface ends.
+        number: number of samples on each line.
+    """
+
+    first: Float
+    difference: Float
+    opens: Mask
+    closes: Mask
+    number: int
+
+    def cut(self) -> Index:
+        """Flat indices of the samples, (number, c), that are cut off at open ends."""
+        share, _, _ = shares(self.number)
+        at_ends = np.flatnonzero(self.opens | self.closes)
+        run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
+        length = np.minimum(OPEN_END_M / run, 0.5)
+        # Usually the cut ends before the nearest sample.
+        if length.max(initial=0.0) <= min(share[0], 1 - share[-1]):
+            return np.empty(0, np.intp)
+        start, end = np.where(self.opens[at_ends], length, 0.0), 1 - np.where(self.closes[at_ends], length, 0.0)
+        row, line = np.nonzero((share < start) | (share > end))
+        return np.asarray(row * self.opens.size + at_ends[line])
+
+
+@functools.cache
+def shares(n: int) -> tuple[Float, Float, Float]:
+    """Fraction of a line before each of n samples (n, 1), and the weights there of the variances of its two ends.
+
+    The positions do not depend on other stripes: samples that are cut off do not move the rest.
+    """
+    share = ((np.arange(n) + 0.5) / n)[:, None]
+    return share, (1 - share) ** 2, share**2
+
+
+def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
+    """Samples per line so that no crossed cell is missed, at most 64, for each of s sets of lines (3, s, w)."""
+    squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
+    longest = np.sqrt(squares.max(axis=1)).tolist()
+    return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

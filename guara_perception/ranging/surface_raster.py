@@ -6,19 +6,17 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from guara_perception.arrays import Flags
-from guara_perception.ranging.lines import line_samples
-from guara_perception.ranging.links import Key
+from guara_perception.arrays import Flags, Float
 from guara_perception.ranging.scan_geometry import TOGETHER, in_groups
-from guara_perception.ranging.stripe_points import StripePoints
-from guara_perception.ranging.surface import surface_of
-from guara_perception.terrain.assessment.columns import runs
+from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
+from guara_perception.ranging.surface import Key, sample_count, shares, surface_of
 from guara_perception.terrain.assessment.raster import (
     CellSamples,
     Raster,
     cells_of,
     merge,
     rasterise_swaths,
+    runs,
     without_cells,
 )
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -140,3 +138,15 @@ class SurfaceRaster:
         cells, inside = cells_of(points, self._geometry)
         self._out_of_range.ravel()[cells] = True
         self._too_high.ravel()[cells[points[inside, 2] > 0]] = True
+
+
+def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> Float:
+    """Points (n, 3) along the lines between two stripes, in all columns in which both have a point."""
+    _, in_first, in_second = np.intersect1d(ends[0].columns, ends[1].columns, assume_unique=True, return_indices=True)
+    if not in_first.size:
+        return np.empty((0, 3))
+    first = ends[0].points[in_first]
+    difference = ends[1].points[in_second] - first
+    (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
+    share, _, _ = shares(n)
+    return np.asarray((first + share[..., None] * difference).reshape(-1, 3))

@@ -31,7 +31,7 @@ from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import BodyTrack, Stance, StanceError, Stillness
+from kinematics import BodyTrack, Stance, StanceError, Stillness, describe_robot
 from kinematics.self_filter import SelfFilter
 
 
@@ -101,6 +101,7 @@ class ScanProcessor:
         self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
         self.pose = robot.stance_pose(self._stance)
         self._stamp, self._step = int(stamp), int(step)
+        self._robot_description = describe_robot(robot)
         self._cell = settings.resolution if resolution is None else float(resolution)
         to_footprint = self.pose.transform_base_to_footprint
         self._geometry = scan_geometry(calibration, to_footprint, settings, mode)
@@ -402,6 +403,7 @@ class ScanProcessor:
             record = scan_record(
                 geometry=self._geometry,
                 robot=self._robot,
+                robot_description=self._robot_description,
                 stance=self._stance,
                 pose=self.pose,
                 mode=self.mode,

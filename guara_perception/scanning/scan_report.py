@@ -55,6 +55,7 @@ def scan_record(
     *,
     geometry: ScanGeometry,
     robot: RobotModel,
+    robot_description: str,
     stance: Stance,
     pose: StancePose,
     mode: str,
@@ -68,8 +69,6 @@ def scan_record(
     proof: Proof,
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
-    from kinematics import describe_robot
-
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
     bad = {index: profile.reason for index, profile in sorted(profiles.items()) if profile.is_frame_bad}
     counts = np.zeros(len(StripeStatus), dtype=np.int64)
@@ -113,7 +112,7 @@ def scan_record(
         reasons.append("the calibration was refused and is used all the same")
     return ScanRecord(
         robot=robot.name,
-        robot_description=describe_robot(robot),
+        robot_description=robot_description,
         mode=mode,
         method=method,
         calibration_hash=calibration.hash,

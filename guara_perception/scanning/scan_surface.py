@@ -17,8 +17,7 @@ from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.terrain.assessment.assess import Reassessment
 from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
-from guara_perception.terrain.assessment.pool import pool, pool_flags
-from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record_fields import Run

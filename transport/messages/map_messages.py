@@ -12,16 +12,18 @@ import numpy as np
 from transport.arrays import Array, Float
 from transport.exceptions import MessageError
 from transport.keys import check_name
-from transport.messages.codec import check_version, decode, encode
-from transport.messages.ranges import check_value
-from transport.messages.shuffle import compress, decompress
-from transport.messages.submessage_codec import (
+from transport.messages.codec import (
+    check_version,
+    decode,
+    encode,
     from_ros,
     make_point,
     matrix_from_quaternion,
     quaternion_from_matrix,
     to_ros,
 )
+from transport.messages.ranges import check_value
+from transport.messages.shuffle import compress, decompress
 from transport.messages.submessages import checked_array, checked_origin, checked_shape, finite, frozen, set_fields
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import QUATERNION, REGIONS, SUMMARY, message_class

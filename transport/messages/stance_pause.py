@@ -8,9 +8,8 @@ from typing import Any
 
 from transport.exceptions import MessageError, UnknownPhase
 from transport.keys import check_name
-from transport.messages.codec import decode, encode
+from transport.messages.codec import decode, encode, from_ros, to_ros
 from transport.messages.ranges import LARGEST_COUNT, check_value
-from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
 from transport.messages.typestore import STANCE_PAUSE
 

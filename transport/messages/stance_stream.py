@@ -10,9 +10,8 @@ import numpy.typing as npt
 from transport.arrays import Float
 from transport.exceptions import MessageError
 from transport.keys import check_name
-from transport.messages.codec import decode, encode
+from transport.messages.codec import Quaternion, decode, encode, from_ros, matrix_from_quaternion, to_ros
 from transport.messages.ranges import GRAVITY_LENGTH, check_value
-from transport.messages.submessage_codec import Quaternion, from_ros, matrix_from_quaternion, to_ros
 from transport.messages.submessages import checked_array, set_fields, texts
 from transport.messages.typestore import STANCE_STREAM
 

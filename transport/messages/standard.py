@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from transport.arrays import Array, Percent
 from transport.exceptions import MessageError
-from transport.messages.codec import make_header, make_time
-from transport.messages.submessage_codec import make_point, make_transform
+from transport.messages.codec import make_header, make_point, make_time, make_transform
 from transport.messages.submessages import (
     ObstacleMessage,
     Point,

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from transport.messages.codec import decode, encode, make_header
+from transport.messages.codec import decode, encode, from_ros, make_header, to_ros
 from transport.messages.ranges import SENTENCE, WORD
-from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.terrain_message import Health
 from transport.messages.typestore import STATUS, message_class
 

@@ -17,9 +17,8 @@ import numpy as np
 
 from transport.arrays import Array, Float
 from transport.exceptions import MessageError
-from transport.messages.codec import check_version, decode, encode
+from transport.messages.codec import check_version, decode, encode, from_ros, to_ros
 from transport.messages.shuffle import FRAME_MAGIC, compress, decompress
-from transport.messages.submessage_codec import from_ros, to_ros
 from transport.messages.submessages import checked_shape
 from transport.messages.terrain_message import LAYERS, VERSION_MAJOR, Health, TerrainMessage
 from transport.messages.typestore import TERRAIN, message_class

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self, cast
 
 from transport.exceptions import RecordingError
-from transport.messages.codec import decode, read_time
+from transport.messages.codec import decode, from_ros, read_stance, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
 from transport.messages.stance_stream import StanceStream, decode_stance_stream
-from transport.messages.submessage_codec import from_ros, read_stance
 from transport.messages.terrain_codec import decode_terrain
 from transport.messages.terrain_message import EXTENTS, TerrainMessage
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker

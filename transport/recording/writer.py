@@ -9,10 +9,9 @@ from typing import Any, Self
 
 from transport.exceptions import RecordingError
 from transport.keys import DEFAULT_ROBOT, check_name
-from transport.messages.codec import encode, make_header, make_time
+from transport.messages.codec import encode, make_header, make_stance, make_time, to_ros
 from transport.messages.stance_pause import StancePause, encode_stance_pause
 from transport.messages.stance_stream import StanceStream, encode_stance_stream
-from transport.messages.submessage_codec import make_stance, to_ros
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_codec import encode_terrain
 from transport.messages.terrain_message import TerrainMessage

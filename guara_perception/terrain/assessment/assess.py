@@ -9,7 +9,6 @@ import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.columns import changed_columns, runs, widened
 from guara_perception.terrain.assessment.disc import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
@@ -20,7 +19,7 @@ from guara_perception.terrain.assessment.disc import (
     fit_disc,
     half_cells,
 )
-from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.raster import Raster, changed_columns, runs, widened
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # Least score of a safe cell: 0 is reserved for hazards.

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Index, Mask
-from guara_perception.terrain.assessment.columns import changed_columns
-from guara_perception.terrain.assessment.raster import ROUNDING
+from guara_perception.terrain.assessment.raster import ROUNDING, changed_columns
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 

@@ -1,4 +1,4 @@
-"""Rasterisation of samples to the cells of a grid."""
+"""Rasters: samples summed per cell, pooled to coarser cells, and the columns in which a raster changed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Array, Float, Float32, Index, Mask
+from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.terrain.layers.geometry import GridGeometry
 
 # Samples this far below the highest of a cell belong to another surface; a foot meets the top one.
@@ -249,3 +249,44 @@ def without_cells(raster: Raster, cells: Mask) -> Raster:
     if not cells.any():
         return raster
     return Raster(*(np.where(cells, np.nan, layer) for layer in raster.layers))
+
+
+def pool(raster: Raster, factor: int) -> Raster:
+    """Pool `factor` x `factor` cells; one unknown fine cell makes the coarse one unknown."""
+    if factor == 1:
+        return raster
+    return Raster(
+        elevation=blocks(raster.elevation, factor).mean(axis=-1),
+        variance=blocks(raster.variance, factor).mean(axis=-1),
+        low=blocks(raster.low, factor).min(axis=-1),
+        high=blocks(raster.high, factor).max(axis=-1),
+    )
+
+
+def pool_flags(flags: Flags, factor: int) -> Flags:
+    """Flags of coarser cells: union of the flags of their `factor` x `factor` fine cells."""
+    return np.asarray(np.bitwise_or.reduce(blocks(flags, factor), axis=-1), dtype=np.uint16)
+
+
+def blocks(layer: Array, factor: int) -> Array:
+    """Values (ny, nx, factor^2) of the `factor` x `factor` fine cells of each coarser cell."""
+    ny, nx = (n // factor for n in layer.shape)
+    return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
+
+
+def changed_columns(now: Array, before: Array) -> Mask:
+    """Mask (nx,) of the columns of a layer (ny, nx) in which any bit differs from another layer of its type."""
+    whole = np.dtype(f"u{now.itemsize}")
+    return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
+
+
+def widened(columns: Mask, cells: int) -> Mask:
+    """Dilate a mask (nx,) of columns by a number of cells."""
+    padded = np.pad(columns, cells)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
+
+
+def runs(columns: Mask) -> list[slice]:
+    """Runs of adjacent columns in a mask (nx,), in order."""
+    ends = np.flatnonzero(np.diff(columns, prepend=False, append=False))
+    return [slice(first, end) for first, end in ends.reshape(-1, 2).tolist()]

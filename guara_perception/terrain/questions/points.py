@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput, optional_library
-from guara_perception.terrain.assessment.pool import blocks, pool_flags
+from guara_perception.terrain.assessment.raster import blocks, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up, numbers

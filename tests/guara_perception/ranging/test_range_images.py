@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 
 import guara_perception as gp
 from guara_perception.arrays import Float
-from guara_perception.ranging.lines import OPEN_END_M
-from guara_perception.ranging.links import surface_keys
 from guara_perception.ranging.paper.equations import ortho_u, ortho_v
 from guara_perception.ranging.range_images import (
     COLUMNS,
@@ -26,7 +24,7 @@ from guara_perception.ranging.range_images import (
     range_images,
 )
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import surface_lines
+from guara_perception.ranging.surface import OPEN_END_M, surface_keys, surface_lines
 from guara_perception.scanning.process import run_scan
 from guara_perception.terrain.assessment.raster import ROUNDING, TOP_LAYER_M
 from kinematics import RobotModel

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.ranging.lines import OPEN_END_M, line_samples
-from guara_perception.ranging.links import linked_columns, surface_keys
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import joined_surface, surface_of
-from guara_perception.ranging.surface_raster import SurfaceRaster
+from guara_perception.ranging.surface import OPEN_END_M, joined_surface, linked_columns, surface_keys, surface_of
+from guara_perception.ranging.surface_raster import SurfaceRaster, line_samples
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard

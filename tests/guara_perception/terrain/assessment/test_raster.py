@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.assessment.pool import pool, pool_flags
 from guara_perception.terrain.assessment.raster import (
     TOP_LAYER_M,
     SurfaceSamples,
     cells_of,
     merge,
+    pool,
+    pool_flags,
     rasterise,
     rasterise_swaths,
     without_cells,
