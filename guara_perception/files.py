@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import secrets
@@ -17,13 +18,15 @@ import numpy as np
 
 from guara_perception.arrays import Array, Image
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
-from guara_perception.picture_size import PICTURE_FORMATS, TIFF_BEGINNINGS, picture_size
 
 # Largest text file [byte]: a calibration of 70 stripes with all covariances has under 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
 # Largest picture file [byte], and largest number of its pixels: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
+# Formats of pictures, as Pillow names them; PPM includes PGM.
+PICTURE_FORMATS = "PNG", "JPEG", "BMP", "TIFF", "PPM"
+TIFF_BEGINNINGS = b"II*\0", b"MM\0*"
 # Orientation of the pixels in the file, whatever EXIF says.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 # Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 160 MB.
@@ -69,12 +72,11 @@ def decode_picture(content: bytes, source: str) -> Image:
     Raises:
         FileFormatError: none of the formats, too many pixels, no 8 or 16 bit, or it cannot be decoded.
     """
-    size = picture_size(content)
-    if size is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
-        raise FileFormatError(f"{source}: a picture of {size[0]} x {size[1]} px, allowed: {MOST_PIXELS} px in all")
-    picture = None if size is None else _decode(content, AS_STORED)
+    picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
     if picture is None:
-        raise FileFormatError(f"{source}: not a readable picture ({len(content)} bytes), it must be {PICTURE_FORMATS}")
+        raise FileFormatError(
+            f"{source}: not a readable picture ({len(content)} bytes), it must be PNG, JPEG, BMP, TIFF or PGM"
+        )
     if picture.dtype not in (np.uint8, np.uint16):
         raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit without sign")
     if b"Exif\0\0" in content or b"eXIf" in content or content[:4] in TIFF_BEGINNINGS:
@@ -85,6 +87,23 @@ def decode_picture(content: bytes, source: str) -> Image:
                 "remove the tag, and turn the picture as those of the calibration are"
             )
     return picture
+
+
+def _is_bounded(content: bytes, source: str) -> bool:
+    """Check the size in the header of a picture before anything is decoded; False if there is no such header."""
+    # Imported here: few programs read pictures.
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(content), formats=PICTURE_FORMATS) as header:
+            width, height = header.size
+    except Image.DecompressionBombError as error:
+        raise FileFormatError(f"{source}: {error}, allowed: {MOST_PIXELS} px in all") from None
+    except Exception:  # the reader of each format raises errors of its own
+        return False
+    if not 0 < width * height <= MOST_PIXELS:
+        raise FileFormatError(f"{source}: a picture of {width} x {height} px, allowed: {MOST_PIXELS} px in all")
+    return True
 
 
 def _decode(content: bytes, flags: int) -> Image | None:
