@@ -53,10 +53,7 @@ def surface_of(
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
     variance = np.array([stripes[index].variance for index in seen.indices])
-    found = [
-        confirmed_points(seen.points, variance, seen.confirmed, seen.own),
-        *joined_surface(seen.points, variance, seen.links, resolution, seen.wanted, seen.pairs),
-    ]
+    found = [confirmed_points(seen, variance), *joined_surface(seen, variance, resolution)]
     return SurfaceSamples(
         np.concatenate([each.points for each in found], axis=1, dtype=np.float64),
         np.concatenate([each.variance for each in found], dtype=np.float64),
@@ -82,7 +79,7 @@ def surface_lines(
     is_open = np.zeros(indices.size, dtype=bool)
     width = seen.points.shape[2]
     yield Lines(points.astype(np.float64), np.zeros(points.shape), is_open, is_open, 1), _neighbours(indices, width)
-    for lines, begins, _ in _lines(seen.points, seen.links, resolution, seen.wanted, seen.pairs):
+    for lines, begins, _ in _lines(seen, resolution):
         yield lines, _neighbours(begins, width)
 
 
@@ -100,7 +97,8 @@ class Links:
         points: (3, s, w) float32 points of these stripes.
         confirmed: (s, w) requested points that the stripes on both sides confirm.
         own: s numbers of swaths of the stripes, -1 for those not requested.
-        links: three (s - 1, w), see `joined_surface`.
+        links: three (s - 1, w), links of the first stripe of each pair to the one before it, of the two stripes, and
+            of the second stripe to the one after it.
         wanted: (s - 1, w) columns in which lines are requested.
         pairs: s - 1 numbers of swaths of the pairs, -1 for those not requested.
     """
@@ -194,48 +192,35 @@ def _is_requested(numbers: list[int]) -> Mask:
     return np.array([number >= 0 for number in numbers], dtype=bool)[:, None]
 
 
-def confirmed_points(points: Array, variance: Array, confirmed: Mask, swaths: Sequence[int]) -> SurfaceSamples:
+def confirmed_points(seen: Links, variance: Array) -> SurfaceSamples:
     """Samples at the points of stripes that lie within a surface.
 
     Args:
-        points: (3, s, w) points of the stripes.
+        seen: points and links of s stripes.
         variance: (s, w) variance of the heights [m^2].
-        confirmed: (s, w) linked to the previous and to the next stripe, and requested.
-        swaths: s numbers of swaths, one for each stripe.
     """
-    inside = confirmed & np.isfinite(points[2])
+    inside = seen.confirmed & np.isfinite(seen.points[2])
     indices = np.flatnonzero(inside)
-    runs = [(swath, length) for swath, length in zip(swaths, inside.sum(axis=1).tolist(), strict=True) if length]
-    return SurfaceSamples(points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
+    runs = [(swath, length) for swath, length in zip(seen.own, inside.sum(axis=1).tolist(), strict=True) if length]
+    return SurfaceSamples(seen.points.reshape(3, -1).take(indices, axis=1), variance.take(indices), runs)
 
 
-def joined_surface(
-    points: Array,
-    variance: Array,
-    links: tuple[Mask, Mask, Mask],
-    resolution: float,
-    wanted: Mask,
-    swaths: Sequence[int],
-) -> list[SurfaceSamples]:
+def joined_surface(seen: Links, variance: Array, resolution: float) -> list[SurfaceSamples]:
     """Sample the lines between each stripe and the next in the columns in which the two are linked.
 
     Where the surface ends at one of the two, the line is shortened by OPEN_END_M at that end; samples cut off are NaN.
 
     Args:
-        points: (3, s, w) points of the stripes, two or more.
-        variance: (s, w) variance of their heights [m^2].
-        links: (s - 1, w) links of the first stripe of each pair to the one before it, of the two stripes, and of the
-            second stripe to the one after it.
+        seen: points and links of s stripes, two or more.
+        variance: (s, w) variance of the heights [m^2].
         resolution: edge of the cells that will be filled [m].
-        wanted: (s - 1, w) requested columns.
-        swaths: s - 1 numbers of swaths, one for each pair.
 
     Returns:
         Samples of all pairs, grouped by the number of samples of a line.
     """
     joined = []
     width = variance.shape[1]
-    for lines, indices, runs in _lines(points, links, resolution, wanted, swaths):
+    for lines, indices, runs in _lines(seen, resolution):
         share, of_first, of_last = shares(lines.number)
         samples = share * lines.difference[:, None]
         samples += lines.first[:, None]
@@ -246,32 +231,21 @@ def joined_surface(
     return joined
 
 
-def _lines(
-    points: Array,
-    links: tuple[Mask, Mask, Mask],
-    resolution: float,
-    wanted: Mask,
-    swaths: Sequence[int],
-) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
+def _lines(seen: Links, resolution: float) -> Iterator[tuple[Lines, Index, list[tuple[int, int]]]]:
     """The lines of `joined_surface`, the flat index (c,) of the point at which each begins, and the runs of swaths."""
-    before, between, after = links
+    points, (before, between, after) = seen.points, seen.links
     difference = points[:, 1:] - points[:, :-1]
     # Sample counts must not depend on the requested columns.
     numbers = sample_count(difference, between, resolution)
-    lines = between & wanted
+    lines = between & seen.wanted
     lengths = lines.sum(axis=1).tolist()
-    runs = [(n, (swath, length)) for n, swath, length in zip(numbers, swaths, lengths, strict=True) if length]
+    runs = [(n, (swath, length)) for n, swath, length in zip(numbers, seen.pairs, lengths, strict=True) if length]
     for number in sorted({n for n, _ in runs}):
         alike = [n == number for n in numbers]
         indices = np.flatnonzero(lines if all(alike) else lines & np.array(alike)[:, None])
-        alike_lines = Lines(
-            points.reshape(3, -1).take(indices, axis=1).astype(np.float64),
-            difference.reshape(3, -1).take(indices, axis=1).astype(np.float64),
-            ~before.take(indices),
-            ~after.take(indices),
-            number,
-        )
-        yield alike_lines, indices, [run for n, run in runs if n == number]
+        first, vectors = (each.reshape(3, -1).take(indices, axis=1).astype(np.float64) for each in (points, difference))
+        found = Lines(first, vectors, ~before.take(indices), ~after.take(indices), number)
+        yield found, indices, [run for n, run in runs if n == number]
 
 
 def _neighbours(indices: Index, width: int) -> Index:

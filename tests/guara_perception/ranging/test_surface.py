@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
-from guara_perception.ranging.surface import OPEN_END_M, joined_surface, linked_columns, surface_keys, surface_of
+from guara_perception.ranging.surface import OPEN_END_M, Links, joined_surface, linked_columns, surface_keys, surface_of
 from guara_perception.ranging.surface_raster import SurfaceRaster, line_samples
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -55,14 +55,9 @@ def joined(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Samples (n, 3) and variances of the lines between two stripes, after which the surface goes on or does not."""
     yes = np.ones((1, COLUMNS), bool)
-    (samples,) = joined_surface(
-        np.stack((first.points.T, second.points.T), axis=1),
-        np.stack((first.variance, second.variance)),
-        (yes, yes, yes & goes_on),
-        resolution,
-        yes,
-        [0],
-    )
+    points, variance = np.stack((first.points.T, second.points.T), axis=1), np.stack((first.variance, second.variance))
+    seen = Links([0, 1], points, ~variance.astype(bool), [-1, -1], (yes, yes, yes & goes_on), yes, [0])
+    (samples,) = joined_surface(seen, variance, resolution)
     kept = np.isfinite(samples.points[2])
     return samples.points.T[kept], samples.variance[kept]
 
