@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -165,60 +166,51 @@ class StripeRanger:
         self._height_limits, self._on_robot = height_limits, on_robot
         calibration = geometry.calibration
         self._uncertainty = HeightUncertainty.of(calibration)
-        # Components of the motion in base_footprint that change heights: z, and rotations about x and y.
-        self._motion: Float | None = None
+        self._by_motion: Callable[[Float], Float] | None = None
         if motion_covariance is not None:
             turn = geometry.transform_camera_to_footprint[:3, :3] @ calibration.transform_camera_to_base[:3, :3].T
+            # Components of the motion in base_footprint that change heights: z, and rotations about x and y.
             rows = np.kron(np.eye(2), turn)[2:5]
-            self._motion = rows @ motion_covariance @ rows.T
+            camera = geometry.transform_camera_to_footprint[:3, 3]
+            self._by_motion = partial(variance_by_motion, camera=camera, motion=rows @ motion_covariance @ rows.T)
 
-    def points_at(
-        self, profiles: Mapping[int, StripeProfile], places: Mapping[int, StripePlace]
+    def points(
+        self, profiles: Mapping[int, StripeProfile], places: Mapping[int, StripePlace] | None = None
     ) -> dict[int, StripePoints]:
-        """Points of stripes by index, each from its own place; their frames must not be bad."""
-        assert isinstance(self._locator, Triangulator)
-        found: dict[int, StripePoints] = {}
-        for index, profile in profiles.items():
-            place = places[index]
-            found[index] = stripe_points(
-                [profile],
-                self._locator.at(place.transform_camera_to_footprint),
-                self._geometry.stripes[index].plane_in_camera[None],
-                self._height_limits,
-                place.body.contains,
-                self._added_variance([index], place),
-            )[0]
-        return found
+        """Points of stripes by index, for profiles of good frames.
 
-    def points(self, profiles: Mapping[int, StripeProfile]) -> dict[int, StripePoints]:
-        """Points of stripes by index, for profiles of good frames."""
+        Args:
+            profiles: profiles by index.
+            places: place of camera and body at the flash of each stripe; None = the camera stood.
+        """
         found: dict[int, StripePoints] = {}
-        for group in in_groups(list(profiles)):
+        for group in in_groups(list(profiles), TOGETHER if places is None else 1):
+            locator, on_robot, place = self._locator, self._on_robot, None
+            if places is not None:
+                assert isinstance(locator, Triangulator)
+                place = places[group[0]]
+                locator, on_robot = locator.at(place.transform_camera_to_footprint), place.body.contains
             points = stripe_points(
                 [profiles[index] for index in group],
-                self._locator,
+                locator,
                 np.array([self._geometry.stripes[index].plane_in_camera for index in group]),
                 self._height_limits,
-                self._on_robot,
-                self._added_variance(group),
+                on_robot,
+                self._added_variance(group, place),
             )
             found.update(zip(group, points, strict=True))
         return found
 
-    def _added_variance(
-        self, indices: Sequence[int], place: StripePlace | None = None
-    ) -> Callable[[Float], Float] | None:
+    def _added_variance(self, indices: Sequence[int], place: StripePlace | None) -> Callable[[Float], Float] | None:
         """Variances (s, n) [m^2] of heights at points (3, s, n) due to the calibration and to motion of the camera.
 
         None for a camera that stood and a calibration without covariance, which is one made from a drawing.
         """
         uncertainty, geometry = self._uncertainty, self._geometry
-        by_motion = None if self._motion is None else self._variance_by_motion
-        transform = geometry.transform_camera_to_footprint
-        if place is not None:
-            by_motion, transform = place.height_variance, place.transform_camera_to_footprint
+        by_motion = self._by_motion if place is None else place.height_variance
         if uncertainty is None:
             return by_motion
+        transform = (geometry if place is None else place).transform_camera_to_footprint
         planes = np.array([geometry.stripes[index].plane_in_camera for index in indices])
 
         def variance(points: Float) -> Float:
@@ -227,10 +219,6 @@ class StripeRanger:
             return by_calibration if by_motion is None else by_calibration + by_motion(points)
 
         return variance
-
-    def _variance_by_motion(self, points: Float) -> Float:
-        assert self._motion is not None
-        return variance_by_motion(points, self._geometry.transform_camera_to_footprint[:3, 3], self._motion)
 
 
 def variance_by_motion(points: Float, camera: Float, motion: Float) -> Float:

@@ -222,7 +222,7 @@ class ScanProcessor:
         else:
             ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
             surface = self._new_surface(places, parted_pairs(places, self._pattern.step, ends))
-            surface.add(self._ranger.points_at(good, places))
+            surface.add(self._ranger.points(good, places))
         return _Proved(proof, profiles, surface)
 
     def _new_surface(
@@ -245,9 +245,7 @@ class ScanProcessor:
         """Points of the stripes as if every frame had been mirrored left to right."""
         profiles = self._what_is_proved().profiles
         usable = {index: each.mirrored() for index, each in profiles.items() if not each.is_frame_bad}
-        if self._places is not None:
-            return self._ranger.points_at(usable, self._places.places)
-        return self._ranger.points(usable)
+        return self._ranger.points(usable, None if self._places is None else self._places.places)
 
     @property
     def profiles(self) -> Mapping[int, StripeProfile]:

@@ -17,7 +17,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
-from guara_perception.terrain.questions.reason import Reason
+from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ CHUNK = 4096
 TOLERANCE_CELLS = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class FootholdVerdict:
+@dataclass(frozen=True, slots=True, repr=False)
+class FootholdVerdict(Verdict):
     """Result of a foothold check.
 
     Attributes:
@@ -43,15 +43,8 @@ class FootholdVerdict:
     score: float
     reasons: tuple[Reason, ...]
 
-    def __bool__(self) -> bool:
-        return self.ok
-
-    def __repr__(self) -> str:
-        return f"FootholdVerdict({self})"
-
-    def __str__(self) -> str:
-        """Text in millimetres and degrees."""
-        return f"ok, score {self.score:.2f}" if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
+    def _ok_text(self) -> str:
+        return f"ok, score {self.score:.2f}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry, touched_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, numbers
-from guara_perception.terrain.questions.reason import Reason
+from guara_perception.terrain.questions.reason import Reason, Verdict
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 
 # At its ends, where it touches the ground, a swing may be this much lower than the map.
@@ -29,8 +29,8 @@ ROUNDING_M = 1e-9
 FARTHEST = 2**32
 
 
-@dataclass(frozen=True, slots=True)
-class PathVerdict:
+@dataclass(frozen=True, slots=True, repr=False)
+class PathVerdict(Verdict):
     """Result of a path or area check.
 
     Attributes:
@@ -44,16 +44,7 @@ class PathVerdict:
     clearance: float
     reasons: tuple[Reason, ...]
 
-    def __bool__(self) -> bool:
-        return self.ok
-
-    def __repr__(self) -> str:
-        return f"PathVerdict({self})"
-
-    def __str__(self) -> str:
-        """Text in millimetres and degrees."""
-        if not self.ok:
-            return f"refused: {'; '.join(map(str, self.reasons))}"
+    def _ok_text(self) -> str:
         return "ok" if math.isnan(self.clearance) else f"ok, clearance {1e3 * self.clearance:.0f} mm"
 
 

@@ -1,4 +1,4 @@
-"""A failed test, as a reason of an answer."""
+"""Failed tests as reasons, and the base of answers that have them."""
 
 from __future__ import annotations
 
@@ -31,3 +31,30 @@ class Reason:
         found = f"{self.value * scale:.3g} {unit}, allowed {self.limit * scale:.3g} {unit}"
         text = f"{self.test} {'impossible' if math.isnan(self.value) else found}"
         return f"{text} ({self.detail})" if self.detail else text
+
+
+class Verdict:
+    """Base of answers that are yes, or no with reasons.
+
+    Attributes:
+        ok: True for yes.
+        reasons: each failed test with value and limit; empty if ok.
+    """
+
+    __slots__ = ()
+
+    ok: bool
+    reasons: tuple[Reason, ...]
+
+    def __bool__(self) -> bool:
+        return self.ok
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self})"
+
+    def __str__(self) -> str:
+        """Text in millimetres and degrees."""
+        return self._ok_text() if self.ok else f"refused: {'; '.join(map(str, self.reasons))}"
+
+    def _ok_text(self) -> str:
+        return "ok"

@@ -22,7 +22,7 @@ from guara_perception.terrain.questions.path import (
     sampled,
     top_heights,
 )
-from guara_perception.terrain.questions.reason import Reason
+from guara_perception.terrain.questions.reason import Reason, Verdict
 from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 from kinematics.arrays import FrozenArrays
 
@@ -39,8 +39,8 @@ RISES_M = (0.001, 0.005, 0.010, 0.020)
 REACH_SPACING_M = 0.010
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Swing(FrozenArrays):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Swing(Verdict, FrozenArrays):
     """Swing path of a foot, or the reasons against one.
 
     Attributes:
@@ -56,14 +56,8 @@ class Swing(FrozenArrays):
     clearance: float
     reasons: tuple[Reason, ...]
 
-    def __bool__(self) -> bool:
-        return self.ok
-
-    def __repr__(self) -> str:
-        """Number of corners and clearance, or the reasons."""
-        if not self.ok:
-            return f"Swing(refused: {'; '.join(map(str, self.reasons))})"
-        return f"Swing(ok, {len(self.points)} corners, clearance {1e3 * self.clearance:.0f} mm)"
+    def _ok_text(self) -> str:
+        return f"ok, {len(self.points)} corners, clearance {1e3 * self.clearance:.0f} mm"
 
 
 def swing(
