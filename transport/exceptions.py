@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class TransportError(Exception):
     """Root of all errors of this package."""
@@ -85,3 +88,12 @@ class RecordingError(TransportError, ValueError):
 
 class SecurityError(TransportError, ValueError):
     """A security folder that is incomplete, or must not be overwritten."""
+
+
+@contextmanager
+def os_errors(kind: type[TransportError], what: str) -> Iterator[None]:
+    """Convert an OSError to an error of this `kind`, with `what` and the cause as its message."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {error.strerror}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 from transport.exceptions import KeyNameError
 
@@ -73,40 +74,31 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
     return f"{perception_prefix(robot)}{below}/{names[extent]}"
 
 
-def occupancy_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the nav_msgs/OccupancyGrid of the last scan."""
-    return f"{perception_prefix(robot)}/occupancy"
+def perception_key(name: str, robot: str = DEFAULT_ROBOT) -> str:
+    """Key of `name` below `perception_prefix`."""
+    return f"{perception_prefix(robot)}/{name}"
 
 
-def grid_map_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the grid_map_msgs/GridMap of the last scan."""
-    return f"{perception_prefix(robot)}/grid_map"
+# nav_msgs/OccupancyGrid and grid_map_msgs/GridMap of the last scan,
+occupancy_key = partial(perception_key, "occupancy")
+grid_map_key = partial(perception_key, "grid_map")
+# steppable regions of the newest map, and its summary for slow links,
+regions_key = partial(perception_key, "regions")
+summary_key = partial(perception_key, "summary")
+# queryables that take scan requests, and that return the newest grid or a region of it,
+scan_key = partial(perception_key, "scan")
+query_key = partial(perception_key, "query")
+# diagnostic_msgs/DiagnosticArray of the node,
+status_key = partial(perception_key, "status")
+# sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage of one stripe of the last scan, for viewers.
+points_key = partial(perception_key, "points")
+picture_key = partial(perception_key, "picture")
 
 
 def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Keys of all grids and of the regions of the map, which are both published and queryable."""
     terrain = (terrain_key(robot, extent, encoding) for extent in ("footprint", "map") for encoding in ENCODINGS)
     return (*terrain, occupancy_key(robot), grid_map_key(robot), regions_key(robot))
-
-
-def regions_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the steppable regions of the newest map."""
-    return f"{perception_prefix(robot)}/regions"
-
-
-def scan_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the queryable that takes scan requests."""
-    return f"{perception_prefix(robot)}/scan"
-
-
-def query_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the queryable that returns the newest grid or a region of it."""
-    return f"{perception_prefix(robot)}/query"
-
-
-def status_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the diagnostic_msgs/DiagnosticArray of the node."""
-    return f"{perception_prefix(robot)}/status"
 
 
 def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
@@ -117,6 +109,16 @@ def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
 def alive_keys_of_all_versions(robot: str = DEFAULT_ROBOT) -> str:
     """Key expression of the liveliness tokens of nodes of any major version."""
     return f"{check_name(robot)}/perception/*/@alive/{NODE_ROLE}"
+
+
+def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
+    """Key of the liveliness token of one run of the node; `*` matches all."""
+    return f"{perception_prefix(robot)}/@alive/run/{run}"
+
+
+def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
+    """Key of the liveliness token of a node that waits for the name; `*` matches all."""
+    return f"{perception_prefix(robot)}/@alive/claim/{run}"
 
 
 def stance_key(robot: str = DEFAULT_ROBOT) -> str:
@@ -132,36 +134,6 @@ def stance_stream_key(robot: str = DEFAULT_ROBOT) -> str:
 def gait_clock_key(robot: str = DEFAULT_ROBOT) -> str:
     """Key of the queryable that returns the current time of the clock that stamps the stance pauses."""
     return f"{check_name(robot)}/gait/v1/clock"
-
-
-def run_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of one run of the node; `*` matches all."""
-    return f"{perception_prefix(robot)}/@alive/run/{run}"
-
-
-def claim_key(robot: str = DEFAULT_ROBOT, run: str = "*") -> str:
-    """Key of the liveliness token of a node that waits for the name; `*` matches all."""
-    return f"{perception_prefix(robot)}/@alive/claim/{run}"
-
-
-def summary_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the summary of the newest map, for slow links."""
-    return f"{perception_prefix(robot)}/summary"
-
-
-def points_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the sensor_msgs/PointCloud2 of the last scan, for viewers."""
-    return f"{perception_prefix(robot)}/points"
-
-
-def picture_key(robot: str = DEFAULT_ROBOT) -> str:
-    """Key of the sensor_msgs/CompressedImage of one stripe of the last scan, for viewers."""
-    return f"{perception_prefix(robot)}/picture"
-
-
-def range_image_key(robot: str = DEFAULT_ROBOT, what: str = "range_image") -> str:
-    """Key of the sensor_msgs/Image of the last confirmed scan: one of RANGE_IMAGES."""
-    return f"{perception_prefix(robot)}/{what}"
 
 
 # The orthorectified range image, the causes of unknown pixels, and the standard deviations.

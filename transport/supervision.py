@@ -25,6 +25,8 @@ RESTART_DELAY = 0.1
 ERROR_TIME = 60.0
 # Name of the status item.
 THREADS_NAME = "threads"
+# Longest wait for threads that were told to end [s].
+CLOSE_TIMEOUT = 2.0
 # Least time between two log lines of one kind [s].
 LOG_PERIOD = 10.0
 
@@ -145,6 +147,14 @@ def supervised(
                 return
 
     return threading.Thread(target=run, name=name, daemon=daemon)
+
+
+def join(*threads: threading.Thread | None) -> None:
+    """Wait for threads to end, at most `CLOSE_TIMEOUT` for all; the calling thread and None are skipped."""
+    deadline = time.monotonic() + CLOSE_TIMEOUT
+    for thread in threads:
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(max(0.0, deadline - time.monotonic()))
 
 
 def guarded(callback: Callable[..., None]) -> Callable[..., None]:

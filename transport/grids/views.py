@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from transport.keys import DEFAULT_ROBOT, RANGE_IMAGES, picture_key, points_key, range_image_key
+from transport.keys import DEFAULT_ROBOT, RANGE_IMAGES, perception_key, picture_key, points_key
 from transport.links.outbox import Outbox
 from transport.links.publisher import LARGEST, Publisher
 from transport.links.session import Resource, Session
@@ -27,7 +27,7 @@ class ViewSender(Resource):
         keys = {
             POINT_CLOUD: (points_key(robot), POINT_CLOUD),
             COMPRESSED_IMAGE: (picture_key(robot), COMPRESSED_IMAGE),
-            **{name: (range_image_key(robot, name), IMAGE) for name in RANGE_IMAGES},
+            **{name: (perception_key(name, robot), IMAGE) for name in RANGE_IMAGES},
         }
         self._publishers = {
             name: Publisher(session, key, priority=LARGEST, encoding=cdr(kind)) for name, (key, kind) in keys.items()

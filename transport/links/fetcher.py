@@ -14,6 +14,7 @@ from transport.links.last_message import MAXIMUM_PIECE, PIECE, announcement_key,
 from transport.links.recent import Recent
 from transport.links.session import Session
 from transport.messages.codec import MAXIMUM_PAYLOAD
+from transport.supervision import join
 
 # On a link slower than this [byte/s] most published messages lose fragments, and the rest delays others: the reader
 # unsubscribes and fetches announced messages instead.
@@ -29,7 +30,6 @@ ATTEMPTS = 20
 BETWEEN_ATTEMPTS = 0.1
 # Number of publishers that are remembered; every restart of a node adds one.
 REMEMBERED = 32
-CLOSE_TIMEOUT = 2.0
 # Longest wait for a message, also before anything is known of the link, and shortest, for a busy machine [s].
 LONGEST_GRACE, SHORTEST_GRACE = 0.3, 0.02
 # A message counts as lost after this multiple of the largest delay so far.
@@ -131,8 +131,7 @@ class Fetcher:
             self._is_closed = True
             self._changed.notify_all()
         self._session.undeclare(self._raw)
-        if self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+        join(self._thread)
 
     def _on_announcement(self, sample: Any) -> None:
         payload = sample.payload.to_bytes()

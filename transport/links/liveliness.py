@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any
 
 from transport import zenoh_api
 from transport.links.session import Resource, Session
@@ -22,11 +21,8 @@ class AliveToken(Resource):
     def __init__(self, session: Session, key: str) -> None:
         """Declare the token on `key`, for example `keys.alive_key(robot)`."""
         self.key = key
-        self._raw: Any = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
+        self._raw = session.attempt(lambda: zenoh_api.declare_token(session.raw, key), f"cannot declare {key!r}")
         super().__init__(session)
-
-    def _release(self) -> None:
-        self._session.undeclare(self._raw)
 
 
 class TokenWatcher(Resource):
@@ -41,7 +37,7 @@ class TokenWatcher(Resource):
         self._lock = threading.Lock()
         self.names: frozenset[str] = frozenset()
         self._on_change = on_change
-        self._raw: Any = session.attempt(
+        self._raw = session.attempt(
             lambda: zenoh_api.watch_tokens(session.raw, keys, self._on_token), f"cannot watch {keys!r}"
         )
         super().__init__(session)
@@ -51,9 +47,6 @@ class TokenWatcher(Resource):
         with self._lock:
             self.names = names = self.names | {name} if alive else self.names - {name}
         self._on_change(names)
-
-    def _release(self) -> None:
-        self._session.undeclare(self._raw)
 
 
 class AliveWatcher(TokenWatcher):

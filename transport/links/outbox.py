@@ -8,11 +8,9 @@ import time
 from collections.abc import Callable
 
 from transport.exceptions import ReceiveTimeout, SessionClosed
-from transport.supervision import Failure, supervised
+from transport.supervision import Failure, join, supervised
 
 logger = logging.getLogger(__name__)
-# Longest wait for pending messages on closing [s].
-CLOSE_TIMEOUT = 2.0
 
 
 class Outbox:
@@ -87,14 +85,11 @@ class Outbox:
                 raise ReceiveTimeout(f"{self.pending} messages were not sent within {timeout:g} s")
 
     def close(self) -> None:
-        """Run the waiting actions, for up to `CLOSE_TIMEOUT`, and end the threads; safe to call twice."""
-        deadline = time.monotonic() + CLOSE_TIMEOUT
+        """Run the waiting actions, for up to two seconds, and end the threads; safe to call twice."""
         with self._changed:
             self._closed = True
             threads = list(self._threads.values())
-        for thread in threads:
-            if thread is not threading.current_thread():
-                thread.join(max(0.0, deadline - time.monotonic()))
+        join(*threads)
         self._abandoned = True
 
     def _on_failure(self, lane: str, failure: Failure) -> None:

@@ -8,14 +8,13 @@ from collections.abc import Callable
 from transport import zenoh_api
 from transport.links.last_message import LastMessage, MadeOnce, Payload
 from transport.links.session import Resource, Session
+from transport.supervision import CLOSE_TIMEOUT
 
 # Each priority has its own queue on each link, so that small messages do not wait for large ones.
 URGENT = "INTERACTIVE_HIGH"
 SMALL = "INTERACTIVE_LOW"
 LARGE = "DATA_LOW"
 LARGEST = "BACKGROUND"
-# Longest wait for a running put on closing [s].
-CLOSE_TIMEOUT = 2.0
 
 
 class Publisher(Resource):

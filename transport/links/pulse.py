@@ -5,11 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from transport.supervision import report, supervised
+from transport.supervision import join, report, supervised
 
 # Period [s].
 PERIOD = 0.5
-CLOSE_TIMEOUT = 2.0
 
 
 class Pulse:
@@ -47,8 +46,7 @@ class Pulse:
     def close(self) -> None:
         """Stop; safe to call twice."""
         self._closing.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+        join(self._thread)
 
     def _run(self) -> None:
         while not self._closing.wait(PERIOD):

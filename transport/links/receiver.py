@@ -13,11 +13,9 @@ from transport.exceptions import MessageError, ReceiveTimeout, SessionClosed
 from transport.links.fetcher import Fetcher
 from transport.links.received import Received, Sample
 from transport.links.session import Resource, Session
-from transport.supervision import Seldom, report
+from transport.supervision import Seldom, join, report
 
 logger = logging.getLogger(__name__)
-# Longest wait for a user's callback on closing [s].
-CLOSE_TIMEOUT = 2.0
 
 T = TypeVar("T")
 
@@ -239,6 +237,4 @@ class NewestReceiver(Resource, Generic[T]):
         self._listen(False)
         if self._fetcher is not None:
             self._fetcher.close()
-        for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join(CLOSE_TIMEOUT)
+        join(*self._threads)

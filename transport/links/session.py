@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -271,7 +270,7 @@ def connect_with(configuration: Configuration, endpoints: tuple[str, ...], timeo
         time.sleep(RETRY_INTERVAL)
 
 
-class Resource(ABC):
+class Resource:
     """Base class of objects that are declared in a session and closed with it.
 
     Attributes:
@@ -279,6 +278,8 @@ class Resource(ABC):
     """
 
     is_closed = False
+    # What Zenoh declared for it.
+    _raw: Any
 
     def __init__(self, session: Session) -> None:
         """Register with `session`."""
@@ -295,6 +296,6 @@ class Resource(ABC):
         self._session.disown(self)
         self._release()
 
-    @abstractmethod
     def _release(self) -> None:
         """Undeclare and release everything; called once."""
+        self._session.undeclare(self._raw)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -161,8 +161,6 @@ TYPES += (SCAN_START, STRIPE, SCAN_END, STATUS, TIME, STANCE_STREAM)
 # Length of a gravity vector, which may be in g, m/s^2 or sensor counts.
 GRAVITY_LENGTH = Range(low=1e-3, high=1e6)
 
-Check = Callable[[Any], None]
-
 
 def check_ranges(message: Any) -> None:
     """Check every field of a message object and its submessages, if its type is one of `TYPES`.
@@ -175,8 +173,13 @@ def check_ranges(message: Any) -> None:
 
 
 def _check_all(message: Any) -> None:
-    for check in _checks(message.__msgtype__):
-        check(message)
+    for field, what, allowed, has_messages in _checked_fields(message.__msgtype__):
+        value = getattr(message, field)
+        if allowed is not None:
+            _check(what, allowed, value, getattr(message, allowed.names) if allowed.names else ())
+        if has_messages:
+            for inner in value if isinstance(value, list | tuple) else (value,):
+                _check_all(inner)
 
 
 @cache
@@ -204,37 +207,20 @@ def check_gravity(vector: tuple[float, float, float]) -> None:
 
 
 @cache
-def _checks(type_name: str) -> tuple[Check, ...]:
-    """Checks of the fields of a type, in the order of its definition."""
-    made = []
-    for field, (kind, details) in typestore().get_msgdef(type_name).fields:
-        allowed = ranges(type_name).get(field)
-        if allowed is not None:
-            made.append(_field_check(f"{field} of {type_name.rpartition('/')[2]}", field, allowed))
-        if inner_type(kind, details):
-            made.append(_submessages_check(field, is_list=kind != SUBMESSAGE))
-    return tuple(made)
+def _checked_fields(type_name: str) -> tuple[tuple[str, str, Range | None, bool], ...]:
+    """Fields of a type with a range or submessages, in the order of its definition.
+
+    Each with its description in errors, its range, and True if it holds submessages.
+    """
+    message, fields = type_name.rpartition("/")[2], typestore().get_msgdef(type_name).fields
+    found = ((name, ranges(type_name).get(name), bool(inner_type(*form))) for name, form in fields)
+    return tuple((name, f"{name} of {message}", allowed, holds) for name, allowed, holds in found if allowed or holds)
 
 
 def inner_type(kind: int, details: Any) -> str:
     """Type of the submessages in a field; empty if it has none."""
     inner, name = details[0] if kind in ARRAYS else (kind, details)
     return name if inner == SUBMESSAGE else ""
-
-
-def _field_check(what: str, field: str, allowed: Range) -> Check:
-    def check(message: Any) -> None:
-        _check(what, allowed, getattr(message, field), getattr(message, allowed.names) if allowed.names else ())
-
-    return check
-
-
-def _submessages_check(field: str, *, is_list: bool) -> Check:
-    def check(message: Any) -> None:
-        for inner in getattr(message, field) if is_list else (getattr(message, field),):
-            _check_all(inner)
-
-    return check
 
 
 def _check(what: str, allowed: Range, value: Any, names: Sequence[str] = ()) -> None:

@@ -11,12 +11,12 @@ from transport import clock
 from transport.exceptions import MessageError, SessionClosed, TransportError
 from transport.links.session import Resource, Session
 from transport.queries.asking import ask
+from transport.supervision import join
 
 logger = logging.getLogger(__name__)
 # Interval of attempts while there is no reply [s].
 RETRY = 0.5
 ANSWER_TIMEOUT = 2.0
-CLOSE_TIMEOUT = 2.0
 # Relative drift of two clocks: a time server slews a wall clock by up to 500 ppm, oscillators add 50 ppm each.
 DRIFT = 1e-3
 
@@ -119,5 +119,4 @@ class RemoteClock(Resource):
     def _release(self) -> None:
         self._wake.set()
         self._tried.set()
-        if self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+        join(self._thread)

@@ -23,13 +23,11 @@ from transport.messages.scan_messages import (
 )
 from transport.messages.terrain_message import TerrainMessage
 from transport.messages.typestore import SCAN_REPLY, cdr
-from transport.supervision import Failure, supervised
+from transport.supervision import Failure, join, supervised
 
 logger = logging.getLogger(__name__)
 # Number of finished requests whose result is kept for repeated requests.
 REMEMBERED = 32
-# Longest wait for the handler on closing [s].
-CLOSE_TIMEOUT = 2.0
 
 
 class ScanJob:
@@ -229,5 +227,4 @@ class ScanServer(Answerer):
         with self._lock:
             self._is_stopped = True
         super()._release()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+        join(self._thread)

@@ -15,13 +15,13 @@ from transport.links.publisher import SMALL, Publisher
 from transport.links.session import Resource, Session
 from transport.messages.status_message import Status, StatusItem, encode_status
 from transport.messages.typestore import STATUS, cdr
+from transport.supervision import join
 
 logger = logging.getLogger(__name__)
 # Number of pulse periods, half a second each, between two messages without change.
 BEATS = 2
 # Least time between two messages on change [s], so that a flood of events does not become a flood of messages.
 LEAST_GAP = 0.05
-CLOSE_TIMEOUT = 2.0
 
 
 class StatusReporter(Resource):
@@ -92,6 +92,5 @@ class StatusReporter(Resource):
         self._session.pulse.remove(self)
         self._wake.set()
         self._answerer.close()
-        if self._thread is not threading.current_thread():
-            self._thread.join(CLOSE_TIMEOUT)
+        join(self._thread)
         self._publisher.close()

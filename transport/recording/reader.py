@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self, cast
 
-from transport.exceptions import RecordingError
+from transport.exceptions import RecordingError, os_errors
 from transport.messages.codec import decode, from_ros, read_stance, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
 from transport.messages.stance_stream import StanceStream, decode_stance_stream
@@ -45,10 +45,8 @@ class Recording:
         from mcap.reader import make_reader
 
         self.path = Path(path)
-        try:
+        with os_errors(RecordingError, f"cannot read {self.path}"):
             self._file = BoundedFile(self.path)
-        except OSError as error:
-            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
         try:
             self._reader = make_reader(cast(Any, self._file), validate_crcs=True)
             self._summary = self._reader.get_summary()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from contextlib import suppress
+from contextlib import AbstractContextManager, closing, suppress
 from pathlib import Path
 from typing import Any, cast
 
-from transport.exceptions import RecordingError
+from transport.exceptions import RecordingError, os_errors
+from transport.keys import check_name
 from transport.messages.typestore import message_definition
 from transport.recording.growing_file import GrowingFile
 from transport.recording.topics import TYPES, full_name, quality_of_service
@@ -18,36 +20,43 @@ CHUNK_SIZE = 1024 * 1024
 MAXIMUM_PENDING = 64 * 1024 * 1024
 
 
-class TopicFile:
-    """MCAP file that is being written; not thread-safe. Topics are registered at their first payload."""
+class TopicFile(AbstractContextManager["TopicFile"]):
+    """MCAP file that is being written. Thread-safe; topics are registered at their first payload."""
 
-    def __init__(self, path: Path, robot: str, *, atomic: bool, sync: bool) -> None:
-        """Create the file; arguments as in `RecordingWriter`.
+    def __init__(self, path: str | Path, robot: str, *, atomic: bool = False, sync: bool = False) -> None:
+        """Create the file.
+
+        Args:
+            path: new file, usually `*.mcap`.
+            robot: instance name, part of the topics.
+            atomic: write under a temporary name and rename the file when it is complete.
+            sync: flush to the disk at each acknowledgement, against loss of power.
 
         Raises:
             RecordingError: the file exists or cannot be written.
         """
         from mcap.writer import CompressionType, Writer
 
-        self._path, self._robot, self._atomic, self._sync = path, robot, atomic, sync
+        self.path = path = Path(path)
+        self._robot, self._atomic, self._sync = check_name(robot), atomic, sync
         self._partial = path.with_name(f".{path.name}.part") if atomic else path
+        self._lock = threading.RLock()
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._log_time = 0
         self._closed = False
         if path.exists():
             raise RecordingError(f"{path} exists; give another name, or remove it first")
-        try:
+        with os_errors(RecordingError, f"cannot write {path}"):
             self._file = GrowingFile(self._partial, empties=atomic)
-        except OSError as error:
-            raise RecordingError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(cast(Any, self._file), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="guara-perception")
 
     @property
     def size(self) -> int:
-        """Size of the file, including buffered data [byte]."""
-        return self._file.tell()
+        """Current size of the file, including buffered data [byte]."""
+        with self._lock:
+            return self._file.tell()
 
     def attach(self, name: str, kind: str, content: bytes) -> None:
         """Attach the content of a file; buffered if the disk is full.
@@ -66,17 +75,18 @@ class TopicFile:
         Raises:
             RecordingError: the file is closed, or the disk is full and the buffer exceeds `MAXIMUM_PENDING`.
         """
-        self._check_open()
-        if len(self._file.pending) > MAXIMUM_PENDING:
-            self.flush()
-        # The clock may be set back during a recording; log_time must keep the order of writing.
-        self._log_time = max(self._log_time, time.time_ns())
-        self._writer.add_message(
-            self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
-        )
-        # Not acknowledged yet: a persistent error is raised by the next flush.
-        with suppress(OSError):
-            self._file.append()
+        with self._lock:
+            self._check_open()
+            if len(self._file.pending) > MAXIMUM_PENDING:
+                self.flush()
+            # The clock may be set back during a recording; log_time must keep the order of writing.
+            self._log_time = max(self._log_time, time.time_ns())
+            self._writer.add_message(
+                self._channel(short), self._log_time, bytes(payload), self._log_time if stamp is None else stamp
+            )
+            # Not acknowledged yet: a persistent error is raised by the next flush.
+            with suppress(OSError):
+                self._file.append()
 
     def flush(self) -> None:
         """Write everything added to the file, and to the disk with `sync`.
@@ -84,14 +94,12 @@ class TopicFile:
         Raises:
             RecordingError: the disk is full or gone, or the file is closed.
         """
-        self._check_open()
-        self._writer.flush()
-        try:
+        with self._lock, os_errors(RecordingError, f"cannot write {self.path}"):
+            self._check_open()
+            self._writer.flush()
             self._file.append()
             if self._sync:
                 self._file.sync()
-        except OSError as error:
-            raise RecordingError(f"cannot write {self._path}: {error.strerror}") from error
 
     def close(self) -> None:
         """Write the index, and rename an atomic file; safe to call twice.
@@ -99,29 +107,27 @@ class TopicFile:
         Raises:
             RecordingError: the disk is full or gone.
         """
-        if self._closed:
-            return
-        self._closed = True
-        try:
-            self._writer.finish()
-            self._file.append()
-            self._file.sync()
-            if self._atomic:
-                self._partial.replace(self._path)
-        except OSError as error:
-            raise RecordingError(f"cannot finish {self._path}: {error.strerror}") from error
-        finally:
-            self._file.close()
+        with self._lock, os_errors(RecordingError, f"cannot finish {self.path}"), closing(self._file):
+            if not self._closed:
+                self._closed = True
+                self._writer.finish()
+                self._file.append()
+                self._file.sync()
+                if self._atomic:
+                    self._partial.replace(self.path)
 
-    def discard(self) -> None:
-        """Close and delete the file."""
-        self._closed = True
-        self._file.close()
-        self._partial.unlink(missing_ok=True)
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        """Finish the file; delete an atomic one if the block was left by an exception."""
+        if error is None or not self._atomic:
+            self.close()
+        elif not self._closed:
+            self._closed = True
+            self._file.close()
+            self._partial.unlink(missing_ok=True)
 
     def _check_open(self) -> None:
         if self._closed:
-            raise RecordingError(f"the recording {self._path} is closed")
+            raise RecordingError(f"the recording {self.path} is closed")
 
     def _channel(self, short: str) -> int:
         if short not in self._channels:

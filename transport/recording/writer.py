@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
 from transport.exceptions import RecordingError
-from transport.keys import DEFAULT_ROBOT, check_name
+from transport.keys import DEFAULT_ROBOT
 from transport.messages.codec import encode, make_header, make_stance, make_time, to_ros
 from transport.messages.stance_pause import StancePause, encode_stance_pause
 from transport.messages.stance_stream import StanceStream, encode_stance_stream
@@ -21,7 +20,7 @@ from transport.recording.topic_file import TopicFile
 from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
 
-class RecordingWriter:
+class RecordingWriter(TopicFile):
     """Writer of an MCAP file of ROS 2 messages; use it in a `with` block. Thread-safe.
 
     A scan is acknowledged when `end_scan` returns, a grid when `add_terrain` returns. Acknowledged data survive the end
@@ -44,43 +43,22 @@ class RecordingWriter:
         """Create the file.
 
         Args:
-            path: new file, usually `*.mcap`.
-            robot: instance name, part of the topics.
+            path, robot, atomic, sync: as in `TopicFile`.
             calibration: text of `calibration.json` to attach.
-            atomic: write under a temporary name and rename the file when it is complete.
-            sync: flush to the disk at each acknowledgement, against loss of power.
 
         Raises:
             RecordingError: the file exists or cannot be created. A full disk is reported at the next acknowledgement.
         """
-        self.path = Path(path)
-        self._robot = check_name(robot)
-        self._atomic = atomic
-        self._lock = threading.RLock()
+        super().__init__(path, robot, atomic=atomic, sync=sync)
         self._stamps: dict[str, int] = {}
         self._scan: ScanRecord | None = None
         self._stripes = 0
-        self._file = TopicFile(self.path, robot, atomic=atomic, sync=sync)
         if calibration is not None:
-            self._file.attach(CALIBRATION_NAME, "application/json", calibration)
+            self.attach(CALIBRATION_NAME, "application/json", calibration)
 
     def __enter__(self) -> Self:
         """The writer itself."""
         return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Finish the file; delete an atomic one if the block was left by an exception."""
-        with self._lock:
-            if error is not None and self._atomic:
-                self._file.discard()
-            else:
-                self.close()
-
-    @property
-    def size(self) -> int:
-        """Current size of the file [byte]."""
-        with self._lock:
-            return self._file.size
 
     @property
     def is_scan_open(self) -> bool:
@@ -97,7 +75,7 @@ class RecordingWriter:
             if self._scan is not None:
                 raise RecordingError(f"scan of step {self._scan.step} is still open; end it first")
             header = make_header(scan.stamp, "base_link")
-            self._file.add("scan/start", encode(to_ros(SCAN_START, scan, header=header)))
+            self.add("scan/start", encode(to_ros(SCAN_START, scan, header=header)))
             self._scan, self._stripes = scan, 0
 
     def add_frame(self, frame: FrameRecord, *, laser_on: bool) -> FrameReference:
@@ -111,7 +89,7 @@ class RecordingWriter:
             given = frame.stamp or (self._scan.stamp if self._scan else 0)
             stamp = max(given, self._stamps.get(short, -1) + 1)
             self._stamps[short] = stamp
-            self._file.add(short, encode(make_frame(frame, stamp)), stamp)
+            self.add(short, encode(make_frame(frame, stamp)), stamp)
             return FrameReference(full_name(short, self._robot), stamp)
 
     def add_stripe(
@@ -141,7 +119,7 @@ class RecordingWriter:
             off_at = self.add_frame(off, laser_on=False) if isinstance(off, FrameRecord) else off
             when = stamp if stamp is not None else (on_at.stamp if on_at else scan.stamp)
             message = _stripe_message(scan.step, index, mirror_angle, on_at, off_at, when)
-            self._file.add("scan/stripe", encode(message))
+            self.add("scan/stripe", encode(message))
             self._stripes += 1
 
     def add_dark(self, index: int, mirror_angle: float, frame: FrameRecord | FrameReference | None, stamp: int) -> None:
@@ -158,7 +136,7 @@ class RecordingWriter:
         with self._lock:
             scan = self._open_scan()
             at = self.add_frame(frame, laser_on=False) if isinstance(frame, FrameRecord) else frame
-            self._file.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
+            self.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
         """End the open scan and acknowledge it.
@@ -172,9 +150,9 @@ class RecordingWriter:
             given = {} if stance_end is None else {"has_stance_end": True, "stance_end": make_stance(stance_end)}
             header, step = make_header(when, "base_link"), scan.step
             message = make_message(SCAN_END, header=header, step=step, stripes=self._stripes, **given)
-            self._file.add("scan/end", encode(message))
+            self.add("scan/end", encode(message))
             self._scan = None
-            self._file.flush()
+            self.flush()
 
     def add_terrain(self, terrain: TerrainMessage) -> None:
         """Add a grid of either extent and acknowledge it."""
@@ -187,8 +165,7 @@ class RecordingWriter:
 
     def add_stance_stream(self, stream: StanceStream) -> None:
         """Add a batch of stances; when this returns it is with the file, and safe with what is flushed next."""
-        with self._lock:
-            self._file.add("stance_stream", encode_stance_stream(stream))
+        self.add("stance_stream", encode_stance_stream(stream))
 
     def add_message(self, short: str, message: Any) -> None:
         """Add a message object of any other topic in `TYPES`, such as "occupancy" or "/tf", and acknowledge it.
@@ -210,31 +187,12 @@ class RecordingWriter:
                     raise RecordingError(
                         f"topic {short!r} does not take {message.__msgtype__}; topics are {', '.join(TYPES)}"
                     )
-                self._file.add(short, encode(message))
-            self._file.flush()
+                self.add(short, encode(message))
+            self.flush()
 
     def add_status(self, payload: bytes | bytearray) -> None:
         """Add the CDR payload of a status of the node; acknowledged with a later message."""
-        with self._lock:
-            self._file.add("status", payload)
-
-    def flush(self) -> None:
-        """Write everything added to the file, and to the disk with `sync`.
-
-        Raises:
-            RecordingError: the disk is full or gone.
-        """
-        with self._lock:
-            self._file.flush()
-
-    def close(self) -> None:
-        """Write the index, and rename an atomic file; safe to call twice.
-
-        Raises:
-            RecordingError: the disk is full or gone.
-        """
-        with self._lock:
-            self._file.close()
+        self.add("status", payload)
 
     def _open_scan(self) -> ScanRecord:
         if self._scan is None:
@@ -243,8 +201,8 @@ class RecordingWriter:
 
     def _put(self, short: str, payload: bytes | bytearray) -> None:
         with self._lock:
-            self._file.add(short, payload)
-            self._file.flush()
+            self.add(short, payload)
+            self.flush()
 
 
 def _stripe_message(

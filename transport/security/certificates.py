@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from transport.configuration import sending
-from transport.exceptions import SecurityError
+from transport.exceptions import SecurityError, os_errors
 from transport.keys import check_name
 from transport.messages.terrain_message import Health
 from transport.security.access_rules import FLEET, ROLES, ROUTER, access_control
@@ -90,10 +90,8 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
 
 
 def _is_open(key: Path) -> bool:
-    try:
+    with os_errors(SecurityError, f"cannot read {key}"):
         return bool(key.stat().st_mode & 0o077)
-    except OSError as error:
-        raise SecurityError(f"cannot read {key}: {error.strerror}") from error
 
 
 def _has_current_rules(node: Path) -> bool:

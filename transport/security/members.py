@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from transport.exceptions import SecurityError
+from transport.exceptions import SecurityError, os_errors
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
@@ -177,10 +177,8 @@ class Members:
             "revoked": list(self.revoked),
         }
         path = self.root / "ca" / MEMBERS
-        try:
+        with os_errors(SecurityError, f"cannot write {path}"):
             replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
-        except OSError as error:
-            raise SecurityError(f"cannot write {path}: {error.strerror}") from error
         return tuple(changed)
 
     def with_robot(self, robot: str, own: Robot) -> Members:

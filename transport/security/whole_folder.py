@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from transport.exceptions import SecurityError
+from transport.exceptions import SecurityError, os_errors
 
 
 def write_file(path: Path, data: bytes, *, private: bool = False) -> None:
@@ -29,18 +28,12 @@ def create_folder(target: Path, write: Callable[[Path], None]) -> None:
     Raises:
         SecurityError: the folder cannot be written, or exists and is not empty.
     """
-    staging: Path | None = None
-    try:
+    with os_errors(SecurityError, f"cannot write {target}"):
         target.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-        filled = staging / target.name
-        filled.mkdir()
-        write(filled)
-        if target.exists():
-            target.rmdir()
-        filled.rename(target)
-    except OSError as error:
-        raise SecurityError(f"cannot write {target}: {error.strerror}") from error
-    finally:
-        if staging is not None:
-            shutil.rmtree(staging, ignore_errors=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as staging:
+            filled = Path(staging) / target.name
+            filled.mkdir()
+            write(filled)
+            if target.exists():
+                target.rmdir()
+            filled.rename(target)

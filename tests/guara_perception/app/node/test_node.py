@@ -23,7 +23,7 @@ from kinematics import RobotModel, Stance
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase
-from transport.keys import RANGE_IMAGES, picture_key, points_key, range_image_key
+from transport.keys import RANGE_IMAGES, perception_key, picture_key, points_key
 from transport.links.receiver import NewestReceiver
 from transport.messages.codec import decode, read_time
 from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD
@@ -106,7 +106,7 @@ def test_views_get_points_and_picture_of_each_scan(bench: Bench, paper_scan: gp.
 def test_a_confirmed_scan_gives_its_range_images(bench: Bench) -> None:
     """Three images with the stamp of the grid, from which its hazards come again; all unknown once it is withdrawn."""
     receivers = [
-        NewestReceiver(bench.gait.session, range_image_key(what=name), lambda payload: decode(payload, IMAGE))
+        NewestReceiver(bench.gait.session, perception_key(name), lambda payload: decode(payload, IMAGE))
         for name in RANGE_IMAGES
     ]
     bench.gait.say(0, PausePhase.BEGIN)
