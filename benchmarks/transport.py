@@ -119,7 +119,7 @@ def router_kills(count: int) -> None:
         node = start("node", endpoint, "connect")
         with transport.PerceptionClient(transport.open_client(endpoint, timeout=PATIENCE)) as client:
             node.tell(publish=1)
-            client.wait_for(lambda grid: grid.sequence == 1, timeout=PATIENCE)
+            client.receive(lambda grid: grid.sequence == 1, timeout=PATIENCE)
             for kill in range(count):
                 router.end()
                 newest = 10 * (kill + 1)
@@ -129,7 +129,7 @@ def router_kills(count: int) -> None:
                 # From the start of the process: its imports are counted too.
                 begin = time.monotonic()
                 router = start("router", endpoint)
-                client.wait_for(lambda grid, n=newest: grid.sequence == n, timeout=PATIENCE)  # type: ignore[misc]
+                client.receive(lambda grid, n=newest: grid.sequence == n, timeout=PATIENCE)  # type: ignore[misc]
                 times.append(time.monotonic() - begin)
     measured = f"slowest {max(times):.2f} s, p50 {statistics.median(times):.2f} s"
     report(f"{count} router kills: newest grid after its start", measured, "<= 2 s", max(times) <= 2.0)
@@ -178,7 +178,7 @@ def slow_link(count: int) -> None:
                 node.tell(stream=count, period=0.1, rows=49)
                 longest = node.hear()["longest_ms"]
                 begin = time.monotonic()
-                client.wait_for(lambda grid: grid.step == count, timeout=PATIENCE)
+                client.receive(lambda grid: grid.step == count, timeout=PATIENCE)
                 seconds = time.monotonic() - begin
                 lost = receiver.missed
     measured = f"{seconds:.2f} s after its put, {lost} lost, longest put {longest:.1f} ms"

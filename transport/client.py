@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import Any, Self, Unpack
+from typing import Any, Unpack
 
 from transport import clock
-from transport.exceptions import MessageError, StaleTerrain
+from transport.exceptions import MessageError, ReceiveTimeout, StaleTerrain
 from transport.grids.evidence import G
 from transport.grids.grid_judge import TAKING_BACK, Accepted, GridJudge, Terms
 from transport.grids.grid_waiter import SETTLE, GridWaiter
@@ -30,10 +31,13 @@ from transport.supervision import Seldom
 # A running node delivers its last grid within this time [s], even over a slow link or from a busy machine.
 FIRST_GRID = 5.0
 
+# Predicate that accepts any message.
+ANY: Callable[[object], bool] = lambda _: True  # noqa: E731
+
 logger = logging.getLogger(__name__)
 
 
-class PerceptionClient:
+class PerceptionClient(AbstractContextManager["PerceptionClient"]):
     """Client of one robot: receives its grids and requests scans.
 
     Each extent is subscribed to at its first use. `GridJudge` accepts or rejects each grid by sender and age.
@@ -60,10 +64,6 @@ class PerceptionClient:
         self._since: dict[str, float] = {}
         self._judge = GridJudge(session, robot)
         self._waiter = GridWaiter(session, self._judge, robot)
-
-    def __enter__(self) -> Self:
-        """The client itself."""
-        return self
 
     def __exit__(self, *error: object) -> None:
         """Close."""
@@ -158,7 +158,7 @@ class PerceptionClient:
             ScannerGone, ScannerUnavailable: none arrived, and the node disappeared or was never seen.
         """
         receiver = self._receiver(SummaryMessage.extent, summary_key(self.robot), decode_summary, latched=False)
-        return self._waiter.newest(receiver, timeout, Terms(**accepted))
+        return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
 
     def regions(self, *, timeout: float, **accepted: Unpack[Accepted]) -> RegionsMessage:
         """Newest usable steppable regions of the map; waits if there are none.
@@ -166,7 +166,7 @@ class PerceptionClient:
         Arguments and errors as in `summary`. The last regions sent before the first call are received too.
         """
         receiver = self._receiver(RegionsMessage.extent, regions_key(self.robot), decode_regions)
-        return self._waiter.newest(receiver, timeout, Terms(**accepted))
+        return self._waiter.wait(receiver, ANY, timeout, Terms(**accepted), says_stale=True).message
 
     def _receiver(
         self, extent: str, key: str, decode: Callable[[bytes], G], *, latched: bool = True
@@ -180,7 +180,11 @@ class PerceptionClient:
         return self._receivers[extent]
 
     def _first(self, extent: str, within: float) -> Received[TerrainMessage] | None:
-        return self._waiter.first(self.receiver(extent), self._since[extent] + within - time.monotonic())
+        """Newest grid, however old, within this time after the subscription [s]; None if there is none."""
+        receiver = self.receiver(extent)
+        with suppress(ReceiveTimeout):
+            return receiver.wait_until(ANY, max(0.0, self._since[extent] + within - time.monotonic()))
+        return None
 
     def receive(
         self,
@@ -215,17 +219,6 @@ class PerceptionClient:
             after=after,
             takes_back=takes_back,
         )
-
-    def wait_for(
-        self,
-        predicate: Callable[[TerrainMessage], bool],
-        *,
-        timeout: float,
-        extent: str = "footprint",
-        **accepted: Unpack[Accepted],
-    ) -> TerrainMessage:
-        """As `receive`, but returns the grid alone."""
-        return self.receive(predicate, timeout=timeout, extent=extent, **accepted).message
 
     def wait_for_step(
         self,

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from transport import zenoh_api
 from transport.configuration import client_configuration
-from transport.exceptions import ConnectionFailed, SecurityError
+from transport.exceptions import ConnectionFailed, ReceiveTimeout, SecurityError
 from transport.keys import FLEET_STATUS, gait_clock_key, scan_key, stance_key, status_key, terrain_key
-from transport.links.fetcher import Fetcher
+from transport.links.answerer import Answerer
 from transport.links.publisher import Publisher
+from transport.links.receiver import NewestReceiver
 from transport.links.session import Session, connect_with, listen_with, open_node
+from transport.queries.asking import ask
 from transport.security.access_rules import FLEET, ROLES, ROUTER
 from transport.security.folder import load_configuration, role_folder
 from transport.security.members import Members, open_members
@@ -50,6 +49,8 @@ EXPECTED: dict[str, tuple[str, ...]] = {
 WAIT = 2.0
 # Wait for a message that should not arrive [s]; it would take milliseconds.
 QUIET = 0.5
+# Reply to a scan request.
+DONE = b"done"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,30 +70,24 @@ class Permission:
     expected: bool
 
 
-class _Listener:
-    """Collector of the texts that arrive on one key."""
+def _listen(session: Session, key: str, *, latched: bool = False) -> NewestReceiver[str]:
+    return NewestReceiver(session, key, lambda payload: payload.decode(), latched=latched)
 
-    def __init__(self, session: Session, key: str, *, latched: bool = False) -> None:
-        self._texts: set[str] = set()
-        self._changed = threading.Condition()
-        # A reference is kept, because Zenoh ends a subscription with its object.
-        self._raw: Any = (
-            Fetcher(session, key, self._add, lambda _: None)
-            if latched
-            else zenoh_api.declare_subscriber(session.raw, key, self._note)
-        )
 
-    def _note(self, sample: Any) -> None:
-        self._add(sample.payload.to_bytes())
+def _hears(receiver: NewestReceiver[str], text: str, timeout: float) -> bool:
+    try:
+        receiver.wait_for(lambda heard: heard == text, timeout)
+    except ReceiveTimeout:
+        return False
+    return True
 
-    def _add(self, payload: bytes) -> None:
-        with self._changed:
-            self._texts.add(payload.decode())
-            self._changed.notify_all()
 
-    def has(self, text: str, timeout: float) -> bool:
-        with self._changed:
-            return self._changed.wait_for(lambda: text in self._texts, timeout)
+def _serve(session: Session, key: str, reply: bytes) -> Answerer:
+    return Answerer(session, key, lambda query: query.reply(key, reply))
+
+
+def _is_answered(session: Session, key: str, reply: bytes, timeout: float) -> bool:
+    return any(answer.payload == reply for answer in ask(session, key, b"", timeout))
 
 
 class _Probe:
@@ -102,13 +97,9 @@ class _Probe:
         self.robot, self.session = robot, session
         self.live = Publisher(session, terrain_key(robot), latched=True)
         self.status = Publisher(session, status_key(robot), latched=False)
-        self.stance = _Listener(session, stance_key(robot))
-        self._raw: Any = zenoh_api.declare_queryable(session.raw, scan_key(robot), self._reply)
+        self.stance = _listen(session, stance_key(robot))
+        _serve(session, scan_key(robot), DONE)
         self.live.put(b"last")
-
-    def _reply(self, query: Any) -> None:
-        query.reply(scan_key(self.robot), b"done")
-        query.drop()
 
 
 def check_security(folder: str | Path, *, robot: str | None = None) -> tuple[Permission, ...]:
@@ -187,7 +178,6 @@ def _robot_in(folder: str | Path, robot: str | None) -> tuple[Members, str]:
     if not members.robots:
         role_folder(Path(folder) / "node", "node")
     name = robot or next(iter(members.robots))
-
     if name not in members.robots:
         raise SecurityError(f"{folder} has no robot {name!r}; robots: {', '.join(members.robots)}")
     for role in ROLES:
@@ -231,7 +221,7 @@ def _try_all(
 ) -> tuple[Permission, ...]:
     found: list[Permission] = []
     with _open_role(reader, reader, endpoint) as witness:
-        ear = None if witness is None else _Listener(witness, terrain_key(node.robot))
+        ear = None if witness is None else _listen(witness, terrain_key(node.robot))
         for role, (folder, expected) in rows.items():
             with _open_role(folder, reader, endpoint) as session:
                 allowed = set() if session is None else _try_role(session, role, expected, node, ear)
@@ -258,55 +248,42 @@ def _open_role(folder: Path | None, known: Path, endpoint: str) -> Iterator[Sess
 
 
 def _try_role(
-    session: Session, role: str, expected: tuple[str, ...], node: _Probe, witness: _Listener | None
+    session: Session, role: str, expected: tuple[str, ...], node: _Probe, witness: NewestReceiver[str] | None
 ) -> set[str]:
     allowed = {"connect"}
-    key = terrain_key(node.robot)
-    patience = WAIT if "read grids" in expected else QUIET
-    live, last = _Listener(session, key), _Listener(session, key, latched=True)
-    status = _Listener(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
-    if last.has("last", patience):
+    wait = {action: WAIT if action in expected else QUIET for action in ACTIONS}
+    key, clock_key = terrain_key(node.robot), gait_clock_key(node.robot)
+    live, last = _listen(session, key), _listen(session, key, latched=True)
+    status = _listen(session, FLEET_STATUS if role.endswith(f".{FLEET}") else status_key(node.robot))
+    if _hears(last, "last", wait["read grids"]):
         allowed.add("read the last grid")
-    deadline = time.monotonic() + (WAIT if "see the status" in expected else QUIET)
+    deadline = time.monotonic() + wait["see the status"]
     hoped = {"read grids", "see the status"} & set(expected) or {"read grids"}
     while time.monotonic() < deadline and not hoped <= allowed:
         node.live.put(f"live {role}".encode())
         node.status.put(f"status {role}".encode())
-        if live.has(f"live {role}", 0.1):
+        if _hears(live, f"live {role}", 0.1):
             allowed.add("read grids")
-        if status.has(f"status {role}", 0.1):
+        if _hears(status, f"status {role}", 0.1):
             allowed.add("see the status")
     node.live.put(b"last")
-    if b"done" in _answers(session, scan_key(node.robot)):
+    if _is_answered(session, scan_key(node.robot), DONE, WAIT):
         allowed.add("request a scan")
     told = f"clock of {role}".encode()
-    raw = zenoh_api.declare_queryable(session.raw, gait_clock_key(node.robot), lambda query: _tell(query, told))
-    deadline = time.monotonic() + (WAIT if "tell the gait's clock" in expected else QUIET)
+    clock = _serve(session, clock_key, told)
+    deadline = time.monotonic() + wait["tell the gait's clock"]
     while time.monotonic() < deadline and "tell the gait's clock" not in allowed:
-        if told in _answers(node.session, gait_clock_key(node.robot), QUIET):
+        if _is_answered(node.session, clock_key, told, QUIET):
             allowed.add("tell the gait's clock")
-    raw.undeclare()
+    clock.close()
     stance, forged = f"stance of {role}", f"forged by {role}"
     session.raw.put(stance_key(node.robot), stance.encode())
     session.raw.put(key, forged.encode())
-    if node.stance.has(stance, WAIT if "publish stance pauses" in expected else QUIET):
+    if _hears(node.stance, stance, wait["publish stance pauses"]):
         allowed.add("publish stance pauses")
-    if witness is not None and witness.has(forged, WAIT if "forge grids" in expected else QUIET):
+    if witness is not None and _hears(witness, forged, wait["forge grids"]):
         allowed.add("forge grids")
     return allowed
-
-
-def _tell(query: Any, text: bytes) -> None:
-    query.reply(str(query.key_expr), text)
-    query.drop()
-
-
-def _answers(session: Session, key: str, timeout: float = WAIT) -> list[bytes | None]:
-    finished = threading.Event()
-    replies: list[bytes | None] = []
-    zenoh_api.get_replies(session.raw, key, timeout, lambda reply: replies.append(reply.payload), finished.set)
-    finished.wait(timeout + QUIET)
-    return replies
 
 
 def format_matrix(permissions: tuple[Permission, ...]) -> str:

@@ -41,14 +41,14 @@ def test_the_newest_grid_arrives_after_the_router_was_killed(start, endpoint: st
     node = start("node", endpoint, "connect")
     with client_at(endpoint) as client:
         node.tell("publish 1")
-        client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
+        client.receive(lambda grid: grid.sequence == 1, timeout=180.0)
         for number in (2, 4):
             router.kill()
             node.tell(f"publish {number}")
             node.tell(f"publish {number + 1}")
             time.sleep(0.3)
             router = start("router", endpoint)
-            assert client.wait_for(lambda grid, n=number: grid.sequence > n, timeout=180.0)
+            assert client.receive(lambda grid, n=number: grid.sequence > n, timeout=180.0)
 
 
 def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -> None:
@@ -59,13 +59,13 @@ def test_a_stopped_planner_costs_the_healthy_one_nothing(start, endpoint: str) -
         receiver = client.receiver()
         assert client.wait_until_alive(30.0)
         node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
+        client.receive(lambda grid: grid.sequence == 100, timeout=180.0)
         before = receiver.received
         stuck.send(signal.SIGSTOP)
         # 60 grids of the usual 0.4 MB: more than the 16 MiB of shared memory, which the stopped one holds.
         node.tell("stream 60 0.15 27")
         node.expect("streamed 60")
-        client.wait_for(lambda grid: grid.sequence == 60, timeout=180.0)
+        client.receive(lambda grid: grid.sequence == 60, timeout=180.0)
         assert receiver.received - before == 60 and receiver.missed == 0
 
 
@@ -77,9 +77,9 @@ def test_the_last_grid_of_a_burst_arrives_over_a_slow_link(start, endpoint: str,
     session = transport.open_client(link.endpoint, shared_memory=False, timeout=180.0)
     with transport.PerceptionClient(session) as client:
         node.tell("publish 100")
-        client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
+        client.receive(lambda grid: grid.sequence == 100, timeout=180.0)
         node.tell("stream 12 0.1 49")
-        assert client.wait_for(lambda grid: grid.sequence == 12, timeout=60.0)
+        assert client.receive(lambda grid: grid.sequence == 12, timeout=60.0)
         assert client.receiver().received < 13
 
 

@@ -19,7 +19,7 @@ def test_a_grid_travels_whole_between_processes(start, endpoint: str, peer) -> N
     with client_at(endpoint) as client:
         client.receiver()
         node.tell("publish 5")
-        terrain = client.wait_for(lambda grid: grid.sequence == 5, timeout=180.0)
+        terrain = client.receive(lambda grid: grid.sequence == 5, timeout=180.0).message
         expected = peer.make_terrain(5)
         for name, array in expected.layers.items():
             assert terrain.layers[name].tobytes() == array.tobytes(), name
@@ -33,12 +33,12 @@ def test_late_joiners_get_the_last_grid(start, endpoint: str) -> None:
     node.tell("publish 2")
     node.tell("map 3")
     with client_at(endpoint) as client:
-        client.wait_for(lambda grid: grid.sequence == 2, timeout=180.0)
-        client.wait_for(lambda grid: grid.sequence == 3, timeout=30.0, extent="map")
+        client.receive(lambda grid: grid.sequence == 2, timeout=180.0)
+        client.receive(lambda grid: grid.sequence == 3, timeout=30.0, extent="map")
     for _ in range(5):
         with client_at(endpoint) as client:
-            assert client.wait_for(lambda _: True, timeout=180.0).sequence == 2
-            assert client.wait_for(lambda _: True, timeout=30.0, extent="map").shape == (140, 320)
+            assert client.receive(lambda _: True, timeout=180.0).message.sequence == 2
+            assert client.receive(lambda _: True, timeout=30.0, extent="map").message.shape == (140, 320)
             assert client.latest().sequence == 2
 
 
@@ -69,7 +69,7 @@ def test_a_slow_reader_gets_the_newest_and_counts_the_rest(endpoint: str, peer, 
         with client_at(endpoint) as client:
             receiver = client.receiver()
             publisher.put(transport.encode_terrain(peer.make_terrain(100, shape=(4, 5))))
-            client.wait_for(lambda grid: grid.sequence == 100, timeout=180.0)
+            client.receive(lambda grid: grid.sequence == 100, timeout=180.0)
             for sequence in range(1, 21):
                 publisher.put(transport.encode_terrain(peer.make_terrain(sequence, shape=(4, 5))))
             assert eventually(lambda: receiver.received + receiver.missed == 21)
@@ -105,14 +105,14 @@ def test_a_damaged_grid_is_an_error_not_an_older_grid(endpoint: str, peer, event
         with client_at(endpoint) as client:
             good = transport.encode_terrain(peer.make_terrain(1, shape=(4, 5)))
             publisher.put(good)
-            client.wait_for(lambda grid: grid.sequence == 1, timeout=180.0)
+            client.receive(lambda grid: grid.sequence == 1, timeout=180.0)
             publisher.put(good[:-9])
             assert eventually(lambda: client.receiver().received == 2)
             with pytest.raises(transport.MessageError):
                 client.latest()
             assert client.receiver().rejected == 1
             publisher.put(transport.encode_terrain(peer.make_terrain(2, shape=(4, 5))))
-            assert client.wait_for(lambda grid: grid.sequence == 2, timeout=180.0).step == 2
+            assert client.receive(lambda grid: grid.sequence == 2, timeout=180.0).message.step == 2
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ behind = time.time_ns
 time.time_ns = lambda: behind() - int(float(sys.argv[2]) * 1e9)
 import transport
 with transport.PerceptionClient(transport.open_client(sys.argv[1], timeout=180.0)) as client:
-    client.wait_for(lambda grid: True, timeout=180.0, max_age=float("inf"))
+    client.receive(lambda grid: True, timeout=180.0, max_age=float("inf"))
     try:
         print("got", client.latest(max_age=40.0).step)
     except transport.StaleTerrain as error:

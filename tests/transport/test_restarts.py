@@ -18,6 +18,6 @@ def test_memory_of_dead_nodes_is_released(start, endpoint: str) -> None:
         for number in (1, 2, 3):
             node = start("node", endpoint, "connect")
             node.tell(f"publish {number}")
-            client.wait_for(lambda grid, number=number: grid.sequence == number, timeout=180.0)
+            client.receive(lambda grid, number=number: grid.sequence == number, timeout=180.0)
             node.kill()
         assert len(_shared()) == before

@@ -55,6 +55,6 @@ def test_a_viewer_on_a_slow_link_gets_the_newest_in_pieces(start, slow_link, end
         receiver = client.receiver()
         node.tell("stream 30 0.2 49")
         node.expect("streamed")
-        assert client.wait_for(lambda grid: grid.sequence == 30, timeout=60.0)
+        assert client.receive(lambda grid: grid.sequence == 30, timeout=60.0)
         assert receiver.received < 30 and receiver.received + receiver.missed >= 30 - 1
         assert receiver.rejected == 0

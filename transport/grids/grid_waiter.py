@@ -34,18 +34,6 @@ class GridWaiter:
         """Wait for grids of the instance `robot`."""
         self._session, self._judge, self._robot = session, judge, robot
 
-    @staticmethod
-    def first(receiver: NewestReceiver[G], timeout: float) -> Received[G] | None:
-        """Newest message, however old, within `timeout` [s]; None if there is none."""
-        try:
-            return receiver.wait_for(lambda _: True, max(0.0, timeout))
-        except ReceiveTimeout:
-            return None
-
-    def newest(self, receiver: NewestReceiver[G], timeout: float, terms: Terms) -> G:
-        """Newest usable message; arguments and errors as in `PerceptionClient.summary`."""
-        return self.wait(receiver, lambda _: True, timeout, terms, says_stale=True).message
-
     def wait(
         self,
         receiver: NewestReceiver[G],

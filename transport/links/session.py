@@ -6,8 +6,9 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from transport import zenoh_api
 from transport.configuration import (
@@ -43,7 +44,7 @@ CHECK_CONNECT = (
 Configuration = Mapping[str, Any] | str
 
 
-class Session:
+class Session(AbstractContextManager["Session"]):
     """Open Zenoh session with everything declared in it; use it in a `with` block.
 
     Made by `open_node` or `open_client`. Everything declared through this package is closed with it, at the latest when
@@ -66,10 +67,6 @@ class Session:
         self.endpoints = endpoints
         self.pulse = Pulse()
         exit_watcher.watch(self)
-
-    def __enter__(self) -> Self:
-        """The session itself."""
-        return self
 
     def __exit__(self, *error: object) -> None:
         """Close."""

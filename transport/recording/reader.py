@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, cast
 
 from transport.exceptions import RecordingError, os_errors
 from transport.messages.codec import decode, from_ros, read_stance, read_time
@@ -31,7 +32,7 @@ class StoredMessage(NamedTuple):
     payload: bytes
 
 
-class Recording:
+class Recording(AbstractContextManager["Recording"]):
     """Open MCAP recording; use it in a `with` block. Frames and grids are read from the file on demand.
 
     Attributes:
@@ -64,10 +65,6 @@ class Recording:
                 f"{self.path} is not a complete recording ({type(error).__name__}: {error}); if it was truncated, "
                 f"`guara recover` restores what is in it"
             ) from error
-
-    def __enter__(self) -> Self:
-        """The recording itself."""
-        return self
 
     def __exit__(self, *error: object) -> None:
         """Close."""

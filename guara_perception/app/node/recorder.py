@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import threading
 import time
@@ -15,13 +16,22 @@ import cv2
 
 from guara_perception.app.files.recording_files import RecordingFiles
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.node.writer_thread import WriterThread
 from guara_perception.app.scene.scene import Scene
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import to_json
 from kinematics import Stance
-from transport import Health, PausePhase, StanceMessage, StancePause, StanceStream, StatusItem, TerrainMessage
+from transport import (
+    Health,
+    Outbox,
+    PausePhase,
+    ReceiveTimeout,
+    StanceMessage,
+    StancePause,
+    StanceStream,
+    StatusItem,
+    TerrainMessage,
+)
 from transport.exceptions import RecordingError
 from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
 
@@ -82,12 +92,17 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._problem = self._trouble = ""
         self._make_room()
         self.writer = self._open()
-        self._thread = WriterThread("guara-recorder", MAXIMUM_WAITING)
+        self._outbox = Outbox()
+        self._tasks = itertools.count()
+        self._waiting, self._is_closed = 0, False
         self._add_later("the robot", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
         """Write waiting data and the end of the file."""
-        if self._thread.close(CLOSE_TIMEOUT_S):
+        is_written = self.flush(CLOSE_TIMEOUT_S)
+        self._is_closed = True
+        if is_written:
+            self._outbox.close()
             self.writer.close()
         else:
             logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self.path)
@@ -172,7 +187,11 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
 
     def flush(self, timeout: float) -> bool:
         """Wait until all data is written or lost; False after `timeout` [s]."""
-        return self._thread.flush(timeout)
+        try:
+            self._outbox.flush(timeout)
+        except ReceiveTimeout:
+            return False
+        return True
 
     def status_item(self) -> StatusItem:
         """Number of scans recorded and lost; the reason, if the last one was lost."""
@@ -184,13 +203,29 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
                 values={
                     "recorded": str(self._recorded),
                     "lost": str(self._lost),
-                    "waiting_mb": f"{self._thread.waiting / 1e6:.1f}",
+                    "waiting_mb": f"{self._waiting / 1e6:.1f}",
                 },
             )
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
-        """Queue a task that holds `size` bytes of memory; False if the queue is full."""
-        return self._thread.post(size, task)
+        """Queue a task that holds `size` bytes of memory; False if the queue is full or the recorder closed.
+
+        Tasks run one after the other; those that hold no memory are always taken.
+        """
+
+        def run() -> None:
+            try:
+                task()
+            finally:
+                with self._counted:
+                    self._waiting -= size
+
+        with self._counted:
+            if self._is_closed or (size and self._waiting + size > MAXIMUM_WAITING):
+                return False
+            self._waiting += size
+            self._outbox.post(f"recording {next(self._tasks)}", run, lane="recording")
+            return True
 
     def ended(self, step: int, problem: str) -> None:
         """Count a scan as recorded, or as lost if there is a problem."""

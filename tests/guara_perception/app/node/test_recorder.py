@@ -35,7 +35,7 @@ def test_a_stalled_disk_holds_nothing_up(
     released, hung, write = threading.Event(), threading.Event(), os.write
 
     def stalled(descriptor: int, data: object) -> int:
-        if threading.current_thread().name == "guara-recorder":
+        if threading.current_thread().name == "transport-outbox recording":
             hung.set()
             released.wait(PATIENCE)
         return write(descriptor, data)
