@@ -43,7 +43,8 @@ def carry_gravity(
     rotation = turn_between(soles_now, soles_before)
     up = -rotation.T @ unit_vector(before.gravity_in_base)
     plane = fit_support_plane(support_now)
-    tilt_variance = plane_tilt_variance(plane.gain, covariances_now)
+    # Of the support plane, mean of both axes, from the heights of its soles [rad^2].
+    tilt_variance = float(np.mean(plane.gain[:2] ** 2 @ covariances_now[:, 2, 2]))
     variance = before.sigma**2 + 2.0 * tilt_variance
     missed = plane.normal - up
     missed = missed - up * (up @ missed)
@@ -57,11 +58,6 @@ def carry_gravity(
     up = up + gain * missed
     up /= np.linalg.norm(up)
     return GravityEstimate((-up[0], -up[1], -up[2]), float(np.sqrt(variance * (1.0 - gain))))
-
-
-def plane_tilt_variance(gain: Float, covariances: Float) -> float:
-    """Variance of a support plane's tilt [rad^2], mean of both axes, from the heights of its soles."""
-    return float(np.mean(gain[:2] ** 2 @ covariances[:, 2, 2]))
 
 
 def turn_between(points_now: Float, points_before: Float) -> Float:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class KinematicsError(Exception):
@@ -71,3 +74,10 @@ class RobotFileWarning(UserWarning):
 def unknown_name(kind: str, given: object, valid: Iterable[str]) -> UnknownName:
     """`UnknownName` with a message that quotes the given name and lists the valid ones."""
     return UnknownName(f"unknown {kind} {given!r}; this robot has: {', '.join(valid)}")
+
+
+def named(kind: str, name: str, valid: Mapping[str, T]) -> T:
+    """Value of a name; `UnknownName` if there is no such name."""
+    if name not in valid:
+        raise unknown_name(kind, name, valid)
+    return valid[name]

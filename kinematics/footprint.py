@@ -75,26 +75,6 @@ def skew(vector: Float) -> Float:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def compose_covariance(
-    transform_via_to_destination: Float,
-    covariance_via_to_destination: Float,
-    transform_source_to_via: Float,
-    covariance_source_to_via: Float,
-) -> Float:
-    """Covariance (6, 6) of `transform_via_to_destination @ transform_source_to_via`, both uncertain.
-
-    Each covariance is in REP-103 order: translation [m], then rotation about the fixed axes [rad] of the
-    transform's destination (first-order propagation).
-    """
-    rotation = transform_via_to_destination[:3, :3]
-    by_outer, by_inner = np.eye(6), np.zeros((6, 6))
-    by_outer[:3, 3:] = -skew(rotation @ transform_source_to_via[:3, 3])
-    by_inner[:3, :3] = by_inner[3:, 3:] = rotation
-    return np.asarray(
-        by_outer @ covariance_via_to_destination @ by_outer.T + by_inner @ covariance_source_to_via @ by_inner.T
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SupportPlane:
     """Least-squares plane z = a x + b y + c through n soles.

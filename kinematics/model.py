@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask
-from kinematics.exceptions import unknown_name
+from kinematics.exceptions import named
 from kinematics.reach import Reach, reach_in_base
 from kinematics.robot_settings import RobotSettings
 from kinematics.robot_toml import RobotToml
@@ -82,11 +82,6 @@ class RobotModel:
         return self.tree.config
 
     @property
-    def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames of the URDF."""
-        return tuple(self.tree.links)
-
-    @property
     def posture_names(self) -> tuple[str, ...]:
         """Names of all postures."""
         return tuple(self._postures)
@@ -105,9 +100,7 @@ class RobotModel:
         Raises:
             UnknownName: no such posture; the message lists them.
         """
-        if name not in self._postures:
-            raise unknown_name("posture", name, self._postures)
-        return dict(self._postures[name].joint_positions)
+        return dict(named("posture", name, self._postures).joint_positions)
 
     def state(self, joint_positions: Mapping[str, float] | npt.ArrayLike) -> RobotState:
         """State of the robot at joint positions, given by name or as (n,) in the order of `joint_names` [rad].
@@ -127,7 +120,6 @@ class RobotModel:
         attitude: str | None = None,
         odometry: GravityEstimate | None = None,
         transform_camera_to_base: npt.ArrayLike | None = None,
-        camera_covariance: npt.ArrayLike | None = None,
         find_unloaded: bool = True,
         noise: StanceNoise | None = None,
     ) -> StancePose:
@@ -142,7 +134,6 @@ class RobotModel:
             attitude=attitude,
             odometry=odometry,
             transform_camera_to_base=transform_camera_to_base,
-            camera_covariance=camera_covariance,
             find_unloaded=find_unloaded,
         )
 

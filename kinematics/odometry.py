@@ -21,6 +21,8 @@ from kinematics.transforms import transform_points
 
 # Rows of x, y, z and heading in REP-103 order.
 PLANAR = [0, 1, 2, 5]
+# Covariance of the first footprint, which is `odom`.
+EXACT = read_only(np.zeros((6, 6)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,22 +59,22 @@ class OdometryPose(PoseInOdom):
         own_covariance: (6, 6) covariance of the error of this footprint alone, along the axes of `odom`, REP-103 order:
             the noise of readings and vertical that no other pause shares; zeros at the first pause. The rest of the
             error is drift, which later pauses inherit.
+        gravity: gravity estimate that is propagated to the next pause.
         stayed_feet: feet that carried the body at both pauses and stayed.
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
-        gravity: gravity estimate that is propagated to the next pause.
     """
 
     step: int
     pose: StancePose
     covariance_since_last: Float
     own_covariance: Float
-    stayed_feet: tuple[str, ...]
-    swung_feet: tuple[str, ...]
-    slipped_feet: tuple[str, ...]
-    residual: float
     gravity: GravityEstimate
+    stayed_feet: tuple[str, ...] = ()
+    swung_feet: tuple[str, ...] = ()
+    slipped_feet: tuple[str, ...] = ()
+    residual: float = 0.0
 
     @property
     def transform_base_to_odom(self) -> Float:
@@ -86,19 +88,11 @@ class LegOdometry:
     Args:
         robot: the model.
         transform_camera_to_base: (4, 4) calibrated camera placement for the stance poses; default the URDF's.
-        camera_covariance: (6, 6) covariance of that placement.
     """
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        *,
-        transform_camera_to_base: npt.ArrayLike | None = None,
-        camera_covariance: npt.ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, robot: RobotModel, *, transform_camera_to_base: npt.ArrayLike | None = None) -> None:
         self._robot = robot
         self._camera = transform_camera_to_base
-        self._camera_covariance = camera_covariance
         self._limits = robot.odometry_limits
         self._last: OdometryPose | None = None
         self._footholds: Footholds | None = None
@@ -121,14 +115,11 @@ class LegOdometry:
                 it.
             KinematicsError: as `RobotModel.stance_pose`.
         """
-        last = self._last
-        new, footholds = (
-            self._first(stance)
-            if last is None or self._footholds is None
-            else self._next(stance, last, self._footholds)
-        )
-        self._last, self._footholds = new, footholds
-        return new
+        if self._last is None or self._footholds is None:
+            self._last, self._footholds = self._first(stance)
+        else:
+            self._last, self._footholds = self._next(stance, self._last, self._footholds)
+        return self._last
 
     def _pose(self, state: RobotState, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
         return stance_pose(
@@ -138,7 +129,6 @@ class LegOdometry:
             noise=self._robot.noise,
             odometry=gravity,
             transform_camera_to_base=self._camera,
-            camera_covariance=self._camera_covariance,
         )
 
     def _first(self, stance: Stance) -> tuple[OdometryPose, Footholds]:
@@ -148,13 +138,9 @@ class LegOdometry:
             step=0,
             pose=pose,
             transform_footprint_to_odom=read_only(np.eye(4)),
-            covariance=read_only(np.zeros((6, 6))),
-            covariance_since_last=read_only(np.zeros((6, 6))),
-            own_covariance=read_only(np.zeros((6, 6))),
-            stayed_feet=(),
-            swung_feet=(),
-            slipped_feet=(),
-            residual=0.0,
+            covariance=EXACT,
+            covariance_since_last=EXACT,
+            own_covariance=EXACT,
             gravity=self._gravity_of(pose),
         )
         return first, first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))

@@ -13,7 +13,7 @@ from kinematics.exceptions import ArgumentError
 from kinematics.leg import LegGeometry, NumericLeg, find_leg_geometry
 from kinematics.stance_pose import StancePose
 from kinematics.state import LIMIT_TOLERANCE
-from kinematics.transforms import transform_points
+from kinematics.transforms import checked_points, transform_points
 from kinematics.tree import KinematicTree
 
 
@@ -59,9 +59,7 @@ def reach_in_base(
         UnknownName: no such leg.
         ArgumentError: wrong shape.
     """
-    soles = np.asarray(soles_in_base, dtype=np.float64)
-    if soles.ndim < 1 or soles.shape[-1] != 3:
-        raise ArgumentError(f"soles_in_base has shape {soles.shape}; (..., 3) is needed")
+    soles = checked_points(soles_in_base, "soles_in_base")
     try:
         pitch = np.broadcast_to(np.asarray(sole_pitch, dtype=np.float64), soles.shape[:-1])
     except ValueError:
@@ -90,12 +88,9 @@ def reach_from_pose(pose: StancePose, leg: str, soles_in_footprint: npt.ArrayLik
         UnknownName: no such leg.
         ArgumentError: wrong shape.
     """
-    soles = np.asarray(soles_in_footprint, dtype=np.float64)
-    if soles.ndim < 1 or soles.shape[-1] != 3:
-        raise ArgumentError(f"soles_in_footprint has shape {soles.shape}; (..., 3) is needed")
-    tree = pose.state.tree
+    soles = checked_points(soles_in_footprint, "soles_in_footprint")
     in_base = transform_points(pose.transform_footprint_to_base, soles)
-    return reach_in_base(tree, leg, in_base, level_sole_pitch(pose, leg, in_base))
+    return reach_in_base(pose.state.tree, leg, in_base, level_sole_pitch(pose, leg, in_base))
 
 
 def level_sole_pitch(pose: StancePose, leg: str, soles_in_base: Float) -> Float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from kinematics.stance_pose import StanceNoise
 from kinematics.toml_table import Table
@@ -23,8 +23,8 @@ class RobotSettings:
         """Read the tables of robot.toml; `links` are the link names allowed in them, None = any."""
         return cls(
             StanceNoise.from_table(root.table("stance")),
-            OdometryLimits.from_table(root.table("odometry")),
-            PauseLimits.from_table(root.table("pause")),
+            root.table("odometry").record(OdometryLimits),
+            root.table("pause").record(PauseLimits),
             SelfFilterSettings.from_table(root.table("self_filter"), links),
         )
 
@@ -44,21 +44,11 @@ class OdometryLimits:
     slip_sigmas: float
     turn_limit: float
     swing_least: float
-    slip_share: float = 0.04
-
-    @classmethod
-    def from_table(cls, table: Table) -> OdometryLimits:
-        """Read the table; every value must be positive, the share 0 or more and at most 1."""
-        return cls(
-            **{key: table.number(key, above=0.0) for key in ("slip_sigmas", "turn_limit", "swing_least")},
-            **{key: table.number(key, least=0.0, most=1.0) for key in ("slip_share",) if key in table.values},
-        )
+    slip_share: float = field(default=0.04, metadata={"least": 0.0, "most": 1.0})
 
 
 # Largest sway of a standing body [rad], 2 degrees.
 MOST_SWAY = 0.035
-# Optional keys of [pause].
-OPTIONAL = ("time_limit", "grace_share", "grace_least", "grace_most")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,20 +77,7 @@ class PauseLimits:
     grace_share: float = 0.25
     grace_least: float = 0.5
     grace_most: float = 2.0
-    stance_sway: float = 0.0
-
-    @classmethod
-    def from_table(cls, table: Table) -> PauseLimits:
-        """Read the table; every value must be positive, the sway between 0 and `MOST_SWAY`."""
-        return cls(
-            joint_speed_limit=table.number("joint_speed_limit", above=0.0),
-            hold_time=table.number("hold_time", above=0.0),
-            minimum_feet=table.integer("minimum_feet", least=1),
-            camera_translation_limit=table.number("camera_translation_limit", above=0.0),
-            camera_rotation_limit=table.number("camera_rotation_limit", above=0.0),
-            **{key: table.number(key, above=0.0) for key in OPTIONAL if key in table.values},
-            **{key: table.number(key, least=0.0, most=MOST_SWAY) for key in ("stance_sway",) if key in table.values},
-        )
+    stance_sway: float = field(default=0.0, metadata={"least": 0.0, "most": MOST_SWAY})
 
     def grace(self, announced: float) -> float:
         """Allowed delay of the end of a pause with this announced length, both [s]."""

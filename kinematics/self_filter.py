@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from kinematics.arrays import Float, Mask
-from kinematics.exceptions import ArgumentError, unknown_name
+from kinematics.exceptions import ArgumentError, named
 from kinematics.robot_settings import SelfFilterSettings
 from kinematics.state import RobotState
+from kinematics.transforms import checked_points
 from kinematics.urdf import Shape
 
 # Added to the squared lengths of the coarse tests [m^2], which are differences of larger squares.
@@ -53,8 +54,7 @@ class SelfFilter:
             raise ArgumentError(f"margin is {margin}; a length of 0 m or more is needed")
         ignored = settings.ignore if ignore is None else tuple(ignore)
         for link in ignored:
-            if link not in links:
-                raise unknown_name("link to ignore", link, links)
+            named("link to ignore", link, links)
         to_frame = np.eye(4) if transform_base_to_frame is None else np.asarray(transform_base_to_frame, np.float64)
         self.shapes = tuple(
             place_shape(shape, name, to_frame @ state.transform_to_base(name), self.margin)
@@ -81,7 +81,7 @@ class SelfFilter:
         Raises:
             ArgumentError: wrong shape.
         """
-        points = _checked_points(points_in_base, "points_in_base")
+        points = checked_points(points_in_base, "points_in_base", "(n, 3)")
         inside = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return inside
@@ -120,7 +120,7 @@ class SelfFilter:
         Raises:
             ArgumentError: wrong shape, or an origin inside a grown shape (name that shape's link in `ignore`).
         """
-        points = _checked_points(points_in_base, "points_in_base")
+        points = checked_points(points_in_base, "points_in_base", "(n, 3)")
         origins = np.asarray(origins_in_base, dtype=np.float64)
         if origins.shape not in ((3,), (len(points), 3)):
             raise ArgumentError(
@@ -129,13 +129,7 @@ class SelfFilter:
         origins = np.atleast_2d(origins)
         self._check_outside(origins)
         directions = points - origins
-        segments = _Segments(
-            origins,
-            directions,
-            np.sqrt(np.einsum("ni,ni->n", directions, directions)),
-            (directions @ origins[0]) if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins),
-            np.einsum("ni,ni->n", origins, origins),
-        )
+        lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
         blocked = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return blocked
@@ -143,7 +137,7 @@ class SelfFilter:
         low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
         for index in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
             shape = self.shapes[index]
-            near = np.flatnonzero(segments.pass_by(shape.centre, shape.reach) & ~blocked)
+            near = np.flatnonzero(_pass_by(origins, directions, lengths, shape) & ~blocked)
             if len(near):
                 blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], directions[near])
         return blocked
@@ -158,36 +152,23 @@ class SelfFilter:
                 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Segments:
-    """Segments for coarse tests: origins o (1 or n, 3), vectors w (n, 3) from origin to end, |w|, w . o and |o|^2."""
+def _pass_by(origins: Float, directions: Float, lengths: Float, shape: PlacedShape) -> Mask:
+    """Mask (n,) of the segments that may meet a shape's bounding sphere; conservative: misses none that do.
 
-    origins: Float
-    directions: Float
-    lengths: Float
-    directions_by_origins: Float
-    origins_squared: Float
-
-    def pass_by(self, centre: Float, reach: float) -> Mask:
-        """Mask of the segments that may come within `reach` of a centre; conservative: misses none that do."""
-        along = self.directions @ centre - self.directions_by_origins
-        distance = self.origins_squared - self.origins @ (2.0 * centre) + (centre @ centre - reach**2 - ROUNDING)
-        # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
-        beside = distance * self.lengths**2 <= along**2
-        behind, beyond = along < -reach * self.lengths, along > (self.lengths + reach) * self.lengths
-        return np.asarray(beside & ~behind & ~beyond)
+    Segments go from `origins` (n or 1, 3) along `directions` (n, 3) of these `lengths` (n,) [m].
+    """
+    to_centre = shape.centre - origins
+    along = directions @ to_centre[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, to_centre)
+    distance = np.einsum("ni,ni->n", to_centre, to_centre) - shape.reach**2 - ROUNDING
+    # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
+    beside = distance * lengths**2 <= along**2
+    behind, beyond = along < -shape.reach * lengths, along > (lengths + shape.reach) * lengths
+    return np.asarray(beside & ~behind & ~beyond)
 
 
 def _box(columns: Float) -> tuple[Float, Float]:
     """Minimum and maximum of each row (3, n), ignoring NaN."""
     return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
-
-
-def _checked_points(points: npt.ArrayLike, name: str) -> Float:
-    array = np.asarray(points, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ArgumentError(f"{name} has shape {array.shape}; (n, 3) is needed")
-    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

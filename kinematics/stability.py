@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from kinematics.exceptions import ArgumentError, StanceError, unknown_name
+from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
 
@@ -52,9 +52,7 @@ def stability_margin(pose: StancePose, *, lifted: str | None = None) -> float:
     legs = list(pose.support_feet_used)
     soles = pose.soles_in_footprint
     if lifted is not None:
-        if lifted not in pose.state.tree.legs:
-            raise unknown_name("leg", lifted, pose.state.tree.legs)
-        if lifted not in legs:
+        if pose.state.tree.leg(lifted).name not in legs:
             raise StanceError(f"leg {lifted!r} does not carry the body; these do: {', '.join(legs)}")
         soles = np.delete(soles, legs.index(lifted), axis=0)
         if not len(soles):

@@ -12,7 +12,7 @@ scans.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,14 +21,13 @@ from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.footprint import (
     SupportPlane,
-    compose_covariance,
     fit_support_plane,
     footprint_jacobians,
     transform_base_to_footprint,
 )
 from kinematics.state import RobotState
 from kinematics.toml_table import Table
-from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points, unit_vector
+from kinematics.transforms import checked_transform, inverse, transform_points, unit_vector
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
 # Sources of the vertical; without a choice, the first of imu, odometry and support_plane that is available.
@@ -72,9 +71,9 @@ class StanceNoise:
     @classmethod
     def from_table(cls, table: Table) -> StanceNoise:
         """Read the table; every value must be positive."""
-        fields = [field for field in cls.__dataclass_fields__ if field != "encoder_noise" or field in table.values]
-        values = {field: table.number(field, above=0.0) for field in fields}
-        return cls(**{"encoder_noise": min(ENCODER_NOISE, values["encoder_sigma"]), **values})
+        noise = table.record(cls)
+        is_given = "encoder_noise" in table.values
+        return noise if is_given else replace(noise, encoder_noise=min(ENCODER_NOISE, noise.encoder_sigma))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +99,6 @@ class StancePose:
         support_residual: rms distance of the used soles from their plane [m]; zero for three feet, NaN for fewer.
         soles_in_footprint: (n, 3) centres of the used soles [m].
         transform_camera_to_footprint: (4, 4), with the calibrated camera placement if given, else the URDF's.
-        camera_covariance: (6, 6) covariance of `transform_camera_to_footprint`, same order.
         state: state of the robot.
     """
 
@@ -112,7 +110,6 @@ class StancePose:
     support_residual: float
     soles_in_footprint: Float
     transform_camera_to_footprint: Float
-    camera_covariance: Float
     state: RobotState
 
     @property
@@ -150,7 +147,6 @@ def stance_pose(
     attitude: str | None = None,
     odometry: GravityEstimate | None = None,
     transform_camera_to_base: npt.ArrayLike | None = None,
-    camera_covariance: npt.ArrayLike | None = None,
     find_unloaded: bool = True,
 ) -> StancePose:
     """Compute the pose of a stance.
@@ -163,14 +159,13 @@ def stance_pose(
         attitude: one of `ATTITUDE_SOURCES`; None = the first available of `imu`, `odometry`, `support_plane`.
         odometry: gravity propagated from earlier pauses.
         transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
-        camera_covariance: (6, 6) covariance of that placement, REP-103 order in `base_link`; default zero.
         find_unloaded: with four feet, exclude one that is found unloaded.
 
     Raises:
         UnknownName: a leg that the robot does not have.
         StanceError: too few feet for the attitude source, feet on a line, gravity requested but not given, or a body
             tilted by more than 60 degrees.
-        ArgumentError: an unknown source, or a matrix that is not a transform or not a covariance.
+        ArgumentError: an unknown source, or a matrix that is not a transform.
     """
     legs = list(support_feet)
     source, up, sigma = _vertical(attitude, gravity_in_base, odometry, noise)
@@ -208,9 +203,6 @@ def stance_pose(
         camera = state.transform_to_base(state.tree.config.camera_frame)
     else:
         camera = checked_transform(transform_camera_to_base, "transform_camera_to_base")
-    mount = (
-        np.zeros((6, 6)) if camera_covariance is None else checked_covariance(camera_covariance, "camera_covariance")
-    )
     return StancePose(
         transform_base_to_footprint=read_only(transform),
         covariance=read_only(covariance),
@@ -220,7 +212,6 @@ def stance_pose(
         support_residual=plane.residual if plane is not None else float("nan"),
         soles_in_footprint=read_only(transform_points(transform, soles)),
         transform_camera_to_footprint=read_only(transform @ camera),
-        camera_covariance=read_only(compose_covariance(transform, covariance, camera, mount)),
         state=state,
     )
 

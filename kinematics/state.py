@@ -52,10 +52,6 @@ class RobotState:
         """Joint name -> position [rad], read-only."""
         return MappingProxyType(dict(zip(self.tree.joint_names, self.positions.tolist(), strict=True)))
 
-    def joint_position(self, joint: str) -> float:
-        """Position of one joint [rad]; `UnknownName` if the robot does not have it."""
-        return float(self.positions[self.tree.joint_index(joint)])
-
     def transform_to_base(self, frame: str) -> Float:
         """`transform_<frame>_to_base`, (4, 4), read-only.
 

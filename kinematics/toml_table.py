@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 from kinematics.findings import Findings
+
+T = TypeVar("T")
 
 
 class Table:
@@ -66,6 +69,19 @@ class Table:
 
         needed = f"a whole number of at least {least}{'' if most is None else f' and at most {most}'}"
         return int(self._value(key, is_within, needed, least))
+
+    def record(self, kind: type[T]) -> T:
+        """A dataclass of numbers, each from the key of its name; a key whose field has a default may be missing.
+
+        Numbers must be positive, or within the bounds that the field's metadata gives; whole numbers at least 1.
+        """
+        values = {}
+        for each in fields(kind):  # type: ignore[arg-type]
+            if each.default is MISSING or each.name in self.values:
+                is_whole = each.type == "int"
+                bounds = each.metadata or {"least" if is_whole else "above": 1 if is_whole else 0.0}
+                values[each.name] = (self.integer if is_whole else self.number)(each.name, **bounds)
+        return kind(**values)
 
     def text(self, key: str) -> str:
         """A text that is not empty; "" replaces a wrong one."""

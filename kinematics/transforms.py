@@ -27,6 +27,18 @@ def transform_points(transform: Float, points: npt.ArrayLike) -> Float:
     return np.asarray(np.asarray(points, dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3])
 
 
+def checked_points(value: npt.ArrayLike, name: str, shape: str = "(..., 3)") -> Float:
+    """Argument as points of a shape, "(n, 3)" or "(..., 3)" [m].
+
+    Raises:
+        ArgumentError: another shape; the message contains `name`.
+    """
+    points = np.asarray(value, dtype=np.float64)
+    if points.ndim < 1 or points.shape[-1] != 3 or (shape == "(n, 3)" and points.ndim != 2):
+        raise ArgumentError(f"{name} has shape {points.shape}; {shape} is needed")
+    return points
+
+
 def checked_transform(value: npt.ArrayLike, name: str) -> Float:
     """Copy of an argument, checked to be a rigid transform (4, 4).
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from kinematics.arrays import Float, read_only
-from kinematics.exceptions import RobotFileError, unknown_name
+from kinematics.exceptions import RobotFileError, named
 from kinematics.robot_toml import LegConfig, RobotToml
 from kinematics.urdf import Joint, Link, Urdf
 from kinematics.urdf_checks import root_link
@@ -58,6 +58,7 @@ class KinematicTree:
         moving = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
         leg_joints = [joint for leg in config.legs for joint in leg.joints]
         self.joint_names = (*leg_joints, *(name for name in moving if name not in leg_joints))
+        self._columns = {name: column for column, name in enumerate(self.joint_names)}
         self.lower_limits = read_only(np.array([moving[name].lower for name in self.joint_names], np.float64))
         self.upper_limits = read_only(np.array([moving[name].upper for name in self.joint_names], np.float64))
         centre = (self.lower_limits + self.upper_limits) / 2.0
@@ -88,9 +89,7 @@ class KinematicTree:
         Raises:
             UnknownName: the robot has no such frame; the message lists them.
         """
-        if frame not in self._frame_ids:
-            raise unknown_name("frame", frame, self._frame_ids)
-        return self._frame_ids[frame]
+        return named("frame", frame, self._frame_ids)
 
     def leg(self, leg: str) -> LegConfig:
         """Configuration of a leg.
@@ -98,9 +97,7 @@ class KinematicTree:
         Raises:
             UnknownName: the robot has no such leg; the message lists them.
         """
-        if leg not in self.legs:
-            raise unknown_name("leg", leg, self.legs)
-        return self.legs[leg]
+        return named("leg", leg, self.legs)
 
     def joint_index(self, joint: str) -> int:
         """Index of a joint in `joint_names`.
@@ -108,9 +105,7 @@ class KinematicTree:
         Raises:
             UnknownName: the robot has no such joint; the message lists them.
         """
-        if joint not in self.joint_names:
-            raise unknown_name("joint", joint, self.joint_names)
-        return self.joint_names.index(joint)
+        return named("joint", joint, self._columns)
 
 
 def build_model(urdf: Urdf, only: tuple[str, ...] | None = None) -> Any:

@@ -55,7 +55,7 @@ def find_unloaded_foot(feet: FourFeet, sigmas: float) -> int | None:
     balanced = [row for row in candidates if _balance_away_from(feet, row) > -feet.centre_of_mass_sigma]
     if len(balanced) == 1:
         return balanced[0]
-    return min(candidates, key=lambda row: _tilt(feet.soles[OTHERS[row]]))
+    return max(candidates, key=lambda row: float(_normal(feet.soles[OTHERS[row]])[2]))
 
 
 # Rows of the other three feet.
@@ -68,11 +68,6 @@ def _normal(threes: Float) -> Float:
     normal = np.cross(threes[..., 1, :] - first, threes[..., 2, :] - first)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     return np.asarray(normal / np.where(normal[..., 2:] > 0.0, length, -length))
-
-
-def _tilt(three: Float) -> float:
-    """One minus the cosine of the tilt of the plane of three soles from the body's z axis."""
-    return 1.0 - float(_normal(three)[2])
 
 
 def _gaps_in_sigmas(feet: FourFeet) -> Float:

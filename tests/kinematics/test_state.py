@@ -58,12 +58,12 @@ def test_frames_are_the_products_of_the_joints(robot: RobotModel) -> None:
             return np.eye(4)
         joint, turn = above[link], np.eye(4)
         if joint.kind == "revolute":
-            angle, (x, y, z) = state.joint_position(joint.name), joint.axis
+            angle, (x, y, z) = state.joint_positions[joint.name], joint.axis
             cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
             turn[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
         return pose(joint.parent) @ joint.transform_child_to_parent @ turn
 
-    for frame in robot.frame_names:
+    for frame in robot.tree.links:
         np.testing.assert_allclose(state.transform_to_base(frame), pose(frame), atol=1e-12)
 
 

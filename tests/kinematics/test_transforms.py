@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from kinematics import ArgumentError
-from kinematics.footprint import compose_covariance, skew
+from kinematics.footprint import skew
 from kinematics.transforms import checked_covariance, checked_transform, inverse, transform_points
 from kinematics.urdf import rotation_from_rpy
 
@@ -65,26 +65,3 @@ def test_what_is_no_covariance_is_refused(covariance: np.ndarray, message: str) 
     """Wrong shape, NaN, lack of symmetry and negative eigenvalues are refused by name."""
     with pytest.raises(ArgumentError, match=message):
         checked_covariance(covariance, "noise")
-
-
-@pytest.mark.slow
-def test_composed_covariance_agrees_with_sampling() -> None:
-    """The covariance of a product of two uncertain transforms agrees with Monte Carlo."""
-    rng = np.random.default_rng(9)
-    outer, inner = some_transform(5), some_transform(6)
-    root_outer, root_inner = rng.normal(size=(2, 6, 6)) * 1e-3
-    samples = np.zeros((8000, 6))
-
-    def moved(transform: np.ndarray, root: np.ndarray) -> np.ndarray:
-        off, result = root @ rng.normal(size=6), transform.copy()
-        result[:3, :3] = rotation_from_rpy(*off[3:]) @ transform[:3, :3]
-        result[:3, 3] += off[:3]
-        return result
-
-    nominal = outer @ inner
-    for row in range(len(samples)):
-        product = moved(outer, root_outer) @ moved(inner, root_inner)
-        turned = product[:3, :3] @ nominal[:3, :3].T
-        samples[row] = [*(product - nominal)[:3, 3], *((turned - turned.T)[[2, 0, 1], [1, 2, 0]] / 2.0)]
-    predicted = compose_covariance(outer, root_outer @ root_outer.T, inner, root_inner @ root_inner.T)
-    np.testing.assert_allclose(np.sqrt(np.diag(predicted)), samples.std(axis=0), rtol=0.05)

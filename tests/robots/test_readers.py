@@ -33,7 +33,7 @@ def urdf(robot: RobotModel) -> Path:
 def expected(robot: RobotModel) -> dict[str, np.ndarray]:
     """Every link's pose in base_link in the scan posture, (4, 4), by our own kinematics."""
     state = robot.state(robot.posture("scan"))
-    return {link: state.transform_to_base(link) for link in robot.frame_names}
+    return {link: state.transform_to_base(link) for link in robot.tree.links}
 
 
 def test_check_urdf(urdf: Path) -> None:

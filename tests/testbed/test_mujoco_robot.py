@@ -61,7 +61,7 @@ def test_a_robot_without_settings_for_mujoco(tmp_path: Path, capsys: pytest.Capt
     tapir = load_robot(TAPIR)
     assert f"{len(tapir.joint_names)} servos, postures {', '.join(tapir.posture_names)}" in capsys.readouterr().out
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "tapir.xml"))
-    assert model.nu == len(tapir.joint_names) and model.nbody == len(tapir.frame_names) + 1
+    assert model.nu == len(tapir.joint_names) and model.nbody == len(tapir.tree.links) + 1
 
 
 def test_what_mujoco_refuses_is_reported(robot: RobotModel) -> None:

@@ -147,7 +147,7 @@ def test_every_shape_of_the_robot_is_drawn_solid(robot: RobotModel) -> None:
     from rerun.urdf import UrdfTree
 
     tree = UrdfTree.from_file_path(str(robot.tree.urdf.path))
-    named = {path for link in robot.frame_names for path in tree.get_visual_geometry_paths(tree.get_link_by_name(link))}
+    named = {path for link in robot.tree.links for path in tree.get_visual_geometry_paths(tree.get_link_by_name(link))}
     found = dict(rerun_scene.solid_shapes(robot.tree.urdf.text))
     assert set(found) == named and len(named) == 62
     assert all(shape.fill_mode is not None for shape in found.values())

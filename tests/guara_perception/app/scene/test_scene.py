@@ -54,7 +54,7 @@ def test_tf_says_where_camera_and_soles_are(
     static = dict(scene.unchanging(STAMP))["/tf_static"]
     moving = dict(scene.of_stance(paper_scan.stance, STAMP))["/tf"]
     children = [t.child_frame_id for message in (static, moving) for t in message.transforms]
-    assert len(children) == len(set(children)) and set(children) == set(robot.frame_names)
+    assert len(children) == len(set(children)) and set(children) == set(robot.tree.links)
     pose = robot.stance_pose(paper_scan.stance, transform_camera_to_base=calibration.transform_camera_to_base)
     root, camera = _to_root([static, moving], CAMERA_FRAME)
     assert root == "base_footprint"
