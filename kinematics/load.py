@@ -10,14 +10,16 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-import math
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
 
 from kinematics.arrays import Float
 from kinematics.exceptions import ArgumentError, RobotFileError, RobotFileWarning, RobotNotFound
@@ -29,7 +31,7 @@ from kinematics.robot_settings import RobotSettings
 from kinematics.robot_toml import RobotToml, open_robot_toml, read_robot_toml
 from kinematics.srdf import Posture, read_srdf
 from kinematics.tree import KinematicTree
-from kinematics.urdf import Joint, Link, Shape, Urdf
+from kinematics.urdf import SIZES, Joint, Link, Urdf
 from kinematics.urdf_checks import check_urdf
 
 # Stock robots, found by name: beside this package, both in a checkout and in an installed wheel.
@@ -183,16 +185,9 @@ def _add_link(root: Element, link: Link) -> None:
     for shape in link.shapes:
         collision = SubElement(element, "collision")
         _add_origin(collision, shape.transform_shape_to_link)
-        _add_shape(SubElement(collision, "geometry"), shape)
-
-
-def _add_shape(geometry: Element, shape: Shape) -> None:
-    if shape.kind == "box":
-        SubElement(geometry, "box", size=_numbers(shape.size))
-    elif shape.kind == "cylinder":
-        SubElement(geometry, "cylinder", radius=repr(shape.size[0]), length=repr(shape.size[1]))
-    else:
-        SubElement(geometry, "sphere", radius=repr(shape.size[0]))
+        size = iter(shape.size)
+        attributes = {name: _numbers(islice(size, count)) for name, count in SIZES[shape.kind].items()}
+        SubElement(SubElement(collision, "geometry"), shape.kind, attributes)
 
 
 def _add_joint(root: Element, joint: Joint) -> None:
@@ -210,14 +205,12 @@ def _add_origin(element: Element, transform: Float) -> None:
     SubElement(element, "origin", xyz=_numbers(transform[:3, 3]), rpy=_numbers(rpy_from_rotation(transform[:3, :3])))
 
 
-def rpy_from_rotation(rotation: Float) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] of a rotation (3, 3), the inverse of `rotation_from_rpy`; yaw 0 at 90 degrees of pitch."""
-    flat = math.hypot(rotation[0, 0], rotation[1, 0])
-    pitch = math.atan2(-rotation[2, 0], flat)
-    if flat < 1e-9:
-        return math.atan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0
-    return math.atan2(rotation[2, 1], rotation[2, 2]), pitch, math.atan2(rotation[1, 0], rotation[0, 0])
+def rpy_from_rotation(rotation: Float) -> Float:
+    """Roll, pitch, yaw (3,) [rad] of a rotation (3, 3), the inverse of `rotation_from_rpy`."""
+    import pinocchio
+
+    return np.array(pinocchio.rpy.matrixToRpy(rotation))
 
 
-def _numbers(values: object) -> str:
-    return " ".join(repr(float(value)) for value in values)  # type: ignore[attr-defined]
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)

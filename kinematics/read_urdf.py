@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from difflib import get_close_matches
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from kinematics.arrays import Float
 from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
 from kinematics.mesh import find_mesh, mesh_shape
-from kinematics.untrusted import Element, parse_xml, read_xml
-from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
+from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
+from kinematics.urdf import SIZES, Joint, Link, Shape, Urdf, rotation_from_rpy
 
 Numbers = tuple[float, ...]
 # Tolerance of the triangle inequality of inertias, relative to the largest, for values rounded to seven digits.
@@ -30,7 +31,7 @@ READ = {
     "link": ("inertial", "collision"),
     "inertial": ("origin", "mass", "inertia"),
     "collision": ("origin", "geometry"),
-    "geometry": ("box", "cylinder", "sphere", "capsule", "mesh"),
+    "geometry": (*SIZES, "mesh"),
     "joint": ("origin", "parent", "child", "axis", "limit"),
 }
 ATTRIBUTES = {
@@ -43,11 +44,8 @@ ATTRIBUTES = {
     "limit": ("lower", "upper", "effort", "velocity"),
     "parent": ("link",),
     "child": ("link",),
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "sphere": ("radius",),
     "mesh": ("filename", "scale"),
+    **{shape: tuple(sizes) for shape, sizes in SIZES.items()},
 }
 # Elements of the URDF specification and of simulators that are skipped without a note.
 COMMON = {
@@ -71,10 +69,7 @@ def read_urdf(path: Path, text: str | None = None) -> Urdf:
         RobotFileError: the file is missing or not XML, or elements or values that are used are wrong; the message names
             each with its line and what is allowed.
     """
-    if text is None:
-        root, text = read_xml(path)
-    else:
-        root = parse_xml(text, path)
+    root, text = read_xml(path) if text is None else (parse_xml(text, path), text)
     if root.tag != "robot":
         raise RobotFileError(f"{path}: the outermost element is <{root.tag}>, not <robot>")
     reader = _Reader(path)
@@ -108,29 +103,20 @@ class _Reader:
             self.findings.wrong(f"{where}: <{element.tag}> has no attribute {name!r}", element.line)
         return value or ""
 
-    def _numbers(self, text: str, default: tuple[float, ...], what: str, where: str, line: int) -> tuple[float, ...]:
-        try:
-            numbers = tuple(float(word) for word in text.split())
-        except ValueError:
-            numbers = ()
-        if len(numbers) == len(default) and all(math.isfinite(number) for number in numbers):
+    def _attribute(self, element: Element | None, name: str, default: Numbers, where: str) -> Numbers:
+        """Numbers of a required attribute, as many as in `default`."""
+        text = self._text(element, name, where)
+        if element is None or element.get(name) is None:
+            return default
+        numbers, count = finite_numbers(text), len(default)
+        if len(numbers) == count:
             return numbers
-        count = len(default)
         self.findings.wrong(
-            f"{where}: {what} is {text!r}; needed: {count} finite number{'s' * (count > 1)} separated by spaces", line
+            f"{where}: {name} of <{element.tag}> is {text!r}; needed: {count} finite number{'s' * (count > 1)} "
+            "separated by spaces",
+            element.line,
         )
         return default
-
-    def _attribute(
-        self, element: Element | None, name: str, default: tuple[float, ...], where: str
-    ) -> tuple[float, ...]:
-        """Numbers of a required attribute."""
-        if element is None:
-            return default
-        if element.get(name) is None:
-            self._text(element, name, where)
-            return default
-        return self._numbers(str(element.get(name)), default, f"{name} of <{element.tag}>", where, element.line)
 
     def _origin(self, element: Element, where: str) -> Float:
         origin = self._only(element, "origin", where)
@@ -142,13 +128,18 @@ class _Reader:
         transform.setflags(write=False)
         return transform
 
+    def _named(self, element: Element) -> tuple[str, str]:
+        """Name of a link or joint, and the words for it in messages; its other words are checked."""
+        name = element.get("name", "")
+        if not name:
+            self.findings.wrong(f"a <{element.tag}> has no name", element.line)
+        where = f"{element.tag} {name!r}"
+        check_words(element, where, self.findings)
+        return name, where
+
     def link(self, element: Element) -> Link:
         """Read a <link>."""
-        name = element.get("name", "")
-        where = f"link {name!r}"
-        if not name:
-            self.findings.wrong("a <link> has no name", element.line)
-        check_words(element, where, self.findings)
+        name, where = self._named(element)
         inertial = self._only(element, "inertial", where)
         mass, centre, inertia = None, np.zeros(3), np.zeros((3, 3))
         if inertial is not None:
@@ -182,7 +173,7 @@ class _Reader:
         geometry = self._only(collision, "geometry", where, needed=True)
         if geometry is None:
             return None
-        known = [child for child in geometry if child.tag in ("box", "cylinder", "sphere", "capsule", "mesh")]
+        known = [child for child in geometry if child.tag in READ["geometry"]]
         if len(known) != 1:
             count = len(known)
             self.findings.wrong(
@@ -193,12 +184,8 @@ class _Reader:
         assert isinstance(shape, Element)
         if shape.tag == "mesh":
             return self._mesh(shape, transform, where)
-        if shape.tag == "box":
-            size = self._attribute(shape, "size", (1.0, 1.0, 1.0), where)
-        elif shape.tag == "sphere":
-            size = self._attribute(shape, "radius", (1.0,), where)
-        else:
-            size = self._attribute(shape, "radius", (1.0,), where) + self._attribute(shape, "length", (1.0,), where)
+        sizes = [self._attribute(shape, name, (1.0,) * count, where) for name, count in SIZES[shape.tag].items()]
+        size = tuple(chain(*sizes))
         if min(size) <= 0.0:
             self.findings.wrong(f"{where}: size of <{shape.tag}> is {size}; every length must be positive", shape.line)
             return None
@@ -222,11 +209,7 @@ class _Reader:
 
     def joint(self, element: Element) -> Joint:
         """Read a <joint>."""
-        name = element.get("name", "")
-        where = f"joint {name!r}"
-        if not name:
-            self.findings.wrong("a <joint> has no name", element.line)
-        check_words(element, where, self.findings)
+        name, where = self._named(element)
         kind = self._text(element, "type", where)
         if kind not in ("fixed", "revolute", "prismatic", "continuous", ""):
             self.findings.wrong(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from kinematics.findings import Findings
-from kinematics.untrusted import Element, parse_xml, read_xml
+from kinematics.untrusted import Element, finite_numbers, parse_xml, read_xml
 from kinematics.urdf import Urdf
 
 # Joint whose values in a posture are the pose of the body: x y z [m] and quaternion x y z w.
@@ -80,7 +79,7 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
     root: tuple[float, ...] | None = None
     for element in state.findall("joint"):
         joint, line = element.get("name") or "", element.line  # type: ignore[attr-defined]
-        values = _numbers(element.get("value"))
+        values = finite_numbers(element.get("value", ""))
         if not values:
             findings.wrong(
                 f"{where}: joint {joint!r}: value {element.get('value')!r} is not a list of finite numbers", line
@@ -103,12 +102,3 @@ def _posture(state: Element, urdf: Urdf, findings: Findings) -> Posture:
     if missing:
         findings.wrong(f"{where}: no value for {', '.join(missing)}", state.line)
     return Posture(name, positions, root)
-
-
-def _numbers(text: str | None) -> tuple[float, ...]:
-    """Finite numbers of a text; empty if it contains anything else."""
-    try:
-        values = tuple(float(word) for word in (text or "").split())
-    except ValueError:
-        return ()
-    return values if all(math.isfinite(value) for value in values) else ()

@@ -6,6 +6,7 @@ larger than those of any robot are not read.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
@@ -75,6 +76,15 @@ def parse_xml(text: str, path: Path) -> Element:
     root = builder.close()
     assert isinstance(root, Element)
     return root
+
+
+def finite_numbers(text: str) -> tuple[float, ...]:
+    """Finite numbers of a text, separated by spaces; empty if it contains anything else."""
+    try:
+        values = tuple(float(word) for word in text.split())
+    except ValueError:
+        return ()
+    return values if all(map(math.isfinite, values)) else ()
 
 
 def parse_toml(text: str) -> dict[str, object]:

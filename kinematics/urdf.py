@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from kinematics.arrays import Float
+
+# Attributes of each shape, and how many numbers each holds; together they are its size.
+SIZES = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +104,6 @@ class Urdf:
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Float:
     """Rotation (3, 3) by roll, pitch, yaw [rad] about the fixed axes x, y, z, as URDF defines rpy."""
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    import pinocchio
+
+    return np.array(pinocchio.rpy.rpyToMatrix(roll, pitch, yaw))
