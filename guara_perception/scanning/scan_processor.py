@@ -376,7 +376,7 @@ class ScanProcessor:
         return other
 
     def work_ahead(self) -> None:
-        """Assess the stripes added so far, so that `finish` only has to assess those added later.
+        """Merge the stripes added so far, so that `finish` only has to merge the columns of those added later.
 
         Affects the run time of `finish` only, and takes about as long as `finish`: call it while waiting for the last
         few stripes.

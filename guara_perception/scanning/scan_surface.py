@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +14,10 @@ from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
 from guara_perception.ranging.surface_raster import SurfaceRaster
-from guara_perception.settings import Settings, TraversabilityLimits
-from guara_perception.terrain.assessment.assess import Reassessment
-from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses
-from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
+from guara_perception.settings import Settings
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
+from guara_perception.terrain.assessment.raster import pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record_fields import Run
@@ -32,7 +32,7 @@ ROUNDING = 1e-6
 
 
 class ScanSurface:
-    """Ground seen by a scan; each call recomputes only what has changed since the last one.
+    """Ground seen by a scan; each call merges only the columns that changed since the last one.
 
     Attributes:
         grids: cells of each of AREAS.
@@ -65,17 +65,18 @@ class ScanSurface:
         """
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
-        planes, size, origins = geometry.planes_in_footprint, geometry.calibration.camera.size, geometry.sensor_origins
+        # The functions below do not hold this surface, so that its memory is freed at once.
+        self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
+        planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
 
         def hidden(points: Float) -> Mask:
             return np.logical_or.reduce([body.blocks(origin, points) for origin in origins])
 
-        def area(grid: GridGeometry, rows: slice) -> ScanArea:
+        def area(grid: GridGeometry, rows: slice) -> _Area:
             plan = LookPlan(grid, planes, geometry.pixels, size)
-            causes = UnknownCauses(plan, origins, grid, hidden)
-            variance = None if sway_variance is None else sway_variance(grid)
-            return ScanArea(grid, rows, plan, causes, settings.limits, variance)
+            return _Area(rows, plan, None if sway_variance is None else sway_variance(grid))
 
+        self._hidden = hidden
         rows = area_rows(settings, cell)
         self.grids = {name: grid for name, (grid, _) in rows.items()}
         # Made on demand: most scans need one of them.
@@ -92,9 +93,9 @@ class ScanSurface:
     @property
     def pairs(self) -> Index:
         """(ny, nx) index of the first stripe of the pair that passes over each cell on flat ground, -1 where none."""
-        footprint = self._area("footprint")
-        pairs = footprint.plan.pairs(np.arange(footprint.grid.size))
-        return np.append(self._order, -1)[pairs].reshape(footprint.grid.shape)
+        footprint = self.grids["footprint"]
+        pairs = self._area("footprint").plan.pairs(np.arange(footprint.size))
+        return np.append(self._order, -1)[pairs].reshape(footprint.shape)
 
     def add(self, stripes: Mapping[int, StripePoints]) -> None:
         """Add stripes by index; several in one call take less time, with the same result."""
@@ -107,11 +108,15 @@ class ScanSurface:
             InvalidInput: no such area.
         """
         check_area(area)
-        raster = pool(self._raster.raster(), self._pooling)
-        marks = pool_flags(self._raster.marks(), self._pooling)
+        own = self._area(area)
+        raster = pool(self._raster.raster(), self._pooling).window((own.rows, slice(None)))
+        if own.sway_variance is not None:
+            raster = replace(raster, variance=raster.variance + own.sway_variance)
+        marks = pool_flags(self._raster.marks(), self._pooling)[own.rows]
         usable = np.isin(self._order, list(self.stripes))
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
-        return self._area(area).layers(raster, marks, pair_usable)
+        causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, self._hidden)
+        return assess_layers(raster, causes, self.grids[area].resolution, self._limits)
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
         """Cells over which stripes were fired whose frames were lost; see the function `lost_cells`.
@@ -130,44 +135,19 @@ class ScanSurface:
         return lost_cells(elevation, hazard, in_view, plan.planes_in_footprint, is_lost, grid)
 
 
-class ScanArea:
-    """One area of a scan; each call recomputes only what has changed since the last one.
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """One area of a scan.
 
     Attributes:
-        grid: cells of the area.
-        plan: expected observations of the cells.
+        rows: rows of the widest area's raster that belong to this area.
+        plan: expected observations of its cells.
+        sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
     """
 
-    def __init__(
-        self,
-        grid: GridGeometry,
-        rows: slice,
-        plan: LookPlan,
-        causes: UnknownCauses,
-        limits: TraversabilityLimits,
-        sway_variance: Float | None,
-    ) -> None:
-        """Start with nothing seen.
-
-        Args:
-            grid: the cells.
-            rows: rows of the widest area's raster that belong to this area.
-            plan: expected observations of the cells.
-            causes: causes of its unknown cells.
-            limits: traversability limits of the feet.
-            sway_variance: (ny, nx) added to the variance of every cell [m^2], or None.
-        """
-        self.grid, self.plan = grid, plan
-        self._sway_variance = sway_variance
-        self._rows, self._causes = rows, causes
-        self._assessment = Reassessment(grid.resolution, limits)
-
-    def layers(self, raster: Raster, marks: Flags, pair_usable: Mask) -> dict[str, Array]:
-        """All layers of the area; arguments as of `UnknownCauses.flags`, raster and marks of the widest area."""
-        own = raster.window((self._rows, slice(None)))
-        if self._sway_variance is not None:
-            own = replace(own, variance=own.variance + self._sway_variance)
-        return self._assessment.layers(own, self._causes.flags(own.elevation, pair_usable, marks[self._rows]))
+    rows: slice
+    plan: LookPlan
+    sway_variance: Float | None
 
 
 def area_rows(settings: Settings, cell: float) -> dict[str, tuple[GridGeometry, slice]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import cv2
 import numpy as np
 
@@ -19,7 +17,7 @@ from guara_perception.terrain.assessment.disc import (
     fit_disc,
     half_cells,
 )
-from guara_perception.terrain.assessment.raster import Raster, changed_columns, runs, widened
+from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # Least score of a safe cell: 0 is reserved for hazards.
@@ -55,9 +53,11 @@ def assess_layers(
     Returns:
         All layers by name, read-only, in the types of `LAYERS`; age and looks are those of a single scan.
     """
-    flags = flags_of(raster, hazard)
-    # Everything beyond the outermost known cells is unknown and equivalent to the outside of the grid.
     known = np.isfinite(raster.elevation)
+    # No causes in known cells, and UNSCANNED in unknown cells without a cause.
+    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
+    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
+    # Everything beyond the outermost known cells is unknown and equivalent to the outside of the grid.
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
     judged = _assess_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
@@ -72,35 +72,21 @@ def assess_layers(
         off_grid = _sole_off_grid(flags.shape, resolution, limits) & ((flags & UNKNOWN_MASK) == 0)
         flags[off_grid] |= np.uint16(Hazard.EDGE)
         layers["traversability"][off_grid] = 0.0
-    return completed(layers, resolution)
+    known = np.isfinite(layers["elevation"])
+    layers |= {
+        "clearance": clearance(layers["hazard"], resolution).astype(np.float32),
+        "age": np.where(known, 0, 255).astype(np.uint8),
+        "looks": known.astype(np.uint8),
+    }
+    for layer in layers.values():
+        # Read-only layers are not copied by a grid.
+        layer.setflags(write=False)
+    return layers
 
 
 def _unknown(layer: str) -> float:
     """Value of unknown cells."""
     return 0.0 if layer == "traversability" else np.nan
-
-
-def flags_of(raster: Raster, hazard: Flags) -> Flags:
-    """Initial flags without causes in known cells, and with UNSCANNED in unknown cells without a cause."""
-    known = np.isfinite(raster.elevation)
-    flags = np.where(known, hazard & ~UNKNOWN_MASK, hazard).astype(np.uint16)
-    flags[~known & ((hazard & UNKNOWN_MASK) == 0)] |= np.uint16(Hazard.UNSCANNED)
-    return flags
-
-
-def completed(layers: Mapping[str, Array], resolution: float) -> dict[str, Array]:
-    """The layers of `assess_soles` with clearance, age and looks of a single scan, read-only."""
-    known = np.isfinite(layers["elevation"])
-    whole = {
-        **layers,
-        "clearance": clearance(layers["hazard"], resolution).astype(np.float32),
-        "age": np.where(known, 0, 255).astype(np.uint8),
-        "looks": known.astype(np.uint8),
-    }
-    for layer in whole.values():
-        # Read-only layers are not copied by a grid.
-        layer.setflags(write=False)
-    return whole
 
 
 def _sole_off_grid(shape: tuple[int, ...], resolution: float, limits: TraversabilityLimits) -> Mask:
@@ -134,20 +120,23 @@ def _assess_in_blocks(
     for start in range(0, ny, rows):
         first, end = max(start - margin, 0), min(start + rows + margin, ny)
         drifted = None if drift is None else drift[first:end]
-        tested = assess_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
-        block = assess_soles(tested, kernel, resolution, limits, drifted)
+        block = _assess_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
+        hazard = block["hazard"]
+        edge = edge_cells(hazard, kernel, resolution, limits, drifted) & ((hazard & UNKNOWN_MASK) == 0)
+        hazard[edge] |= np.uint16(Hazard.EDGE)
+        block["traversability"][edge] = 0.0
         blocks.append({name: layer[start - first : start - first + rows] for name, layer in block.items()})
     return blocks[0] if len(blocks) == 1 else {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
 
 
-def assess_discs(
+def _assess_discs(
     raster: Raster, flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits
 ) -> dict[str, Array]:
     """Layers computed from a disc around each cell (all but clearance and EDGE).
 
     Args:
         raster, resolution, limits: as in `assess_layers`.
-        flags: from `flags_of`.
+        flags: initial flags, with a cause in every unknown cell and in no other.
         kernel: the disc; within its radius of the border the layers differ from those of a larger grid.
     """
     known = (flags & UNKNOWN_MASK) == 0
@@ -203,20 +192,6 @@ def assess_discs(
     }
 
 
-def assess_soles(
-    layers: Mapping[str, Array],
-    kernel: Kernel,
-    resolution: float,
-    limits: TraversabilityLimits,
-    drift: Index | None = None,
-) -> dict[str, Array]:
-    """Add EDGE to the layers of `assess_discs`."""
-    flags = layers["hazard"]
-    edge = edge_cells(flags, kernel, resolution, limits, drift) & ((flags & UNKNOWN_MASK) == 0)
-    hazard = flags | edge * np.uint16(Hazard.EDGE)
-    return {**layers, "hazard": hazard, "traversability": np.where(edge, np.float32(0), layers["traversability"])}
-
-
 def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, Float]:
     """Largest rise and largest fall from each known cell (n,) to any known cell of its window [m].
 
@@ -232,56 +207,3 @@ def rises(low: Float, high: Float, known: Mask, kernel: Kernel) -> tuple[Float, 
 def _score(value: Float, limit: float) -> Float:
     """1 at zero, falling to 0 at the limit; 0 for NaN."""
     return np.minimum(np.fmax(1.0 - value / limit, 0.0), 1.0)
-
-
-class Reassessment:
-    """Incremental `assess_layers` with bit-identical results.
-
-    Discs are fitted again only where a cell within them changed; EDGE and clearance, which take little time, always.
-    """
-
-    def __init__(self, resolution: float, limits: TraversabilityLimits) -> None:
-        """Start without a previous assessment.
-
-        Args:
-            resolution: cell edge [m].
-            limits: traversability limits.
-        """
-        self._resolution, self._limits = resolution, limits
-        self._kernel = disc_kernel(limits.disc_radius / resolution)
-        self._before: tuple[Raster, Flags, dict[str, Array]] | None = None
-
-    def layers(self, raster: Raster, hazard: Flags) -> dict[str, Array]:
-        """Compute all layers; arguments and result as those of `assess_layers`.
-
-        The arrays must not be changed afterwards: those of the next call are compared with them.
-        """
-        flags = flags_of(raster, hazard)
-        tested = self._tested(raster, flags)
-        self._before = raster, flags, tested
-        return completed(assess_soles(tested, self._kernel, self._resolution, self._limits), self._resolution)
-
-    def _tested(self, raster: Raster, flags: Flags) -> dict[str, Array]:
-        """Layers of `assess_discs`, recomputed where something changed."""
-        fixed = self._kernel, self._resolution, self._limits
-        if self._before is None:
-            return assess_discs(raster, flags, *fixed)
-        raster_before, flags_before, before = self._before
-        changed = changed_columns(flags, flags_before)
-        for now, then in zip(raster.layers, raster_before.layers, strict=True):
-            changed |= changed_columns(now, then)
-        reach = self._kernel.shape[0] // 2
-        parts = []
-        # Only columns whose discs contain a change can change; they are assessed with all columns of their discs.
-        for columns in runs(widened(changed, reach)):
-            first = max(columns.start - reach, 0)
-            around = slice(first, columns.stop + reach)
-            part = assess_discs(raster.window((slice(None), around)), flags[:, around], *fixed)
-            parts.append((columns, slice(columns.start - first, columns.stop - first), part))
-        if not parts:
-            return before
-        tested = {name: layer.copy() for name, layer in before.items()}
-        for columns, inner, part in parts:
-            for name, layer in tested.items():
-                layer[:, columns] = part[name][:, inner]
-        return tested

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Float32, Index, Mask
-from guara_perception.terrain.assessment.raster import ROUNDING, changed_columns
+from guara_perception.terrain.assessment.raster import ROUNDING
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 
@@ -31,6 +31,7 @@ class LookPlan:
     """Expected observations of the cells of a grid by a scan of flat ground, computed once for each cell.
 
     Attributes:
+        geometry: the grid.
         planes_in_footprint: (s, 4) laser planes in the order of the pattern.
     """
 
@@ -49,7 +50,7 @@ class LookPlan:
             project: gives picture positions (n, 2) of points (n, 3) in base_footprint, NaN where behind the camera.
             size: picture width and height [px].
         """
-        self._geometry, self._project, self._size = geometry, project, size
+        self.geometry, self._project, self._size = geometry, project, size
         self.planes_in_footprint = planes_in_footprint
         self._pairs = np.full(geometry.size, NOT_ASKED, dtype=np.int32)
         self._in_view = np.full(geometry.size, NOT_ASKED, dtype=np.int8)
@@ -85,12 +86,12 @@ class LookPlan:
         """
         usable, known = np.flatnonzero(pair_usable), np.isfinite(elevation)
         if not (usable.size and known.any()):
-            return np.zeros(self._geometry.shape, dtype=bool)
-        x, y = self._geometry.centres()
+            return np.zeros(self.geometry.shape, dtype=bool)
+        x, y = self.geometry.centres()
         a, b, c, d = self.planes_in_footprint[[usable[0], usable[-1] + 1], :, None].swapaxes(0, 1)
         rows, columns = np.arange(y.size), np.arange(x.size)
         ends = known.argmax(axis=1), x.size - 1 - known[:, ::-1].argmax(axis=1)
-        tolerance = self._geometry.resolution / 2 + END_MARGIN_M
+        tolerance = self.geometry.resolution / 2 + END_MARGIN_M
         unmet = []
         for end, sign in zip(ends, (1, -1), strict=True):
             height = elevation[rows, end]
@@ -99,7 +100,7 @@ class LookPlan:
             ends_there = known.any(axis=1) & (sign * (x[end] - crossing) <= tolerance)
             top = float(height[ends_there].max(initial=DEEPEST_M))
             share = np.clip((laser_origin[2] - top) / (laser_origin[2] - DEEPEST_M), 0.0, 1.0)
-            passed = (laser_origin[1] + (y - laser_origin[1]) * share - y[0]) / self._geometry.resolution
+            passed = (laser_origin[1] + (y - laser_origin[1]) * share - y[0]) / self.geometry.resolution
             other = np.clip(np.rint(passed).astype(np.intp), 0, y.size - 1)
             others = np.append(0, np.cumsum(~ends_there))
             is_closed = others[np.maximum(rows, other) + 1] == others[np.minimum(rows, other)]
@@ -122,111 +123,57 @@ class LookPlan:
             return np.asarray((pixels >= 0).all(axis=1) & inside)
 
     def _centres(self, cells: Index) -> tuple[Float, Float]:
-        x, y = self._geometry.centres()
+        x, y = self.geometry.centres()
         iy, ix = np.divmod(cells, x.size)
         return x[ix], y[iy]
 
 
-class UnknownCauses:
-    """Causes of unknown cells; lines of sight are followed again only if something on them changed."""
+def unknown_causes(
+    plan: LookPlan,
+    sensor_origins: tuple[Float, ...],
+    elevation: Float,
+    pair_usable: Mask,
+    marks: Flags,
+    in_own_shadow: Callable[[Float], Mask] | None = None,
+) -> Flags:
+    """The causes of unknown cells.
 
-    def __init__(
-        self,
-        plan: LookPlan,
-        sensor_origins: tuple[Float, ...],
-        geometry: GridGeometry,
-        in_own_shadow: Callable[[Float], Mask] | None = None,
-    ) -> None:
-        """Start with an unknown grid.
+    Args:
+        plan: expected observations.
+        sensor_origins: positions (3,) of the camera and, last, the laser in base_footprint.
+        elevation: (ny, nx) heights [m], NaN where unknown.
+        pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
+        marks: (ny, nx) flags of unusable returns.
+        in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = none.
 
-        Args:
-            plan: expected observations.
-            sensor_origins: positions (3,) of the camera and, last, the laser in base_footprint.
-            geometry: the grid.
-            in_own_shadow: mask of the points (n, 3) that the robot hides from its own camera or laser; None = none.
-        """
-        self._plan, self._sensor_origins, self._geometry = plan, sensor_origins, geometry
-        self._in_own_shadow = in_own_shadow
-        # Of the last call: the surface; the ground in observed unknown cells, NaN in others; the causes of these cells.
-        self._elevation = np.full(geometry.shape, np.nan)
-        self._ground = np.full(geometry.size, np.nan)
-        self._why = np.zeros(geometry.size, dtype=np.uint16)
-
-    def flags(self, elevation: Float, pair_usable: Mask, marks: Flags) -> Flags:
-        """The causes of unknown cells.
-
-        Args:
-            elevation: (ny, nx) heights [m], NaN where unknown; must not be changed afterwards.
-            pair_usable: (s - 1,) mask of the pairs of neighbouring stripes fired with good frames.
-            marks: (ny, nx) flags of unusable returns.
-
-        Returns:
-            (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
-        """
-        unknown = np.isnan(elevation)
-        flags = np.where(unknown, marks, 0).astype(np.uint16)
-        cells = np.flatnonzero(unknown & (flags == 0))
-        # The index -1 of no pair selects the appended entry, which is not usable.
-        looked_at = np.append(pair_usable, False)[self._plan.pairs(cells)] & self._plan.in_view(cells)
-        looked_at &= ~self._plan.unmet(elevation, pair_usable, self._sensor_origins[-1]).ravel()[cells]
-        flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
-        cells = cells[looked_at]
-        targets = _lowest_ground(elevation, cells, self._geometry)
-        why = self._why[cells]
-        new = np.flatnonzero(self._is_new(elevation, cells, targets))
-        if new.size:
-            why[new] = self._find(elevation, targets[new])
-        self._elevation = elevation
-        self._ground.fill(np.nan)
-        self._ground[cells], self._why[cells] = targets[:, 2], why
-        flags.ravel()[cells] = why
-        return flags
-
-    def _is_new(self, elevation: Float, cells: Index, targets: Float) -> Mask:
-        """Mask (n,) of the cells whose ground, or whose lines of sight, changed since the last call."""
-        new = np.asarray(targets[:, 2] != self._ground[cells])
-        changed = changed_columns(elevation, self._elevation)
-        count = np.cumsum(np.append(0, changed))
-        # A line can only meet a change where it runs below the present or previous surface of the changed columns.
-        top = np.fmax(_top(elevation[:, changed]), _top(self._elevation[:, changed]))
-        if np.isfinite(top):
-            x0, cell, last = self._geometry.origin[0], self._geometry.resolution, count.size - 2
-            for sensor_origin in self._sensor_origins:
-                ends = sensor_origin[0] + _start(targets, sensor_origin, top) * (targets[:, 0] - sensor_origin[0])
-                # One more column on each side, for rounding.
-                low = ((np.minimum(ends, targets[:, 0]) - x0) / cell - 1).clip(0, last).astype(np.intp)
-                high = ((np.maximum(ends, targets[:, 0]) - x0) / cell + 1).clip(0, last).astype(np.intp)
-                new |= count[high + 1] > count[low]
-        return new
-
-    def _find(self, elevation: Float, targets: Float) -> Flags:
-        """Causes of unknown ground (n, 3) that was observed."""
-        why = np.full(len(targets), Hazard.DROPOUT, dtype=np.uint16)
-        for sensor_origin in self._sensor_origins:
-            why[behind_surface(elevation, targets, sensor_origin, self._geometry)] = Hazard.OCCLUDED
-        if self._in_own_shadow is not None:
-            why[self._in_own_shadow(targets)] = Hazard.SELF
-        return why
-
-
-def _top(elevation: Float) -> float:
-    """The highest known height, NaN where there is none."""
-    return float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
-
-
-def _start(targets: Float, sensor_origin: Float, top: float) -> Float:
-    """Fraction (n,) of each line from a sensor to a target (n, 3) at which it falls below the height `top`."""
-    climb = np.maximum(sensor_origin[2] - targets[:, 2], 1e-6)
-    return np.clip(1 - (top - targets[:, 2]) / climb, 0.0, 1.0)
+    Returns:
+        (ny, nx) uint16, one or more unknown flags where the elevation is NaN, 0 elsewhere.
+    """
+    unknown = np.isnan(elevation)
+    flags = np.where(unknown, marks, 0).astype(np.uint16)
+    cells = np.flatnonzero(unknown & (flags == 0))
+    # The index -1 of no pair selects the appended entry, which is not usable.
+    looked_at = np.append(pair_usable, False)[plan.pairs(cells)] & plan.in_view(cells)
+    looked_at &= ~plan.unmet(elevation, pair_usable, sensor_origins[-1]).ravel()[cells]
+    flags.ravel()[cells[~looked_at]] = np.uint16(Hazard.UNSCANNED)
+    cells = cells[looked_at]
+    targets = _lowest_ground(elevation, cells, plan.geometry)
+    why = np.full(cells.size, Hazard.DROPOUT, dtype=np.uint16)
+    for sensor_origin in sensor_origins:
+        why[behind_surface(elevation, targets, sensor_origin, plan.geometry)] = Hazard.OCCLUDED
+    if in_own_shadow is not None and cells.size:
+        why[in_own_shadow(targets)] = Hazard.SELF
+    flags.ravel()[cells] = why
+    return flags
 
 
 def behind_surface(elevation: Float, targets: Float, sensor_origin: Float, geometry: GridGeometry) -> Mask:
     """Mask of the targets (n, 3) that a measured surface hides from a sensor."""
-    top = _top(elevation)
+    top = float(np.fmax.reduce(elevation, axis=None, initial=np.nan))
     if np.isnan(top) or not len(targets):
         return np.zeros(len(targets), dtype=bool)
     # Nothing hides above the highest surface: only the last part of each line is tested.
-    start = _start(targets, sensor_origin, top)
+    start = np.clip(1 - (top - targets[:, 2]) / np.maximum(sensor_origin[2] - targets[:, 2], 1e-6), 0.0, 1.0)
     length = np.hypot(sensor_origin[0] - targets[:, 0], sensor_origin[1] - targets[:, 1])
     # Steps of half a cell from the target; those beyond the end of a shorter line are all at its end.
     spacing = geometry.resolution / 2 / np.maximum(length, geometry.resolution)

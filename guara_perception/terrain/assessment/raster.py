@@ -1,4 +1,4 @@
-"""Rasters: samples summed per cell, pooled to coarser cells, and the columns in which a raster changed."""
+"""Rasters: samples summed per cell, merged to heights and pooled to coarser cells."""
 
 from __future__ import annotations
 
@@ -272,18 +272,6 @@ def blocks(layer: Array, factor: int) -> Array:
     """Values (ny, nx, factor^2) of the `factor` x `factor` fine cells of each coarser cell."""
     ny, nx = (n // factor for n in layer.shape)
     return layer.reshape(ny, factor, nx, factor).swapaxes(1, 2).reshape(ny, nx, -1)
-
-
-def changed_columns(now: Array, before: Array) -> Mask:
-    """Mask (nx,) of the columns of a layer (ny, nx) in which any bit differs from another layer of its type."""
-    whole = np.dtype(f"u{now.itemsize}")
-    return np.asarray((now.view(whole) != before.view(whole)).any(axis=0))
-
-
-def widened(columns: Mask, cells: int) -> Mask:
-    """Dilate a mask (nx,) of columns by a number of cells."""
-    padded = np.pad(columns, cells)
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * cells + 1).any(axis=1))
 
 
 def runs(columns: Mask) -> list[slice]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from guara_perception.terrain.assessment.causes import LookPlan, UnknownCauses, behind_surface
+from guara_perception.terrain.assessment.causes import LookPlan, behind_surface, unknown_causes
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.thorough import examples
@@ -18,6 +18,8 @@ SENSOR_ORIGINS = (np.array([0.4, 0.0, 0.5]), np.array([0.6, 0.0, 0.47]))
 
 class Plan:
     """The same look at every cell."""
+
+    geometry = GRID
 
     def __init__(self, pair: int, seen: bool) -> None:
         self.pair, self.seen = pair, seen
@@ -38,8 +40,7 @@ ALL_SEEN = Plan(0, True)
 def causes(elevation: np.ndarray, plan: Plan = ALL_SEEN, usable: bool = True, **more: object) -> np.ndarray:
     marks = more.get("marks", np.zeros(GRID.shape, np.uint16))
     origins = more.get("sensor_origins", SENSOR_ORIGINS)
-    found = UnknownCauses(plan, origins, GRID, more.get("own"))  # type: ignore[arg-type]
-    return found.flags(elevation, np.array([usable]), marks)  # type: ignore[arg-type]
+    return unknown_causes(plan, origins, elevation, np.array([usable]), marks, more.get("own"))  # type: ignore[arg-type]
 
 
 def flat(*unknown: tuple[int, int]) -> np.ndarray:
@@ -139,31 +140,6 @@ def test_plan_tells_the_cells_that_the_camera_sees() -> None:
 
 
 @pytest.mark.slow
-@given(st.integers(0, 100_000))
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
-def test_causes_found_again_are_those_found_at_once(seed: int) -> None:
-    """Walls, gaps and stripes that come and go between two questions: no line of sight is kept that meets a change."""
-    random = np.random.default_rng(seed)
-    elevation = random.normal(0, 0.002, GRID.shape)
-    for _ in range(random.integers(0, 4)):
-        iy, ix = random.integers(0, GRID.shape[0]), random.integers(0, GRID.shape[1])
-        elevation[iy : iy + random.integers(1, 12), ix : ix + random.integers(1, 6)] = random.uniform(-0.05, 0.3)
-    elevation[random.random(GRID.shape) < random.choice([0.1, 0.5, 0.95])] = np.nan
-    again = UnknownCauses(ALL_SEEN, SENSOR_ORIGINS, GRID, lambda points: points[:, 2] > 0.02)  # type: ignore[arg-type]
-    marks = np.zeros(GRID.shape, np.uint16)
-    for _ in range(4):
-        usable = np.array([random.random() < 0.9])
-        at_once = UnknownCauses(ALL_SEEN, SENSOR_ORIGINS, GRID, lambda points: points[:, 2] > 0.02)  # type: ignore[arg-type]
-        np.testing.assert_array_equal(
-            again.flags(elevation, usable, marks), at_once.flags(elevation, usable, marks), strict=True
-        )
-        elevation, marks = elevation.copy(), marks.copy()
-        columns = np.s_[:, slice(*sorted(random.integers(0, GRID.shape[1] + 1, 2).tolist()))]
-        elevation[columns] = random.choice([np.nan, 0.0, 0.08, 0.2], elevation[columns].shape)
-        marks[:, random.integers(0, GRID.shape[1])] ^= np.uint16(Hazard.AMBIGUOUS)
-
-
-@pytest.mark.slow
 @given(st.integers(0, 100_000), st.integers(1, 200))
 @settings(max_examples=examples(30), deadline=None, derandomize=True)
 def test_a_line_of_sight_does_not_depend_on_the_others(seed: int, number: int) -> None:
@@ -217,9 +193,7 @@ def test_ground_before_the_first_stripe_on_a_step_is_unscanned() -> None:
     """All stripes fall short of the near edge on ground 100 mm higher: nothing looked at the cells before the first."""
     height = np.full(GRID.shape, 0.1)
     elevation, lit, plan = swept(height, np.zeros(GRID.shape, bool))
-    found = UnknownCauses(plan, SENSOR_ORIGINS, GRID).flags(
-        elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16)
-    )
+    found = unknown_causes(plan, SENSOR_ORIGINS, elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16))
     first, last = lit.any(axis=0).argmax(), 59 - lit.any(axis=0)[::-1].argmax()
     assert first == 3 and last <= 51
     assert (found[:, :first] == Hazard.UNSCANNED).all() and (found[:, last + 1 :] == Hazard.UNSCANNED).all()
@@ -232,9 +206,7 @@ def test_dark_ground_at_the_near_edge_is_a_dropout(deep: float, base: float) -> 
     gx, gy = np.meshgrid(*GRID.centres())
     dark = (gx < 0.56) & (np.abs(gy) < 0.02)
     elevation, lit, plan = swept(np.where(dark, base + deep, base), dark)
-    found = UnknownCauses(plan, SENSOR_ORIGINS, GRID).flags(
-        elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16)
-    )
+    found = unknown_causes(plan, SENSOR_ORIGINS, elevation, np.ones(30, bool), np.zeros(GRID.shape, np.uint16))
     assert (lit & dark).sum() > 20
     assert (found[lit & dark] & (Hazard.DROPOUT | Hazard.OCCLUDED)).all()
     assert (found[lit & dark] == Hazard.DROPOUT).mean() > 0.9
