@@ -123,15 +123,15 @@ class Fields:
         self._check_bounds(name, value, minimum, maximum)
         return value
 
-    def number(self, name: str, minimum: float | None = None, maximum: float | None = None) -> float:
-        """A finite number within bounds (inclusive)."""
+    def number(self, name: str, minimum: float | None = None, maximum: float | None = None, unit: str = "") -> float:
+        """A finite number within bounds (inclusive), whose unit is named if it is not."""
         try:
             number = float(self._of_type(name, float))
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
             raise FileFormatError(f"{self.path_to(name)} is {number}, it must be finite")
-        self._check_bounds(name, number, minimum, maximum)
+        self._check_bounds(name, number, minimum, maximum, unit)
         return number
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> Float:
@@ -178,11 +178,13 @@ class Fields:
             raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be {KINDS[kind]}")
         return value
 
-    def _check_bounds(self, name: str, value: float, minimum: float | None, maximum: float | None) -> None:
+    def _check_bounds(
+        self, name: str, value: float, minimum: float | None, maximum: float | None, unit: str = ""
+    ) -> None:
         if (minimum is not None and value < minimum) or (maximum is not None and value > maximum):
             low = "-inf" if minimum is None else minimum
             high = "inf" if maximum is None else maximum
-            raise FileFormatError(f"{self.path_to(name)} is {value}, allowed: {low} ... {high}")
+            raise FileFormatError(f"{self.path_to(name)} is {value}, allowed: {low} ... {high}{unit}")
 
 
 def _holds_numbers_only(value: Any) -> bool:

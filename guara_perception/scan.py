@@ -54,6 +54,7 @@ class Scan:
         read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
         withdrawn: reason for which the node withdrew the grid of this scan, as recorded; empty when it did not.
         dark_after: indices of the stripes after which the sweep had a dark flash; empty when it had no code.
+        camera_identity: maker, model and serial number as the camera told them; empty if unknown.
     """
 
     robot: str
@@ -68,6 +69,7 @@ class Scan:
     read_frame: Callable[[str], Image]
     withdrawn: str = ""
     dark_after: tuple[int, ...] = ()
+    camera_identity: str = ""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:

@@ -69,6 +69,7 @@ class Camera(ABC):
 
     Attributes:
         name: name of the camera in messages.
+        identity: maker, model and serial number as the open camera tells them, to know it again; empty if unknown.
         lag: a frame with stamp t shows nothing older than t - lag [s]: exposure, read-out and transfer together. None
             if unknown: acquisition then drops frames after every change instead. Use `measure_lag` to measure it.
         triggered: True if the camera exposes at each pulse on its trigger line and at no other time, and sets
@@ -78,6 +79,7 @@ class Camera(ABC):
     """
 
     name: str = "camera"
+    identity: str = ""
     lag: float | None = None
     triggered: bool = False
     trigger_period: float = 0.0

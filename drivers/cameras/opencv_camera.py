@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from drivers import timing
 from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.cameras.usb_identity import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
@@ -118,6 +119,7 @@ class OpenCvCamera(Camera):
             raise
         self._counter, self._failed, self._newest = 0, False, None
         if not self._is_file:
+            self.identity = usb_identity(f"/dev/video{source}" if isinstance(source, int) else source)
             self._stop.clear()
             self._reader = threading.Thread(target=self._read_forever, name=self.name, daemon=True)
             self._reader.start()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.cameras.usb_identity import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
@@ -103,6 +104,7 @@ class V4l2Camera(Camera):
             self.close()
             raise
         self._capture, self._counter = capture, -1
+        self.identity = usb_identity(self._path)
 
     def close(self) -> None:
         """Stop and release the device; does nothing when closed."""

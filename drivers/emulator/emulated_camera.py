@@ -72,6 +72,7 @@ class EmulatedCamera(Camera):
         exposure: float = 0.008,
         latency: float = 0.008,
         name: str = "emulated camera",
+        identity: str = "emulated camera, serial EMU0001",
     ) -> None:
         """Prepare the camera.
 
@@ -82,6 +83,7 @@ class EmulatedCamera(Camera):
             exposure: initial exposure time [s].
             latency: time from the end of the exposure to the arrival [s].
             name: name of the camera in messages.
+            identity: see `Camera`.
 
         Raises:
             ValueError: fps or exposure is not above 0, or the exposure is longer than a frame.
@@ -91,7 +93,7 @@ class EmulatedCamera(Camera):
                 f"fps {fps}, exposure {exposure} s, latency {latency} s: fps must be above 0, exposure above 0 and at "
                 "most 1 / fps, latency at least 0"
             )
-        self.name = name
+        self.name, self.identity = name, identity
         self._board, self._render = board, render
         self._period, self._latency = 1.0 / fps, latency
         self._settings = CameraSettings(exposure=exposure, gain=1.0, white_balance=5000.0, gamma=1.0)

@@ -22,12 +22,13 @@ LARGEST_BYTES = 64 * 1024
 # Numbers of the camera and their limits; all but the first two are settings, locked and read back.
 NUMBERS = {
     "fps": (0.1, 10_000.0),
-    "lag": (0.0, 10.0),
-    "exposure": (1e-6, 10.0),
+    "lag": (0.0, 2.0),
+    "exposure": (1e-6, 1.0),
     "gain": (-100.0, 1e4),
     "white_balance": (500.0, 20_000.0),
     "gamma": (0.01, 1e4),
 }
+UNITS = dict.fromkeys(("lag", "exposure"), " s (8 ms are 0.008)")
 LINES = ("trigger", "exposure_output", "pixel_format")
 # Prefixes of a camera's source for classes that know more of the camera than OpenCV does.
 ARAVIS, V4L2 = "aravis", "v4l2"
@@ -37,7 +38,7 @@ OFF_FRAMES = ("one", "per stripe", "none")
 TRIGGERED_EXPOSURE_S = 0.004
 KNOWN = {
     "": {"format", "camera", "board"},
-    "camera": {"source", "size", "off_frames", *LINES, *NUMBERS},
+    "camera": {"source", "identity", "size", "off_frames", *LINES, *NUMBERS},
     "board": {"source", "vendor_id", "product_id", "serial"},
 }
 
@@ -60,6 +61,7 @@ class Devices:
         exposure_output: camera line that is active during an exposure, or None.
         pixel_format: pixel format to ask for, or None for the camera's best.
         off_frames: frames with the laser off, one of OFF_FRAMES.
+        identity: `drivers.Camera.identity`, compared when the camera is opened; empty if unknown.
         folder: folder of devices.toml, also searched for user-defined classes.
     """
 
@@ -73,6 +75,7 @@ class Devices:
     exposure_output: str | None = None
     pixel_format: str | None = None
     off_frames: str = "one"
+    identity: str = ""
     folder: Path | None = field(default=None, compare=False)
 
     def camera(self, *, free: bool = False) -> Camera:
@@ -169,6 +172,9 @@ def devices_of(
         MissingFile, FileFormatError: see `load_devices`.
     """
     known = Devices() if path is None else load_devices(path)
+    if camera is not None:
+        # Another camera than that of the file.
+        known = replace(known, identity="")
     given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
     return replace(known, **{name: value for name, value in given.items() if value})
 
@@ -205,9 +211,12 @@ def load_devices(path: str | Path) -> Devices:
         if not (64 <= width <= 16384 and 64 <= height <= 16384):
             raise FileFormatError(f"{camera.path_to('size')} is [{width}, {height}], allowed: 64 ... 16384 px each way")
         size = (width, height)
-    numbers = {name: camera.number(name, *limits) for name, limits in NUMBERS.items() if camera.has(name)}
+    numbers = {
+        name: camera.number(name, *limits, UNITS.get(name, "")) for name, limits in NUMBERS.items() if camera.has(name)
+    }
     return Devices(
         source=camera.text("source"),
+        identity=camera.text("identity") if camera.has("identity") else "",
         size=size,
         fps=numbers.pop("fps", None),
         lag=numbers.pop("lag", None),
@@ -228,6 +237,8 @@ def save_devices(devices: Devices, path: str | Path) -> None:
     lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
     lines += [f'format = "{FORMAT}"', "", "[camera]", f"source = {_quoted(devices.source)}"]
     lines += [f"{name} = {_quoted(value)}" for name in LINES if (value := getattr(devices, name)) is not None]
+    if devices.identity:
+        lines.append(f"identity = {_quoted(devices.identity)}")
     if devices.off_frames != "one":
         lines.append(f"off_frames = {_quoted(devices.off_frames)}")
     if devices.size is not None:

@@ -19,7 +19,7 @@ from drivers.board.usb_link import default_backend
 from drivers.cameras.camera import evidence_of
 from guara_perception.app.devices_file import Devices
 from guara_perception.app.files.open_scan import open_scan
-from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.calibration import Calibration, check_identity
 from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import PerceptionError
@@ -81,7 +81,7 @@ def examine(
         "camera": (check_camera, devices),
         "cameras": (check_cameras,),
         "zenoh": (check_endpoint, listen),
-        "calibration": (check_calibration, calibration),
+        "calibration": (check_calibration, calibration, devices),
         "drift": (check_scan_drift, calibration, scan),
         "disk": (check_disk, folder),
         "speed": (check_speed,),
@@ -130,12 +130,14 @@ def check_camera(devices: Devices) -> Finding:
             locked = camera.lock(devices.camera_settings())
             held = "".join(f"{name} {getattr(locked, name):g} held; " for name in devices.settings)
         frame = camera.grab(2.0)
+        check_identity(camera.identity, devices.identity, "what is connected")
+        named = f" ({camera.identity})" if camera.identity else ""
     if triggered.triggered:
         # Opening fails if the camera has no trigger line.
         triggered.open()
         triggered.close()
     height, width = frame.image.shape[:2]
-    said = f"camera {devices.source} gives {width}x{height} px; {held}it {evidence_of(triggered)}"
+    said = f"camera {devices.source}{named} gives {width}x{height} px; {held}it {evidence_of(triggered)}"
     if devices.size is not None and (width, height) != tuple(devices.size):
         wanted = f"{devices.size[0]}x{devices.size[1]}"
         return Finding(FAIL, f"{said}; its file says {wanted}: a calibration holds for one size only")
@@ -170,11 +172,13 @@ def check_endpoint(listen: str) -> Finding:
     return Finding(OK, f"{listen} is free ({protocol})")
 
 
-def check_calibration(path: Path | None) -> Finding:
-    """Check that a calibration loads; report its verdict and age."""
+def check_calibration(path: Path | None, devices: Devices) -> Finding:
+    """Check that a calibration loads and is of the camera of the devices; report its verdict and age."""
     if path is None:
         return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
-    return judge_calibration(load_calibration(path))
+    calibration = load_calibration(path)
+    check_identity(devices.identity, calibration.camera.identity, "the file of devices")
+    return judge_calibration(calibration)
 
 
 def judge_calibration(calibration: Calibration) -> Finding:

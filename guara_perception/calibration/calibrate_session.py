@@ -185,7 +185,7 @@ def calibrate_session(
     surface = surface_map(undistorted(fit.camera, np.array([mark.centre_px for mark in floor.marks])), points)
     calibration = Calibration(
         robot=session.robot,
-        camera=fit.camera,
+        camera=replace(fit.camera, identity=session.camera_identity),
         transform_camera_to_base=camera_to_base,
         stripes=stripe_records(laser, session, missing, fit),
         mirror=mirror_record(laser, fit, floor, missing),

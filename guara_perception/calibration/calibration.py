@@ -123,6 +123,24 @@ class Calibration:
         )
 
 
+def check_identity(found: str, expected: str, what: str) -> None:
+    """Refuse a camera that is known to be another than the expected one.
+
+    Args:
+        found: identity of the camera; empty if unknown, which is accepted.
+        expected: identity of the camera that was calibrated; empty if unknown, which is accepted.
+        what: what comes from the camera found, for the message.
+
+    Raises:
+        CalibrationMismatch: they differ.
+    """
+    if found and expected and found != expected:
+        raise CalibrationMismatch(
+            f"{what} is of camera {found!r}, the calibration is of camera {expected!r}: connect that one, or give the "
+            "calibration of this one (`guara record` makes it)"
+        )
+
+
 def check_transform(transform: Float, name: str) -> None:
     """Reject a matrix that is not a rigid 4x4 transform."""
     if transform.shape != (4, 4) or not np.isfinite(transform).all():
@@ -150,11 +168,13 @@ class CameraModel:
         size: image width and height [px].
         matrix: (3, 3) float64, focal lengths and principal point [px].
         distortion: (5,) float64, k1, k2, p1, p2, k3.
+        identity: maker, model and serial number as the camera told them; empty if unknown.
     """
 
     size: tuple[int, int]
     matrix: Float
     distortion: Float
+    identity: str = ""
 
     def __post_init__(self) -> None:
         matrix = read_only(np.array(self.matrix, dtype=np.float64))

@@ -115,6 +115,16 @@ class CalibrationSession:
         named = [plate.name for plate in self.plates]
         if len(set(named)) != len(named):
             raise InvalidInput(f"{self.source}: plates name the same scan twice: {', '.join(sorted(named))}")
+        if len(cameras := self._cameras()) > 1:
+            raise CalibrationMismatch(f"{self.source}: plates were scanned by cameras {', '.join(cameras)}: use one")
+
+    @property
+    def camera_identity(self) -> str:
+        """Identity of the camera, by the scans of the plates; empty if unknown."""
+        return next(iter(self._cameras()), "")
+
+    def _cameras(self) -> list[str]:
+        return sorted({plate.scan.camera_identity for plate in self.plates} - {""})
 
 
 def _check_stance(plate: Plate, stance: Stance, source: str) -> None:

@@ -94,6 +94,8 @@ def to_dict(calibration: Calibration) -> dict[str, Any]:
             "size": list(camera.size),
             "matrix": camera.matrix.tolist(),
             "distortion": camera.distortion.tolist(),
+            # Absent if unknown: files from before it was kept hold the same content hash.
+            **({"identity": camera.identity} if camera.identity else {}),
         },
         "transform_camera_to_base": calibration.transform_camera_to_base.tolist(),
         "stripes": [
@@ -138,6 +140,7 @@ def _parse(fields: Fields) -> Calibration:
             size=(size[0], size[1]),
             matrix=camera.array("matrix", (3, 3)),
             distortion=camera.array("distortion", (5,)),
+            identity=camera.text("identity") if camera.has("identity") else "",
         ),
         transform_camera_to_base=fields.array("transform_camera_to_base", (4, 4)),
         stripes=stripes,

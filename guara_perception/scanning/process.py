@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
-from guara_perception.calibration.calibration import Calibration, format_indices
+from guara_perception.calibration.calibration import Calibration, check_identity, format_indices
 from guara_perception.exceptions import CalibrationMismatch, FileFormatError, InvalidInput, MissingFile
 from guara_perception.progress import Progress
 from guara_perception.ranging.scan_geometry import in_groups
@@ -113,6 +113,7 @@ def _check_fit(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
         raise CalibrationMismatch(
             f"{scan.source}: robot is {scan.robot!r}, the model given is of {robot.name!r}: use the scan's own"
         )
+    check_identity(scan.camera_identity, calibration.camera.identity, scan.source)
     indices, pattern = {stripe.index for stripe in scan.stripes}, Settings.of(robot).pattern(scan.mode)
     if foreign := indices.difference(pattern):
         raise InvalidInput(

@@ -120,6 +120,7 @@ def command(
             calibration_hash=calibrated.hash,
             calibration=calibrated,
             dark_after=dark_after,
+            camera_identity=rig.rangefinder.camera.identity,
         )
     terrain = with_pictures(with_problems(processor.finish(), scan), processor)
     click.echo(f"{target}: {summary(terrain)}")

@@ -97,4 +97,5 @@ def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, pro
             calibration_hash=scan.calibration_hash,
             calibration=calibration,
             dark_after=scan.dark_after,
+            camera_identity=scan.camera_identity,
         )

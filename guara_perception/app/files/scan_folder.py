@@ -86,6 +86,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
             source=str(folder / SCAN_FILE),
             read_frame=lambda name: read_picture(folder / name),
             dark_after=_dark_after(fields) if fields.has("dark_after") else (),
+            camera_identity=fields.text("camera_identity") if fields.has("camera_identity") else "",
         )
     except InvalidInput as error:
         raise FileFormatError(str(error)) from None
@@ -196,6 +197,7 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         calibration_hash: str | None = None,
         calibration: Calibration | None = None,
         dark_after: Collection[int] = (),
+        camera_identity: str = "",
     ) -> Path:
         """Write `scan.json`, and `calibration.json` if one is given, and move the folder to its final name."""
         document: dict[str, object] = {
@@ -209,6 +211,8 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         }
         if dark_after:
             document["dark_after"] = sorted(dark_after)
+        if camera_identity:
+            document["camera_identity"] = camera_identity
         if stance_end is not None:
             document["stance_end"] = stance_end.to_dict()
         if calibration_hash:

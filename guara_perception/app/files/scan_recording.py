@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_stance
+from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.files import decode_picture, existing_file
 from guara_perception.scan import Scan, ScanStripe
@@ -39,7 +40,15 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         recording = open_recording(path)
     with file_errors(f"{path}: a recorded grid cannot be read: "):
         withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
-    return [_scan(recording, record, path, withdrawn.get(index, "")) for index, record in enumerate(recording.scans)]
+    identity = ""
+    if recording.calibration is not None:
+        # One that is damaged is reported where it is used.
+        with suppress(FileFormatError):
+            identity = parse_calibration(recording.calibration, str(path)).camera.identity
+    return [
+        _scan(recording, record, path, withdrawn.get(index, ""), identity)
+        for index, record in enumerate(recording.scans)
+    ]
 
 
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
@@ -61,7 +70,7 @@ def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> d
     return found
 
 
-def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) -> Scan:
+def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, camera_identity: str) -> Scan:
     source = f"{path} step {record.step}"
     names: dict[str, FrameReference] = {}
 
@@ -101,6 +110,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str) 
             read_frame=read_frame,
             withdrawn=withdrawn,
             dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
+            camera_identity=camera_identity,
         )
     except (InvalidInput, KinematicsError) as error:
         raise FileFormatError(f"{source}: {error}") from None

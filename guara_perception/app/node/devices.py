@@ -9,7 +9,7 @@ from drivers import AcquireOptions, OffFrames
 from guara_perception.app.devices_file import Devices, devices_of
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
 from guara_perception.app.options import DeviceOptions
-from guara_perception.calibration.calibration import Calibration
+from guara_perception.calibration.calibration import Calibration, check_identity
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel, load_robot
@@ -66,6 +66,7 @@ def choose_rig(
 
     Raises:
         InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
+        CalibrationMismatch: devices and calibration are of different cameras.
         MissingFile, FileFormatError: calibration, file of devices or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
@@ -88,7 +89,9 @@ def choose_rig(
     model = load_robot(chosen.robot or calibration.robot)
     if on_the_move:
         _refuse_assumed(model)
-    devices = replace(devices, size=calibration.camera.size)
+    calibrated = calibration.camera
+    check_identity(devices.identity, calibrated.identity, str(chosen.devices))
+    devices = replace(devices, size=calibrated.size, identity=calibrated.identity or devices.identity)
     return Rig(model, calibration, rangefinder_of(devices), None)
 
 
@@ -123,4 +126,5 @@ def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
         camera=devices.camera(free=free),
         options=AcquireOptions(off=OffFrames(devices.off_frames), together=STRIPES_TOGETHER, sweep=sweep),
         settings=devices.camera_settings() if devices.settings or sweep is not None else None,
+        identity=devices.identity,
     )

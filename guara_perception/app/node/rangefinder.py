@@ -20,6 +20,7 @@ from drivers import (
     setting_changes,
     timing,
 )
+from guara_perception.calibration.calibration import check_identity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +44,7 @@ class Rangefinder:
         camera: the camera.
         options: acquisition options; None = one off frame per scan, STRIPES_TOGETHER.
         settings: settings that are locked and read back when the camera is opened; None = leave the camera unchanged.
+        identity: identity of the camera that was calibrated, which is compared when it is opened; empty if unknown.
         clock: clock of all devices of this process while these are open; None = the machine's. Emulated devices have
             one on which waiting takes no time, so that they miss nothing on a busy machine.
     """
@@ -51,19 +53,26 @@ class Rangefinder:
     camera: Camera
     options: AcquireOptions | None = None
     settings: CameraSettings | None = None
+    identity: str = ""
     clock: Clock | None = None
     _locked: CameraSettings | None = field(default=None, repr=False)
     _entered: list[Board | Camera] = field(default_factory=list, repr=False)
     _clock_held: ExitStack = field(default_factory=ExitStack, repr=False)
 
     def __enter__(self) -> Self:
-        """Open both devices."""
+        """Open both devices.
+
+        Raises:
+            CalibrationMismatch: the camera is another than the calibrated one.
+            drivers.DriverError: a device cannot be opened.
+        """
         try:
             if self.clock is not None:
                 self._clock_held.enter_context(timing.on_clock(self.clock))
             for device in (self.board, self.camera):
                 device.__enter__()
                 self._entered.append(device)
+            check_identity(self.camera.identity, self.identity, "what is connected")
             if self.settings is not None:
                 self.lock(self.settings)
         except BaseException:

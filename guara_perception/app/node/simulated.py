@@ -73,6 +73,7 @@ class SimulatedRobot:
         clock = EmulatedClock()
         board = EmulatedBoard(clock=clock.monotonic)
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
+        camera.identity = self.calibration.camera.identity or camera.identity
         settings = CameraSettings(exposure=NOMINAL_EXPOSURE_S, gain=1.0)
         self.rangefinder = Rangefinder(
             LaserBoard(backend=emulated_backend(board)), camera, settings=settings, clock=clock

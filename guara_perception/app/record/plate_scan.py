@@ -93,5 +93,13 @@ def scan_uncalibrated(
         lost = rangefinder.lost_steps(order)
         if lost:
             raise MirrorSlipped(f"{folder.name}: the mirror lost {lost} steps during the scan: is it blocked?")
-        writer.finish(robot=robot.name, mode=mode, stamp=stamp, step=0, stance=stance, dark_after=stripes.dark_after)
+        writer.finish(
+            robot=robot.name,
+            mode=mode,
+            stamp=stamp,
+            step=0,
+            stance=stance,
+            dark_after=stripes.dark_after,
+            camera_identity=rangefinder.camera.identity,
+        )
     return light.problems

@@ -19,7 +19,7 @@ from guara_perception.app.record.plate_scan import nominal_order, scan_uncalibra
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionWriter
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import to_grey
-from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.calibration import CameraModel, check_identity
 from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
@@ -147,13 +147,14 @@ def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devic
     board.go_to_angle(centre_angle)
     lag = measure_lag(board, camera)
     camera.lag = lag.lag
-    return replace(devices, settings=settings, lag=float(lag.lag))
+    return replace(devices, settings=settings, lag=float(lag.lag), identity=camera.identity)
 
 
 def _as_before(rangefinder: Rangefinder, devices: Devices) -> None:
     """Lock the settings of an interrupted session, so that all its pictures have one exposure."""
     from drivers import CameraSettings
 
+    check_identity(rangefinder.camera.identity, devices.identity, "what is connected")
     rangefinder.lock(CameraSettings(**devices.settings))
     if devices.lag is not None:
         rangefinder.camera.lag = devices.lag

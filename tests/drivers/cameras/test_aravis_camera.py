@@ -174,7 +174,7 @@ def test_it_is_listed(fake: FakeGigeCamera) -> None:
         ("Aravis", "Fake", "GUARA1", "GigEVision")
     ]
     with AravisCamera(found[0].name) as camera:
-        assert camera.name == "camera aravis:GUARA1"
+        assert camera.name == "camera aravis:GUARA1" and camera.identity == "Aravis Fake, serial GUARA1"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from drivers import CameraSettings, V4l2Camera
+from drivers.cameras import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
     CameraEnded,
@@ -128,6 +130,25 @@ def test_frames_carry_the_kernels_numbers_and_stamps() -> None:
     assert not video.is_open
     with pytest.raises(CameraNotOpen):
         camera.grab(0.0)
+
+
+def test_a_usb_camera_tells_product_ids_and_serial_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the kernel shows them beside the video device; empty for a camera that is not on USB."""
+    usb = tmp_path / "devices" / "1-2"
+    (usb / "1-2:1.0").mkdir(parents=True)
+    for name, said in {"product": "OV9281", "idVendor": "1bcf", "idProduct": "0b09", "serial": "00\x0042"}.items():
+        (usb / name).write_text(f"{said}\n")
+    (tmp_path / "video0").mkdir()
+    (tmp_path / "video0" / "device").symlink_to(usb / "1-2:1.0")
+    monkeypatch.setattr(usb_identity, "VIDEO_DEVICES", tmp_path)
+    with V4l2Camera(video=FakeVideo()) as camera:
+        assert camera.identity == "OV9281 (1bcf:0b09), serial 0042"
+    (usb / "serial").unlink()
+    with V4l2Camera(video=FakeVideo()) as camera:
+        assert camera.identity == "OV9281 (1bcf:0b09)"
+    (usb / "idProduct").unlink()
+    with V4l2Camera(video=FakeVideo()) as camera:
+        assert camera.identity == ""
 
 
 def test_of_yuyv_the_brightness_is_taken() -> None:

@@ -50,6 +50,7 @@ def own_camera(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         Devices(),
         Devices(source='v4l2src device="/dev/video2" ! appsink', fps=120.0),
         Devices("1", (1280, 1024), 30.0, 0.0123456789, {"exposure": 0.004, "gamma": 100.0}, {"vendor_id": 0x1209}),
+        Devices(identity="OV9281 (1bcf:0b09), serial 7"),
         Devices(source="a.b:C", board={"product_id": 3, "serial": 'he said "7"'}),
     ],
 )
@@ -66,7 +67,7 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
         ('format = "guara-devices/2"\n[camera]\nsource = "0"', "guara-devices/1"),
         ('format = "guara-devices/1"\n[camera]', "camera.source is missing"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposur = 1', "unknown exposur; allowed: exposure"),
-        ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposure = 100.0', "camera.exposure is 100"),
+        ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposure = 8', "1.0 s (8 ms are 0.008)"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nsize = [1, 2]', "camera.size is [1, 2], allowed: 64"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\n[board]\nvendor_id = 70000', "board.vendor_id is 70000"),
         ("format = ", "no valid TOML"),

@@ -70,8 +70,19 @@ def test_calibration_is_judged_by_verdict_and_age(
 
 def test_calibration_that_is_not_there_is_reported(tmp_path: Path) -> None:
     """None given is a warning with the remedy, a missing file a failure."""
-    assert attempt(doctor.check_calibration, None).level == WARN
-    assert attempt(doctor.check_calibration, tmp_path / "none.json").level == FAIL
+    assert attempt(doctor.check_calibration, None, Devices()).level == WARN
+    assert attempt(doctor.check_calibration, tmp_path / "none.json", Devices()).level == FAIL
+
+
+def test_calibration_of_another_camera_than_that_of_the_devices_is_reported(
+    calibration: gp.Calibration, tmp_path: Path
+) -> None:
+    """Both are named, and what to do."""
+    camera = dataclasses.replace(calibration.camera, identity="A, serial 1")
+    gp.save_calibration(dataclasses.replace(calibration, camera=camera), tmp_path / "calibration.json")
+    finding = attempt(doctor.check_calibration, tmp_path / "calibration.json", Devices(identity="A, serial 2"))
+    assert finding.level == FAIL
+    assert "is of camera 'A, serial 2', the calibration is of camera 'A, serial 1'" in finding.message
 
 
 @pytest.mark.slow
@@ -133,8 +144,8 @@ class Own(Camera):
     def flush(self): ...
 
     def lock(self, settings):
-        if settings.exposure > 1:
-            raise CameraSettingRefused("own: exposure is locked at 1 s at the most")
+        if settings.exposure > 0.5:
+            raise CameraSettingRefused("own: exposure is locked at 0.5 s at the most")
         return settings
 
     def grab(self, timeout):
@@ -152,9 +163,9 @@ def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.Monk
     assert finding.level == OK and "gives 96x64 px; exposure 0.004 held" in finding.message
     other = attempt(doctor.check_camera, dataclasses.replace(devices, size=(640, 512)))
     assert other.level == FAIL and "its file says 640x512" in other.message
-    refused = attempt(doctor.check_camera, dataclasses.replace(devices, settings={"exposure": 2.0}))
-    assert refused.level == FAIL and "exposure is locked at 1 s at the most" in refused.message
-    save_devices(dataclasses.replace(devices, settings={"exposure": 2.0}), tmp_path / "devices.toml")
+    refused = attempt(doctor.check_camera, dataclasses.replace(devices, settings={"exposure": 0.6}))
+    assert refused.level == FAIL and "exposure is locked at 0.5 s at the most" in refused.message
+    save_devices(dataclasses.replace(devices, settings={"exposure": 0.6}), tmp_path / "devices.toml")
     assert run(["doctor", "--devices", str(tmp_path / "devices.toml"), "--only", "camera"]) == 1
     save_devices(devices, tmp_path / "devices.toml")
     assert run(["doctor", "--devices", str(tmp_path / "devices.toml"), "--only", "camera"]) == 0

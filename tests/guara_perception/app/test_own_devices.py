@@ -1,14 +1,17 @@
 """A scan with a camera and a board of one's own, both classes in a file beside devices.toml."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.app.exit_codes import EXIT_BAD_INPUT, EXIT_CALIBRATION
 from guara_perception.app.main import run
 from guara_perception.simulation.specimen import specimen
 from kinematics import RobotModel
+from tests.ports import free_endpoint
 
 # The board passes on eight members of another, so that the scan can use no more of it.
 OWN = """
@@ -56,7 +59,13 @@ def test_a_scan_by_devices_of_ones_own(tmp_path: Path, robot: RobotModel, capsys
     rig = tmp_path / "rig"
     rig.mkdir()
     (rig / "own_rig.py").write_text(OWN)
-    calibration = gp.save_calibration(specimen(robot, (320, 256), 0), rig / "calibration.json")
+    made = specimen(robot, (320, 256), 0)
+
+    def save(identity: str) -> gp.Calibration:
+        camera = replace(made.camera, identity=identity)
+        return gp.save_calibration(replace(made, camera=camera), rig / "calibration.json")
+
+    calibration = save("emulated camera, serial EMU0001")
     (rig / "devices.toml").write_text(
         'format = "guara-devices/1"\n[camera]\nsource = "own_rig:Eye"\n[board]\nsource = "own_rig:Arm"\n'
     )
@@ -64,4 +73,19 @@ def test_a_scan_by_devices_of_ones_own(tmp_path: Path, robot: RobotModel, capsys
     assert run(["scan", str(tmp_path / "scan"), *arguments]) == 0, capsys.readouterr().err
     scan = gp.open_scan(tmp_path / "scan")
     terrain = gp.process_scan(scan, calibration, robot)
+    assert scan.camera_identity == "emulated camera, serial EMU0001"
     assert len(scan.stripes) == 35 and np.isfinite(terrain.elevation).mean() > 0.7
+    # The calibration of another camera of the same kind.
+    save("emulated camera, serial EMU0002")
+    refusal = (
+        "is of camera 'emulated camera, serial EMU0001', the calibration is of camera 'emulated camera, serial EMU"
+    )
+    assert run(["convert", str(tmp_path / "scan"), str(tmp_path / "scan.mcap")]) == 0
+    for words, code in (
+        (["scan", str(tmp_path / "refused"), *arguments], EXIT_BAD_INPUT),
+        (["process", str(tmp_path / "scan"), "-o", str(tmp_path / "t.npz"), *arguments[:2]], EXIT_BAD_INPUT),
+        (["process", str(tmp_path / "scan.mcap"), "-o", str(tmp_path / "t.npz"), *arguments[:2]], EXIT_BAD_INPUT),
+        (["run", *arguments[:4], "--listen", free_endpoint()], EXIT_CALIBRATION),
+    ):
+        assert run(words) == code
+        assert refusal in capsys.readouterr().err

@@ -98,6 +98,8 @@ def test_devices_are_measured_and_kept(recorded: Path):
     """The exposure was metered and the lag is that of the emulated camera: exposure and transfer."""
     devices = load_devices(recorded / "devices.toml")
     assert devices.source == "simulated" and devices.lag is not None
+    camera = gp.load_calibration(recorded / "calibration.json").camera
+    assert devices.identity == camera.identity == "emulated camera, serial EMU0001"
     exposure = devices.settings["exposure"]
     assert exposure <= devices.lag <= exposure + 1.5 / 60
 

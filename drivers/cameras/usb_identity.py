@@ -1,0 +1,31 @@
+"""Product and serial number of the USB camera behind a Linux video device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+VIDEO_DEVICES = Path("/sys/class/video4linux")
+
+
+def usb_identity(path: str) -> str:
+    """Product, USB ids and serial number, as "OV9281 (1bcf:0b09), serial 0042"; empty if it is no USB camera.
+
+    Cameras of some makers have no serial number, or all the same.
+
+    Args:
+        path: path of the video device, or a link to it.
+    """
+    folder = (VIDEO_DEVICES / Path(path).resolve().name / "device").resolve().parent
+    if not (folder / "idProduct").is_file():
+        return ""
+    said = {name: _text(folder / name) for name in ("product", "idVendor", "idProduct", "serial")}
+    serial = f", serial {said['serial']}" if said["serial"] else ""
+    return f"{said['product']} ({said['idVendor']}:{said['idProduct']}){serial}".strip()
+
+
+def _text(path: Path) -> str:
+    try:
+        said = path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+    return "".join(filter(str.isprintable, said))
