@@ -69,6 +69,7 @@ from guara_perception.terrain.map.known_ground import KnownGround as KnownGround
 from guara_perception.terrain.map.lines_of_sight import LinesOfSight as LinesOfSight
 from guara_perception.terrain.map.terrain_map import TerrainMap as TerrainMap
 from guara_perception.terrain.questions.best_foothold import Foothold as Foothold
+from guara_perception.terrain.questions.best_foothold import RefusedFoothold as RefusedFoothold
 from guara_perception.terrain.questions.distance_field import DistanceField as DistanceField
 from guara_perception.terrain.questions.foothold import (
     FootholdVerdict as FootholdVerdict,

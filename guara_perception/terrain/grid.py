@@ -8,6 +8,7 @@ from guara_perception.terrain.drawing.plot import describe, describe_as_html
 from guara_perception.terrain.drawing.plot import plot as _plot
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.questions.best_foothold import best_foothold as _best_foothold
+from guara_perception.terrain.questions.best_foothold import best_refused as _best_refused
 from guara_perception.terrain.questions.distance_field import distance_field as _distance_field
 from guara_perception.terrain.questions.foothold import check_foothold as _check_foothold
 from guara_perception.terrain.questions.foothold import explain as _explain
@@ -50,6 +51,7 @@ class TerrainGrid(LayeredGrid):
     normal_at = _normal_at
     check_foothold = _check_foothold
     best_foothold = _best_foothold
+    best_refused = _best_refused
     check_path = _check_path
     swing = _swing
     steppable_region = _steppable_region

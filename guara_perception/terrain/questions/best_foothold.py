@@ -10,7 +10,12 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
-from guara_perception.terrain.questions.foothold import FootholdVerdicts, check_foothold, enough_clearance
+from guara_perception.terrain.questions.foothold import (
+    FootholdVerdict,
+    FootholdVerdicts,
+    check_foothold,
+    enough_clearance,
+)
 from guara_perception.terrain.questions.normal import normal_at
 from kinematics.arrays import FrozenArrays
 
@@ -71,7 +76,7 @@ def best_foothold(
     *,
     allow_stale: bool = False,
 ) -> Foothold | None:
-    """Find the best foothold near a nominal position; None if there is none.
+    """Find the best foothold near a nominal position; None if there is none (`best_refused` says why).
 
     Every candidate passes `check_foothold`. The objective is the product of score, nearness and clearance; ties go to
     the nearer position, then to the smaller x, then to the smaller y.
@@ -87,13 +92,7 @@ def best_foothold(
         InvalidInput: a value that is not finite, a radius above 1 m; as `check_foothold`.
     """
     terrain = asked(terrain, allow_stale)
-    if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
-        raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
-    if not (np.isfinite(x) and np.isfinite(y)):
-        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
-    if not (np.isfinite(radius) and 0 <= radius <= 1):
-        raise InvalidInput(f"radius is {radius}, it must be 0 ... 1 m")
-    px, py = _candidates(terrain, float(x), float(y), float(radius))
+    px, py = _candidates(terrain, x, y, radius)
     kept = _point(previous)
     if kept is not None and np.hypot(kept[0] - x, kept[1] - y) <= radius + 1e-9:
         px, py = np.append(px, kept[0]), np.append(py, kept[1])
@@ -120,8 +119,71 @@ def best_foothold(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class RefusedFoothold:
+    """Position that is no foothold, and why.
+
+    Attributes:
+        x, y: centre of the sole in base_footprint [m].
+        verdict: each failed test with value and limit.
+        leg: leg of the query, or None.
+    """
+
+    x: float
+    y: float
+    verdict: FootholdVerdict
+    leg: str | None
+
+    def __repr__(self) -> str:
+        """Short text with rounded numbers."""
+        return f"RefusedFoothold(x={self.x:.4f}, y={self.y:.4f}, leg={self.leg!r}, {self.verdict})"
+
+
+def best_refused(
+    terrain: LayeredGrid,
+    x: float,
+    y: float,
+    radius: float,
+    leg: str | None = None,
+    robot: RobotLike | None = None,
+    *,
+    allow_stale: bool = False,
+) -> RefusedFoothold | None:
+    """Find what came closest where `best_foothold` gives None; None if no candidate is refused.
+
+    Ground that is safe and only out of the leg's reach comes first, by the least excess of its joints; then the largest
+    clearance; ties as in `best_foothold`. For messages: no foot belongs there.
+
+    Args:
+        x, y, radius, leg, robot: as in `best_foothold`.
+
+    Raises:
+        InvalidInput: as `best_foothold`.
+    """
+    terrain = asked(terrain, allow_stale)
+    px, py = _candidates(terrain, x, y, radius)
+    verdicts = check_foothold(terrain, px, py, leg, robot)
+    ground = verdicts if leg is None else check_foothold(terrain, px, py)
+    assert isinstance(verdicts, FootholdVerdicts) and isinstance(ground, FootholdVerdicts)
+    beyond = np.where(ground.ok, np.nan_to_num(verdicts.beyond, nan=np.inf), 0.0)
+    clearance = np.asarray(look_up(terrain, "clearance", px, py, np.float32(-np.inf)), dtype=np.float64)
+    distance = np.round(np.hypot(px - x, py - y), 9)
+    order = np.lexsort((py, px, distance, -clearance, beyond, ~ground.ok, verdicts.ok))
+    best = int(order[0])
+    if verdicts.ok[best]:
+        return None
+    return RefusedFoothold(float(px[best]), float(py[best]), verdicts[best], leg)
+
+
 def _candidates(terrain: LayeredGrid, x: float, y: float, radius: float) -> tuple[Float, Float]:
     """The nominal position and the cell centres within the radius."""
+    if not all(isinstance(value, int | float | np.number) for value in (x, y, radius)):
+        raise InvalidInput(f"x, y and radius are {x!r}, {y!r}, {radius!r}; three numbers are needed [m]")
+    x, y, radius = float(x), float(y), float(radius)
+    if not (np.isfinite(x) and np.isfinite(y)):
+        raise InvalidInput(f"the nominal position is ({x}, {y}), it must be finite [m]")
+    if not (np.isfinite(radius) and 0 <= radius <= 1):
+        raise InvalidInput(f"radius is {radius}, it must be 0 ... 1 m")
     cx, cy = terrain.geometry.centres()
     cx, cy = cx[np.abs(cx - x) <= radius], cy[np.abs(cy - y) <= radius]
     gx, gy = (a.ravel() for a in np.meshgrid(cx, cy))

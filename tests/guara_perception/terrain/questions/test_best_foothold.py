@@ -44,6 +44,23 @@ def test_the_best_foothold_is_allowed_near_and_the_same_every_time(
     assert (again.x, again.y, again.value) == (best.x, best.y, best.value)
 
 
+def test_where_there_is_none_the_best_refused_place_says_why(paper_terrain: gp.TerrainGrid) -> None:
+    """Hazards and reach are told apart; where every place is a foothold nothing is refused."""
+    assert paper_terrain.best_foothold(0.6, 0.2, 0.02) is None
+    refused = paper_terrain.best_refused(0.6, 0.2, 0.02)
+    assert refused is not None and np.hypot(refused.x - 0.6, refused.y - 0.2) <= 0.02
+    assert {reason.test for reason in refused.verdict.reasons} and "refused: " in repr(refused)
+    assert repr(refused.verdict) == repr(paper_terrain.check_foothold(refused.x, refused.y))
+    # A hind leg reaches none of the ground ahead.
+    place = paper_terrain.best_foothold(0.79, 0.0, 0.1)
+    assert place is not None and paper_terrain.best_foothold(place.x, place.y, 0.01, leg="lh") is None
+    beyond = paper_terrain.best_refused(place.x, place.y, 0.01, leg="lh")
+    assert beyond is not None and [reason.test for reason in beyond.verdict.reasons] == ["reach"]
+    assert gp.assess_terrain(np.zeros((300, 300)), 0.005).best_refused(0.75, 0.75, 0.05) is None
+    with pytest.raises(gp.InvalidInput, match=r"radius is 2\.0, it must be 0 \.\.\. 1 m"):
+        paper_terrain.best_refused(0.6, 0.2, 2.0)
+
+
 def test_ties_go_to_the_smaller_x_then_y() -> None:
     """Four equal places about the wish: the first by x, then by y."""
     heights = np.full((121, 121), np.nan)
