@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index
-from guara_perception.stripes.band import FramePair, StripeProfile
-from guara_perception.stripes.laser_light import is_clipped
+from guara_perception.stripes.band import FramePair, StripeProfile, is_clipped
 
 SECOND_LINE = "two lines in one picture"
 # Columns in which the neighbourhood of the stripe is compared, and the least number of them that must show it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -14,8 +14,6 @@ from guara_perception.ranging.paper.rangefinder import Literal
 from guara_perception.stripes.band import (
     Band,
     FramePair,
-    OffRows,
-    SharedFrame,
     StripeProfile,
     bad_frame,
     channel_of,
@@ -27,8 +25,6 @@ from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# Number of stripes from which it is faster to extract a channel of the whole laser-off frame than of each band.
-SHARED_FROM = 4
 # Earlier frames that form the background of a stripe, in stripes before it: far enough not to overlap it in the
 # picture, and two of them, because each hides the ground under its own stripe.
 STRIPES_BEFORE = (3, 6)
@@ -57,19 +53,12 @@ class StripeFinder:
             pairs: one frame pair per stripe.
             rows: first and end row between which each stripe can appear, by its index.
         """
-        # Shared during this call only: the caller may reuse the array for another picture.
-        uses = Counter(id(pair.off) for pair in pairs)
-        shared = {
-            id(pair.off): SharedFrame(pair.off)
-            for pair in pairs
-            if pair.off is not None and uses[id(pair.off)] >= SHARED_FROM
-        }
-        bands = [self._band(pair, rows[pair.index], shared.get(id(pair.off))) for pair in pairs]
+        bands = [self._band(pair, rows[pair.index]) for pair in pairs]
         found = iter(self._extract([band for band in bands if isinstance(band, Band)]))
         return [bad_frame(self._size[0], band) if isinstance(band, str) else next(found) for band in bands]
 
-    def _band(self, pair: FramePair, rows: tuple[int, int], shared: SharedFrame | None) -> Band | str:
-        """Band of a stripe, or the reason why it has none; `shared`: its laser-off frame if other stripes use it."""
+    def _band(self, pair: FramePair, rows: tuple[int, int]) -> Band | str:
+        """Band of a stripe, or the reason why it has none."""
         (width, height), on, off = self._size, pair.on, pair.off
         if fault := picture_fault(on):
             return f"the frame is {fault}"
@@ -84,7 +73,7 @@ class StripeFinder:
         if is_raw_bayer(on[first:end], None if off is None else off[first:end]):
             return "the frame is raw Bayer data taken as grey: take its red pixels, or make it BGR (cv2.demosaicing)"
         if off is not None:
-            return Band(on[first:end], OffRows(off[first:end], shared, first), first)
+            return Band(on[first:end], off[first:end], first)
         return self._background.add(pair.index, on, rows)
 
 
@@ -137,7 +126,7 @@ class SweepBackground:
         missing = [other for other in needed if other not in self._kept]
         if missing:
             return f"no laser-off frame, and frame {missing[0]}, which would serve instead, was lost"
-        return Band.of(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
+        return Band(kept[band], np.minimum(*(self._kept[other][band] for other in needed)), rows[0])
 
 
 # Equations that each method takes literally from the paper; None = triangulation instead of the paper's chain.

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Codes, Float, Float32, Image, Index, Mask
+from guara_perception.arrays import Codes, Float, Float32, Image, Mask
 from kinematics.arrays import FrozenArrays
 
 # Rows and columns from one sample of a band's statistics to the next.
@@ -46,45 +46,6 @@ class FramePair:
     instant: float = math.nan
 
 
-class SharedFrame:
-    """A frame that serves several stripes; nothing may be written into it meanwhile.
-
-    Attributes:
-        frame: (rows, columns[, channels]).
-    """
-
-    def __init__(self, frame: Image) -> None:
-        self.frame = frame
-        self._channels: dict[int, Image] = {}
-
-    def channel(self, number: int) -> Image:
-        """Extract one channel, once."""
-        if number not in self._channels:
-            self._channels[number] = channel_of(self.frame, number)
-        return self._channels[number]
-
-
-@dataclass(frozen=True, slots=True)
-class OffRows:
-    """Some rows with the laser off.
-
-    Attributes:
-        frame: (rows, columns[, channels]).
-        shared: the whole frame to which the rows belong, where it serves other stripes as well.
-        first_row: row of the first of them in that frame.
-    """
-
-    frame: Image
-    shared: SharedFrame | None = None
-    first_row: int = 0
-
-    def channel(self, number: int) -> Image:
-        """One channel (rows, columns)."""
-        if self.shared is None:
-            return channel_of(self.frame, number)
-        return self.shared.channel(number)[self.first_row : self.first_row + len(self.frame)]
-
-
 @dataclass(frozen=True, slots=True)
 class Band:
     """The rows of a pair of frames that can hold one stripe.
@@ -96,13 +57,8 @@ class Band:
     """
 
     on: Image
-    off: OffRows | None
+    off: Image | None
     first_row: int = 0
-
-    @classmethod
-    def of(cls, on: Image, off: Image | None, first_row: int = 0) -> Band:
-        """The band of two arrays."""
-        return cls(on, None if off is None else OffRows(off), first_row)
 
 
 def channel_of(frame: Image, number: int) -> Image:
@@ -117,46 +73,6 @@ def channel_of(frame: Image, number: int) -> Image:
 def has_colour(frame: Image) -> bool:
     """Test that a picture has three channels."""
     return frame.ndim == 3 and frame.shape[2] == 3
-
-
-def sampled(picture: Image) -> Image:
-    """Some pixels (n, m[, channels]) of a picture, evenly distributed."""
-    return picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS]
-
-
-def rows_from(picture: Image, first: Index, count: int, columns: Index, channel: int = 0) -> Image:
-    """Values in a window of rows; what lies beyond the edges of the picture is taken at the edge.
-
-    Args:
-        picture: (rows, columns[, channels]).
-        first: (n,) first row of the window in each column.
-        count: rows of a window.
-        columns: (n,) columns.
-        channel: the one that is read.
-
-    Returns:
-        (count, n) values, in the type of the picture.
-    """
-    rows, width = picture.shape[:2]
-    channels = picture.shape[2] if picture.ndim == 3 else 1
-    start, down = columns * channels + channel, np.arange(count)[:, None]
-    if first.size and (first.min() < 0 or first.max() + count > rows):
-        indices = np.minimum(np.maximum(first + down, 0), rows - 1) * (width * channels) + start
-    else:
-        indices = (first * (width * channels) + start) + down * (width * channels)
-    # Indices into the flat picture: several times as quick as an index per axis.
-    return np.asarray(picture.reshape(-1).take(indices))
-
-
-def at_rows(picture: Image, rows: Index, columns: Index, channel: int = 0) -> Image:
-    """Values (n,) of one channel at one row (n,) in each column (n,), taken at the edge where it lies beyond.
-
-    Args:
-        picture: (rows, columns[, channels]).
-        rows, columns: (n,) rows and columns of the pixels.
-        channel: the one that is read.
-    """
-    return rows_from(picture, rows, 1, columns, channel)[0]
 
 
 def is_clipped(values: Image) -> Mask:

@@ -61,7 +61,7 @@ def extract_stripe(
     reason = unusable_frame(on[first:end], None if off is None else off, on.shape)
     if reason:
         return bad_frame(width, reason)
-    bands = [Band.of(on[first:end], None if off is None else off[first:end], first)]
+    bands = [Band(on[first:end], None if off is None else off[first:end], first)]
     return (METHODS[method](bands) if threshold is None else extract_paper(bands, threshold))[0]
 
 

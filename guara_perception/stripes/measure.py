@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Float32, Image, Index, Mask
-from guara_perception.stripes.band import StripeProfile, at_rows, nothing
-from guara_perception.stripes.kernel.library import addresses, kernel
+from guara_perception.stripes.band import StripeProfile, nothing
+from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from guara_perception.stripes.peaks import ROW_SMOOTHING_SIGMA_PX, SCALE
 
 NAN = np.float32(np.nan)
-# Distance above and below the stripe at which the brightness is sampled, in sigmas and at least in pixels.
-BESIDE_SIGMAS, LEAST_BESIDE_PX = 1.5, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +61,16 @@ def sigma_of_filter(sigma: float) -> float:
 def measure(stripe: DetectedStripe) -> StripeProfile:
     """Measure the profile of a stripe."""
     columns = stripe.top.size
-    beside_px = max(round(BESIDE_SIGMAS * stripe.sigma), LEAST_BESIDE_PX)
+    background = None if stripe.background is None else Picture(stripe.background)
     top, height = np.ascontiguousarray(stripe.top, np.int64), np.ascontiguousarray(stripe.height, np.float32)
     masks = [np.ascontiguousarray(mask, np.bool_) for mask in (stripe.is_peak, stripe.is_clipped, stripe.is_unsure)]
     responses = np.ascontiguousarray(stripe.responses, np.float32)
-    sides = _beside(stripe, beside_px)
     position, sigma, doubtful = np.empty((3, columns), np.float32)
     work, status = np.empty(3 * columns, np.float32), np.empty(columns, np.uint8)
     doubts = kernel().measure(
         *addresses(top, height, *masks, responses),
-        *(addresses(*sides) if sides else (None, None)),
-        *(columns, stripe.rows, stripe.first_row, stripe.sigma, stripe.noise, beside_px),
+        background,
+        *(stripe.channel, columns, stripe.rows, stripe.first_row, stripe.sigma, stripe.noise),
         *addresses(work, position, sigma, status, doubtful),
     )
     peak = height / np.float32(SCALE)
@@ -81,12 +78,3 @@ def measure(stripe: DetectedStripe) -> StripeProfile:
         # Read-only arrays are not copied by the profiles.
         array.setflags(write=False)
     return StripeProfile(position, sigma, status, peak, doubtful if doubts else nothing(columns), remark=stripe.remark)
-
-
-def _beside(stripe: DetectedStripe, distance: int) -> list[Float32]:
-    """Brightness (columns,) above and below the stripe without the laser; none where that is not known."""
-    if stripe.background is None:
-        return []
-    columns = np.arange(stripe.top.size)
-    rows = (stripe.top - distance, stripe.top + distance)
-    return [at_rows(stripe.background, row, columns, stripe.channel).astype(np.float32) for row in rows]

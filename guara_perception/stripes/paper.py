@@ -64,7 +64,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
     """
     rows, columns = band.on.shape[:2]
     grey = red_enhanced_grey(band.on)
-    background = opening(grey) if band.off is None else red_enhanced_grey(band.off.frame)
+    background = opening(grey) if band.off is None else red_enhanced_grey(band.off)
     change = upper_median(grey[::8, ::24].astype(np.int16) - background[::8, ::24])
     if abs(change) > MAX_AMBIENT_CHANGE * 255:
         return bad_frame(

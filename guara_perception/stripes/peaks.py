@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from guara_perception.arrays import Array, Float32, Index
-from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS, rows_from, sampled
-from guara_perception.stripes.kernel.library import LANES, address, addresses, kernel
+from guara_perception.stripes.band import SAMPLE_COLUMNS, SAMPLE_ROWS
+from guara_perception.stripes.kernel.library import address, addresses, kernel
 
 # Makes the median of absolute deviations the standard deviation of a normal distribution.
 SIGMA_PER_DEVIATION = 1.4826
@@ -26,14 +25,6 @@ SCALE = COLUMN_MEAN_PX * ROW_MEAN_PX
 WIDE_SIGMA_PX = 2.5
 # Noise below a third of a quantum cannot be seen in whole grey levels.
 LEAST_NOISE = 0.3
-# 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
-THRESHOLD_SIGMAS = 5.0
-THRESHOLD_OF_MEDIAN_PEAK = 0.05
-# Distance of the columns in which the stripe's width is measured.
-WIDTH_COLUMNS = 32
-# A second peak is at least one block of rows away from the block of the highest. As in peaks.c.
-BLOCK_ROWS = 8
-MAX_CANDIDATES = 4
 # How far from the top the crossing may be, and the grid of shifts from the top at which the filter answers: so fine
 # that a straight line in between is exact enough. As in measure.c.
 SEARCH_PX = 1.5
@@ -41,109 +32,6 @@ GRID_PX = 0.5
 SHIFTS = 7
 # The filter is cut where it has fallen to 4 %.
 FILTER_SIGMAS = 2.5
-# Widths of stripes that make sense: the lens never images a line sharper than the first.
-LEAST_SIGMA_PX, LARGEST_SIGMA_PX = 1.0, 8.0
-FWHM_PER_SIGMA = 2.3548
-
-
-@dataclass(frozen=True, slots=True)
-class Peaks:
-    """The highest peak per column.
-
-    Attributes:
-        top: (columns,) row.
-        height: (columns,) float32 value there.
-        second: (columns,) float32 highest value at least one block away from the peak's block; 0 or less where none.
-    """
-
-    top: Index
-    height: Float32
-    second: Float32
-
-
-@dataclass(frozen=True, slots=True)
-class FoundPeaks:
-    """The highest peaks of a band.
-
-    Attributes:
-        smooth: (rows, columns) laser light after `smooth_light`.
-        searched: (rows, columns) the light that was searched for peaks: `smooth`, for a wide stripe smoother still.
-        peaks: the highest peak per column of `searched`.
-        threshold: least height of a peak that counts, in units of `searched`.
-        noise: standard deviation of sums of COLUMN_MEAN_PX columns of laser light.
-        sigma: width of the stripe [px].
-    """
-
-    smooth: Array
-    searched: Array
-    peaks: Peaks
-    threshold: float
-    noise: float
-    sigma: float
-
-
-def find_peaks(light: Array) -> FoundPeaks:
-    """Find the highest peak per column.
-
-    Args:
-        light: (rows, columns) int16 or float32 laser light [grey levels].
-    """
-    smooth = searched = smooth_light(light)
-    peaks, noise, columns = _strong(searched)
-    some = columns[::WIDTH_COLUMNS]
-    sigma = round(stripe_sigma(smooth, peaks.top[some], some, peaks.height[some], ROW_SMOOTHING_SIGMA_PX), 1)
-    if sigma > WIDE_SIGMA_PX:
-        searched = smooth_wide(light, sigma)
-        peaks, noise, columns = _strong(searched)
-    median_peak = upper_median(peaks.height[columns]) if columns.size else 0.0
-    threshold = max(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak)
-    return FoundPeaks(smooth, searched, peaks, threshold, noise_of_columns(light), sigma)
-
-
-def _strong(searched: Array) -> tuple[Peaks, float, Index]:
-    """Highest peaks, standard deviation of the noise, and the columns whose peak stands out from it."""
-    peaks = highest_peaks(searched)
-    noise = max(robust_sigma(sampled(searched)), LEAST_NOISE * SCALE)
-    return peaks, noise, np.flatnonzero(peaks.height > THRESHOLD_SIGMAS * noise)
-
-
-def highest_peaks(smooth: Array) -> Peaks:
-    """Highest value per column of a band (rows, columns) of int16 or float32."""
-    smooth = np.ascontiguousarray(smooth)
-    rows, columns = smooth.shape
-    top, (height, second) = np.empty(columns, np.int64), np.empty((2, columns), np.float32)
-    work = np.empty((rows // BLOCK_ROWS + 1, LANES), smooth.dtype)
-    find = {np.int16: kernel().highest_peaks_int16, np.float32: kernel().highest_peaks_float}[smooth.dtype.type]
-    find(address(smooth), rows, columns, *addresses(top, height, second, work))
-    return Peaks(top, height, second)
-
-
-def candidates(smooth: Array, columns: Index, threshold: float, distance: int) -> tuple[Index, Float32]:
-    """Up to MAX_CANDIDATES local maxima of some columns, highest first.
-
-    Args:
-        smooth: (rows, all columns) smoothed light.
-        columns: (n,) columns that are searched.
-        threshold: least height of a candidate.
-        distance: candidates of one column are further apart than this [px].
-
-    Returns:
-        Rows (MAX_CANDIDATES, n) and heights (MAX_CANDIDATES, n); height 0 where a column has fewer.
-    """
-    light = smooth[:, columns].astype(np.float32)
-    peak = light.copy()
-    peak[1:][light[1:] < light[:-1]] = 0
-    peak[:-1][light[:-1] < light[1:]] = 0
-    peak[peak < threshold] = 0
-    every = np.arange(columns.size)
-    rows = np.zeros((MAX_CANDIDATES, columns.size), dtype=np.intp)
-    heights = np.zeros((MAX_CANDIDATES, columns.size), dtype=np.float32)
-    around = np.arange(-distance, distance + 1)[:, None]
-    for i in range(MAX_CANDIDATES):
-        rows[i] = peak.argmax(axis=0)
-        heights[i] = peak[rows[i], every]
-        peak[np.clip(rows[i] + around, 0, len(peak) - 1), every] = 0
-    return rows, heights
 
 
 def smooth_light(light: Array) -> Array:
@@ -170,33 +58,36 @@ def stripe_sigma(smooth: Array, top: Index, columns: Index, height: Float32, smo
     """Typical width of a stripe as the sigma of a Gaussian [px], from the rows above half the peak.
 
     Args:
-        smooth: (rows, columns) laser light.
+        smooth: (rows, columns) float32 or int16 laser light.
         top, columns, height: (n,) some peaks.
         smoothed_by: sigma of the Gaussian that the light was smoothed by over rows [px].
     """
-    reach = int(np.ceil(FWHM_PER_SIGMA * LARGEST_SIGMA_PX))
-    above = rows_from(smooth, top - reach, 2 * reach + 1, columns) > np.float32(0.5) * height
-    # Only the unbroken stretch around the top counts, not a second stripe further off.
-    above[0] = above[-1] = False
-    down, up = above[reach:].argmin(axis=0), above[reach::-1].argmin(axis=0)
-    width = upper_median(up + down - 1) / FWHM_PER_SIGMA if top.size else 0.0
-    return min(max(float(np.sqrt(max(width**2 - smoothed_by**2, 0.0))), LEAST_SIGMA_PX), LARGEST_SIGMA_PX)
+    top, columns, height = (np.ascontiguousarray(a, t) for a, t in zip((top, columns, height), "qqf", strict=True))
+    work = np.empty(top.size, np.float32)
+    pointers = addresses(top, height, columns)
+    return float(kernel().stripe_sigma(*_light(smooth), *pointers, top.size, smoothed_by**2, address(work)))
 
 
-def responses(light: Array, top: Index, columns: Index, sigma: float) -> Float32:
+def responses(light: Array, top: Index, sigma: float) -> Float32:
     """Responses of the derivative filters about each top: positive above the centre of a stripe, negative below it.
 
     Args:
-        light: (rows, columns) laser light.
-        top, columns: (n,) peaks.
+        light: (rows, columns) float32 or int16 laser light.
+        top: (columns,) peaks.
         sigma: sigma of the filter [px], that of the stripe.
 
     Returns:
-        (SHIFTS, n), from which the kernel measures the centre.
+        (SHIFTS, columns), from which the kernel measures the centre.
     """
-    filters = derivative_filters(sigma)
-    size = filters.shape[1]
-    return np.asarray(filters @ rows_from(light, top - size // 2, size, columns).astype(np.float32))
+    filters, top = derivative_filters(sigma), np.ascontiguousarray(top, np.int64)
+    out = np.empty((SHIFTS, light.shape[1]), np.float32)
+    kernel().responses(*_light(light), *addresses(top, filters), filters.shape[1], address(out))
+    return out
+
+
+def _light(light: Array) -> tuple[int, bool, int, int]:
+    """Address of light, whether it is of float32 and not of int16, and its size."""
+    return address(light), light.dtype == np.float32, *light.shape
 
 
 @lru_cache(maxsize=64)

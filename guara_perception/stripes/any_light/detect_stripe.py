@@ -39,7 +39,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         weak_row, is_weak: (columns,) row of a peak that may be a stripe, and whether there is one: where no stripe is
             found these are doubtful returns.
     """
-    off = None if band.off is None else band.off.frame
+    off = band.off
     path = find_path(band.on, off)
     if weak_row is not None and is_weak is not None:
         path = replace(path, row=np.where(path.is_path, path.row, weak_row), is_path=path.is_path | is_weak)
@@ -54,7 +54,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         rows, width = _peaks(light, smooth, path, where)
         top = np.where(where, rows, top)
         height = np.where(where, smooth[rows, columns], height)
-        response = responses(smooth, rows, columns, sigma_of_filter(width))
+        response = responses(smooth, rows, sigma_of_filter(width))
         every_response = np.where(where, response, every_response)
         noise = max(noise, noise_of_columns(light) * noise_gain(sigma_of_filter(width), ROW_MEAN_PX))
         sigma = max(sigma, width)

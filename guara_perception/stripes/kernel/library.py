@@ -14,7 +14,26 @@ from guara_perception.exceptions import DamagedInstallation
 FOLDER = Path(__file__).parent
 # What `x86-64-v3` may use beyond older processors.
 V3_FLAGS = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
-P, N, D, F = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_float
+N = ctypes.c_int64
+
+
+class Picture(ctypes.Structure):
+    """A camera's picture as the kernel takes it; the array must outlive it."""
+
+    _fields_ = tuple((n, N) for n in "data rows columns channels row_step column_step channel_step size".split())
+
+    def __init__(self, array: Array) -> None:
+        """Describe an array (rows, columns[, channels]) of uint8 or uint16 with any strides."""
+        shape, steps = (*array.shape, 1)[:3], (*array.strides, 0)[:3]
+        super().__init__(array.ctypes.data, *shape, *steps, array.itemsize)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Rows, columns and channels."""
+        return self.rows, self.columns, self.channels
+
+
+P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
 # Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "details": ([P, N, N, N, P, P, N, N, P, P], None),
@@ -22,11 +41,17 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "evidence": ([P, N, D, D, D, P], None),
     "exposure": ([P, P, N, D, P, P], None),
     "follow": ([P, N, N, P, P], D),
-    "highest_peaks_float": ([P, N, N, P, P, P, P], None),
-    "highest_peaks_int16": ([P, N, N, P, P, P, P], None),
-    "measure": ([P] * 8 + [N] * 3 + [D] * 3 + [P] * 5, N),
+    "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
+    "find_size": ([N] * 3, N),
+    "find_stripe": ([PICTURE, PICTURE] + [N] * 4 + [P] * 8, N),
+    "follow_candidates": ([P, P, N, N, P, P, P], None),
+    "judge": ([PICTURE, PICTURE, P, P], None),
+    "judge_size": ([N] * 3, N),
+    "measure": ([P] * 6 + [PICTURE] + [N] * 4 + [D] * 2 + [P] * 5, N),
+    "responses": ([P, N, N, N, P, P, N, P], None),
     "ridges": ([P, N, N, P, N, N, P, P], None),
     "select_value": ([P, N, N], F),
+    "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
     "smooth_line": ([P, P, N, P, P], None),
     "strongest": ([P, P, P, N, D, D, D, P], None),
     "subtract": ([P, P, N, N, P, P, P], None),

@@ -13,6 +13,9 @@ enum { OK = 0, DROPOUT = 1, AMBIGUOUS = 2, SATURATED = 3, OUT_OF_BAND = 5 };
 #define SPECKLE_OF_SIGMA 0.06f
 // Uncertainty due to a brightness gradient across the stripe, as a share of the first-order shift of its centre.
 #define ALBEDO_SHARE 0.5f
+// Distance above and below the stripe at which the brightness is sampled, in sigmas and at least in pixels.
+#define BESIDE_SIGMAS 1.5
+#define LEAST_BESIDE_PX 2
 // Columns averaged on each side, in symmetric pairs, so that a straight line is not changed.
 #define REACH_COLUMNS 3
 // Steepest slope of a line; a steeper one is a jump, which is not smoothed.
@@ -61,11 +64,12 @@ void smooth_line(const float *position, const float *weight, int64_t n, float *s
 // Standard deviations (n,) and positions (n,) of a stripe of which the peaks are known, in rows of the full picture; both
 // NaN where there is none. Returns the number of doubtful columns: peaks that may not be used.
 // top, height: row within the band and light of the peak. is_peak, is_clipped, is_unsure: of each column.
-// above, below: brightness without the laser `beside` rows away, or NULL. work: (3, n).
+// background: the band without the laser, of which a channel is read beside the stripe, or NULL. work: (3, n).
 int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak, const uint8_t *is_clipped,
-    const uint8_t *is_unsure, const float *responses, const float *above, const float *below, int64_t n, int64_t rows,
-    int64_t first_row, double sigma, double noise, double beside, float *work, float *position, float *deviation,
-    uint8_t *status, float *doubtful) {
+    const uint8_t *is_unsure, const float *responses, const Picture *background, int64_t channel, int64_t n, int64_t rows,
+    int64_t first_row, double sigma, double noise, float *work, float *position, float *deviation, uint8_t *status,
+    float *doubtful) {
+    const int64_t beside = MAX((int64_t)rint(BESIDE_SIGMAS * sigma), LEAST_BESIDE_PX);
     float *row = work, *slope = work + n, *shrink = slope + n, *smooth = position;
     const float width = (float)sigma, noisy = (float)noise;
     const float speckle = SPECKLE_OF_SIGMA * width, pull = ALBEDO_SHARE * (width * width) / (float)beside;
@@ -81,8 +85,9 @@ int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak,
         const int is_usable = status[c] == OK || status[c] == SATURATED;
         // Reflectance that changes by a factor exp(g) per row shifts a Gaussian stripe by g sigma^2 rows. The laser-off
         // picture shows the reflectance under ambient light, noise included, so only a share of it counts.
-        const float beside_it = above ? MAX(above[c] + below[c], 1) : 1;
-        const float shift = above ? pull * (below[c] - above[c]) / beside_it : 0;
+        const int32_t above = background ? level(background, within(top[c] - beside, rows), c, channel) : 0;
+        const int32_t below = background ? level(background, within(top[c] + beside, rows), c, channel) : 0;
+        const float shift = pull * (float)(below - above) / (float)MAX(above + below, 1);
         const float random = noisy * shrink[c] / slope[c];
         const float variance = random * random + speckle * speckle * shrink[c] + shift * shift;
         const float found = smooth[c] + (float)first_row;

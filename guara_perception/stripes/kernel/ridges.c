@@ -7,7 +7,6 @@
 // Numbers in a vector register, anywhere in memory.
 typedef float Eight __attribute__((vector_size(32), aligned(4), may_alias));
 
-static inline int64_t within(int64_t row, int64_t rows) { return row < 0 ? 0 : row >= rows ? rows - 1 : row; }
 // Means of three pixels beside each other, of weights (side, centre, side), in a strip of numbers of a row (size,) whose
 // neighbours are `apart` numbers away; pixels beyond the ends are those at the ends, or mirrored at them.
 static void across(const float *restrict row, int64_t size, int64_t apart, int64_t first, float side, float centre,

@@ -44,6 +44,15 @@ float select_value(float *v, int64_t n, int64_t k) {
     return select_of_few(v, m, rest);
 }
 
+float upper_median(float *v, int64_t n) { return select_value(v, n, n / 2); }
+
+// Standard deviation by the median absolute deviation from the median, as if the values were normal. They are changed.
+double robust_sigma(float *v, int64_t n) {
+    const float middle = upper_median(v, n);
+    for (int64_t i = 0; i < n; i++) v[i] = fabsf(v[i] - middle);
+    return SIGMA_PER_DEVIATION * (double)upper_median(v, n);
+}
+
 // Median as numpy has it: of an even number of values the mean of the two in the middle. They are reordered.
 double median(float *v, int64_t n) {
     const float upper = select_value(v, n, n / 2);

@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from guara_perception.stripes.kernel.library import address, kernel
 from guara_perception.stripes.peaks import (
     SCALE,
-    candidates,
-    highest_peaks,
     noise_gain,
     noise_of_columns,
     responses,
@@ -28,25 +26,6 @@ def gaussian(centre: float, sigma: float, rows: int = 60, columns: int = 5) -> n
     return np.tile(line[:, None], (1, columns)).astype(np.float32)
 
 
-@given(rows=st.integers(8, 70), seed=st.integers(0, 1000))
-@settings(max_examples=examples(40), deadline=None, derandomize=True)
-def test_highest_peak_is_the_argmax_whatever_the_number_of_rows(rows: int, seed: int) -> None:
-    """Taking maxima of blocks first changes nothing."""
-    picture = np.random.default_rng(seed).integers(-500, 500, (rows, 17)).astype(np.int16)
-    peaks = highest_peaks(picture.copy())
-    np.testing.assert_array_equal(peaks.height, picture.max(axis=0))
-    np.testing.assert_array_equal(picture[peaks.top, np.arange(17)], picture.max(axis=0))
-    assert (peaks.second <= peaks.height).all()
-
-
-def test_candidates_are_local_maxima_in_order_of_height() -> None:
-    """Three humps give three candidates; what is below the threshold or too near gives none."""
-    column = gaussian(10, 1.5) + 0.6 * gaussian(30, 1.5) + 0.3 * gaussian(50, 1.5) + 0.1 * gaussian(20, 1.5)
-    rows, heights = candidates(column, np.array([2, 4]), threshold=20.0, distance=6)
-    np.testing.assert_array_equal(rows[:3], [[10, 10], [30, 30], [50, 50]])
-    np.testing.assert_allclose(heights[:, 0], [100, 60, 30, 0], atol=0.5)
-
-
 @pytest.mark.parametrize("kind", [np.int16, np.float32])
 def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
     """A smoothed pixel is SCALE times the mean of its neighbourhood; noise is that of sums of as many columns."""
@@ -60,7 +39,7 @@ def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
 
 def centred(light: np.ndarray, top: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows of the centres about these tops, and their standard deviation for noise of one grey level."""
-    response = responses(light, top, np.arange(top.size), sigma)
+    response = responses(light, top, sigma)
     from_top, slope = np.empty((2, top.size), np.float32)
     kernel().centres(address(response), top.size, address(from_top), address(slope))
     return top + from_top, noise_gain(sigma) / slope

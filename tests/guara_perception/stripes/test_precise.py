@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import guara_perception as gp
-from guara_perception.stripes.precise import follow_candidates
+from guara_perception.stripes.kernel.library import addresses, kernel
 from testbed.synthetic_stripes import CASES, figures
 from tests.thorough import examples
 
@@ -258,6 +258,15 @@ def test_result_is_frozen_and_of_the_promised_types() -> None:
     assert profile.status.dtype == np.uint8
     with pytest.raises(ValueError, match="read-only"):
         profile.position_px[0] = 1
+
+
+def follow_candidates(rows: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Chosen candidate of each column, -1 for none, and how much dearer the next best choice is; of arrays (k, n)."""
+    count, n = rows.shape
+    rows, heights = np.ascontiguousarray(rows.T, np.int64), np.ascontiguousarray(heights.T, np.float32)
+    choice, margin, costs = np.empty(n, np.int64), np.empty(n), np.empty((n, 15))
+    kernel().follow_candidates(*addresses(rows, heights), n, count, *addresses(costs, choice, margin))
+    return choice, margin
 
 
 def test_path_goes_straight_on_past_a_brighter_spot() -> None:

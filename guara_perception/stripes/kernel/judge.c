@@ -1,0 +1,122 @@
+// What some columns of a pair of pictures tell: the laser's channel, another exposure, clipping.
+#include "kernel.h"
+
+// Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
+#define JUDGED_ROWS 3
+#define JUDGED_COLUMNS 16
+#define MOST_COLUMNS (2 * JUDGED_COLUMNS)
+// Mean deviations of the noise above which the peak of a column stands out: noise alone reaches four of them.
+#define NOISE_DEVIATIONS 4.0f
+#define PEAK_DEVIATIONS 6.0f
+// From this share of clipped tops on, the channels are fused.
+#define FUSE_FROM_CLIPPED 0.2
+// Change of the brightness beside the stripe from which on the exposure was another, as a share of full scale.
+#define EVEN_AMBIENT_CHANGE (1.0 / 64)
+// A clipped core wider than this, in sigmas of the stripe, leaves no shoulders to judge by; and how far to each side of
+// its top the core is looked at.
+#define MAX_CLIPPED_SIGMAS 5.0
+#define REACH_SIGMAS 3.0
+
+// Assessment of a pair of pictures by some columns, as in laser_light.py.
+typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped; } Judgement;
+// Of one channel of one column: highest level, and of the light the highest, the lowest and the mean deviation.
+typedef struct { float seen, high, low, noise; } Column;
+
+// Numbers of `work` of a judgement.
+int64_t judge_size(int64_t rows, int64_t columns, int64_t channels) {
+    return (rows / JUDGED_ROWS + 1) * MIN(columns, MOST_COLUMNS) * (channels + 1);
+}
+
+// Test that the deepest dips exceed twice the highest peaks, and most columns have one.
+static int swapped(Column columns[][MOST_COLUMNS], int64_t n, int64_t channels) {
+    float deepest = -INFINITY, highest = -INFINITY, most = -INFINITY, above[MOST_COLUMNS];
+    int64_t channel = 0;
+    for (int64_t k = 0; k < channels; k++) {
+        float sum = 0;
+        for (int64_t i = 0; i < n; i++) {
+            deepest = MAX(deepest, -columns[k][i].low), highest = MAX(highest, columns[k][i].high);
+            sum -= columns[k][i].low;
+        }
+        if (sum > most) most = sum, channel = k;
+    }
+    for (int64_t i = 0; i < n; i++) above[i] = -columns[channel][i].low - PEAK_DEVIATIONS * columns[channel][i].noise;
+    return deepest > 2 * highest && median(above, n) > 0;
+}
+
+// off: NULL where there is none: the light is then what exceeds the median of a column.
+void judge(const Picture *on, const Picture *off, float *work, Judgement *found) {
+    const int64_t apart = MAX(on->columns / JUDGED_COLUMNS, 1), columns = (on->columns + apart - 1) / apart;
+    const int64_t rows = (on->rows + JUDGED_ROWS - 1) / JUDGED_ROWS, channels = MIN(on->channels, 3), each = rows * columns;
+    float *light = work, *copy = work + channels * each, change[3] = {0};
+    Column of[3][MOST_COLUMNS] = {0};
+    int is_uneven = 0;
+    for (int64_t r = 0; r < rows; r++)
+        for (int64_t i = 0; i < columns; i++)
+            for (int64_t k = 0; k < channels; k++) {
+                const int32_t seen = level(on, JUDGED_ROWS * r, apart * i, k);
+                const int32_t dark = off ? level(off, JUDGED_ROWS * r, apart * i, k) : 0;
+                of[k][i].seen = MAX(of[k][i].seen, (float)seen);
+                light[k * each + i * rows + r] = (float)(seen - dark);
+            }
+    for (int64_t k = 0; k < channels; k++) {
+        float beside = 0;
+        for (int64_t i = 0; i < columns; i++) {
+            float *restrict own = light + k * each + i * rows, high = -INFINITY, low = INFINITY, sum = 0;
+            if (!off) {
+                memcpy(copy, own, (size_t)rows * sizeof *own);
+                const float middle = (float)median(copy, rows);
+                for (int64_t r = 0; r < rows; r++) own[r] -= middle;
+            }
+            for (int64_t r = 0; r < rows; r++) high = MAX(high, own[r]), low = MIN(low, own[r]), sum += own[r];
+            // Without the brightest pixel of each column: the stripe's own light is no change of the surroundings.
+            beside += sum - high, of[k][i].high = high, of[k][i].low = low;
+        }
+        beside = beside / (float)columns / (float)MAX(rows - 1, 1);
+        is_uneven |= fabsf(beside) > EVEN_AMBIENT_CHANGE * full_scale(on);
+    }
+    float most = -INFINITY;
+    int64_t channel = 0;
+    for (int64_t k = 0; k < channels; k++) {
+        memcpy(copy, light + k * each, (size_t)each * sizeof *copy);
+        change[k] = upper_median(copy, each);
+        // A change of brightness is no noise, and differs from channel to channel.
+        const float shift = is_uneven ? change[k] : 0;
+        float stands_out = 0;
+        for (int64_t i = 0; i < columns; i++) {
+            const float *restrict own = light + k * each + i * rows;
+            float deviation = 0;
+            // Mean absolute value instead of a robust sigma: the stripe is a small share of a column and raises it alike.
+            for (int64_t r = 0; r < rows; r++) deviation += fabsf(own[r] - shift);
+            of[k][i].high -= shift, of[k][i].low -= shift, of[k][i].noise = deviation / (float)rows;
+            stands_out += of[k][i].high - NOISE_DEVIATIONS * of[k][i].noise;
+        }
+        if (stands_out > most) most = stands_out, channel = k;
+    }
+    int64_t tops = 0, clipped = 0;
+    for (int64_t i = 0; i < columns; i++) {
+        const Column *own = &of[channel][i];
+        if (own->high > PEAK_DEVIATIONS * own->noise) tops++, clipped += own->seen >= (float)clipped_from(on);
+    }
+    *found = (Judgement){(double)channel, swapped(of, columns, channels), (double)change[channel], off && is_uneven,
+        (double)clipped > FUSE_FROM_CLIPPED * (double)MAX(tops, 1)};
+}
+
+// Columns whose core is clipped in one channel, and those whose core is lost. top: (columns,) rows of the stripe.
+// is_fused: light of all channels was used: the core is lost only where all are clipped.
+void clipped_columns(const Picture *on, const int64_t *top, double sigma, int64_t channel, int64_t is_fused,
+    uint8_t *is_clipped, uint8_t *is_lost) {
+    const int64_t reach = (int64_t)(REACH_SIGMAS * sigma);
+    const int32_t from = clipped_from(on);
+    for (int64_t c = 0; c < on->columns; c++) {
+        int64_t one = 0, all = 0;
+        for (int64_t r = top[c] - reach; r <= top[c] + reach; r++) one += level(on, within(r, on->rows), c, channel) >= from;
+        is_clipped[c] = one > 0, is_lost[c] = (double)one > MAX_CLIPPED_SIGMAS * sigma;
+        if (!is_fused || !is_lost[c]) continue;
+        for (int64_t r = top[c] - reach; r <= top[c] + reach; r++) {
+            int is_white = 1;
+            for (int64_t k = 0; k < on->channels; k++) is_white &= level(on, within(r, on->rows), c, k) >= from;
+            all += is_white;
+        }
+        is_lost[c] = (double)all > MAX_CLIPPED_SIGMAS * sigma;
+    }
+}
