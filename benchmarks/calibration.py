@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import drift_check, mirrored, misplaced_crosses, mounting
 from benchmarks.accuracy import scans_with_truth
-from benchmarks.parts import run_part
+from benchmarks.command import options, run_part
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
 from kinematics import load_robot
@@ -71,22 +70,24 @@ def report(data: Path, scans: str) -> None:
 
 def errors() -> None:
     """Errors of a calibration from pictures against the truth of DATA [--scans NAME,NAME]."""
-    parser = argparse.ArgumentParser(description=errors.__doc__)
-    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
-    parser.add_argument("--scans", default="", help="comma-separated names of scans; default: all")
-    arguments = parser.parse_args()
-    for data in arguments.data:
-        report(data, arguments.scans)
+    asked = options(
+        errors.__doc__,
+        DATA=(Path, "data folders with calibration/ and scans/", {"nargs": "+"}),
+        scans=("", "comma-separated names of scans; default: all"),
+    )
+    for data in asked.data:
+        report(data, asked.scans)
 
 
 def truth() -> None:
-    """A calibration file made of the truth of rendered DATA [-o FILE]."""
-    parser = argparse.ArgumentParser(description=truth.__doc__)
-    parser.add_argument("data", type=Path, help="a data folder with calibration/truth.json and scans/")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="calibration.json to write")
-    arguments = parser.parse_args()
-    written = gp.save_calibration(truth_calibration(arguments.data), arguments.out)
-    print(f"{arguments.out}: {len(written.stripes)} stripes, hash {written.hash}")
+    """A calibration file made of the truth of rendered DATA [--out FILE]."""
+    asked = options(
+        truth.__doc__,
+        DATA=(Path, "a data folder with calibration/truth.json and scans/"),
+        out=(Path, "calibration.json to write", {"required": True}),
+    )
+    written = gp.save_calibration(truth_calibration(asked.data), asked.out)
+    print(f"{asked.out}: {len(written.stripes)} stripes, hash {written.hash}")
 
 
 def main() -> None:
@@ -98,7 +99,3 @@ def main() -> None:
         "mount": mounting.main,
     }
     run_part("calibration", {"errors": errors, **parts, "truth": truth})
-
-
-if __name__ == "__main__":
-    main()

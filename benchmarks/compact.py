@@ -5,7 +5,6 @@ Recorded scans of the tests' data, and the map that one of them makes; processor
 
 from __future__ import annotations
 
-import argparse
 import json
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import Table, options
 from benchmarks.rounds import alternate
 from guara_perception.app.messages import terrain_to_message
 from kinematics import PoseInOdom, load_robot
@@ -28,15 +28,16 @@ ROUNDS = 30
 
 def main() -> None:
     """Size and time of grids in both encodings [--data FOLDER, --json]."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=DATA, help="folder with calibration/ and scans/")
-    parser.add_argument("--json", action="store_true", help="the last line is one JSON object")
-    options = parser.parse_args()
-    rows = [row for name, grid in grids(options.data) for row in measured(name, grid)]
-    print(f"{'grid':<18} {'encoding':<9} {'bytes':>9} {'of lossless':>11} {'make ms':>8} {'read ms':>8}")
+    asked = options(
+        __doc__,
+        data=(DATA, "folder with calibration/ and scans/"),
+        json=(False, "the last line is one JSON object"),
+    )
+    table = Table("grid:<18 | encoding:<9 | bytes:9d | of lossless:.3f | make ms:8.2f | read ms:8.2f")
+    rows = [row for name, grid in grids(asked.data) for row in measured(name, grid)]
     for row in rows:
-        print("{grid:<18} {encoding:<9} {bytes:>9} {share:>11.3f} {make_ms:>8.2f} {read_ms:>8.2f}".format(**row))
-    if options.json:
+        table.row(*row.values())
+    if asked.json:
         print(json.dumps({"compact": rows}))
 
 

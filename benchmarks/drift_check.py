@@ -1,21 +1,20 @@
 """Finds and false alarms of the check of drift: true scans, moved mounts and lost steps in simulation.
 
-`python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--figure FILE.png] [--json]`; about ten
+`python -m benchmarks calibration drift [--scans N] [--walks N] [--jobs N] [--json]`; about ten
 minutes of processor time.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command import options
 from benchmarks.mounting import moved, moved_about
 from drivers.emulator.config import STEP
 from guara_perception.calibration.calibration import Calibration
@@ -160,29 +159,6 @@ def tally(pool: Executor, walks: int, first_seed: int, kind: str = "", size: flo
     return result
 
 
-def draw(curves: dict[str, list[dict[str, float]]], path: Path) -> None:
-    """Share of walks in which the drift was found, over its size."""
-    from guara_perception.terrain.drawing.style import LINE_COLOURS, new_figure, save_figure
-
-    figure, axes = new_figure(1, len(curves), (9.0, 3.0), sharey=True)
-    titles = {"camera": "camera turned", "laser": "laser and mirror turned", "steps": "steps lost in a sweep"}
-    for panel, (kind, points), colour in zip(axes[0], curves.items(), LINE_COLOURS, strict=False):
-        found_sizes = [point["level"] for point in points]
-        panel.plot(found_sizes, [100 * point["found"] for point in points], "o-", color=colour, label="three pauses")
-        panel.plot(found_sizes, [100 * point["found_by_one"] for point in points], "s:", color=colour, label="one scan")
-        panel.axhline(90, color="0.5", linewidth=0.6)
-        panel.set_xscale("log")
-        panel.set_xticks(found_sizes, [f"{size:g}" for size in found_sizes])
-        panel.minorticks_off()
-        panel.set_title(titles[kind])
-        panel.set_xlabel(f"[{UNITS[kind]}]")
-        panel.set_ylim(-4, 104)
-        panel.grid(True, which="major", linewidth=0.3)
-        panel.legend(loc="lower right")
-    axes[0][0].set_ylabel("found [%]")
-    save_figure(figure, path)
-
-
 def _show(name: str, result: Tally) -> None:
     scans = ", ".join(f"{count} {verdict}" for verdict, count in result.scans.items())
     print(f"{name}: {sum(result.scans.values())} scans, {scans}; {result.warned} of {result.walks} walks warned")
@@ -190,27 +166,25 @@ def _show(name: str, result: Tally) -> None:
 
 
 def main() -> None:
-    """False alarms and finds of the check for drift [--scans N, --walks N, --jobs N, --figure FILE.png, --json]."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scans", type=int, default=201, metavar="N", help="true scans of a flat floor")
-    parser.add_argument(
-        "--walks", type=int, default=20, metavar="N", help="walks of three pauses for each drift that must be found"
+    """False alarms and finds of the check for drift [--scans N, --walks N, --jobs N, --json]."""
+    asked = options(
+        __doc__,
+        scans=(201, "true scans of a flat floor"),
+        walks=(20, "walks of three pauses for each drift that must be found"),
+        curve_walks=(5, "walks for each smaller drift"),
+        jobs=(1, "processes"),
+        json=(False, "one JSON object as the last line"),
     )
-    parser.add_argument("--curve-walks", type=int, default=5, metavar="N", help="walks for each smaller drift")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes")
-    parser.add_argument("--figure", type=Path, metavar="FILE.png", help="picture of the curve")
-    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
-    options = parser.parse_args()
     curves: dict[str, list[dict[str, float]]] = {kind: [] for kind in SIZES}
-    with ProcessPoolExecutor(options.jobs) as pool:
-        true_walks = -(-options.scans // PAUSES)
+    with ProcessPoolExecutor(asked.jobs) as pool:
+        true_walks = -(-asked.scans // PAUSES)
         true = tally(pool, true_walks, 0)
         _show("true, flat floor", true)
         rough = tally(pool, -(-true_walks // 5), 5000, is_rough=True)
         _show("true, rough ground", rough)
         for kind, sizes in SIZES.items():
             for size in sizes:
-                walks = options.walks if size == sizes[-1] else options.curve_walks
+                walks = asked.walks if size == sizes[-1] else asked.curve_walks
                 result = tally(pool, walks, 1000, kind, size)
                 by_one = result.scans[DRIFTING] / sum(result.scans.values())
                 found = result.warned / result.walks
@@ -220,14 +194,12 @@ def main() -> None:
                     f"{by_one:.0%} by one scan",
                     flush=True,
                 )
-    if options.figure is not None:
-        draw(curves, options.figure)
     with_floor = true.scans[HOLDS] + true.scans[DRIFTING]
     alarms = (true.scans[DRIFTING] + rough.scans[DRIFTING]) / max(with_floor + rough.scans[DRIFTING], 1)
     passed = alarms <= 0.01 and all(points[-1]["found"] >= 0.9 for points in curves.values())
     print(f"false alarms {alarms:.1%} of {with_floor} scans with a floor (at most 1 %)")
     print("every limit is met" if passed else "a limit is NOT met")
-    if options.json:
+    if asked.json:
         whole = {"true": true.scans, "rough": rough.scans, "false_alarms": alarms, "curves": curves, "passed": passed}
         print(json.dumps(whole))
     raise SystemExit(0 if passed else 1)

@@ -7,12 +7,12 @@ per axis between two pauses.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from benchmarks.command import Table, options
 from guara_perception.simulation.walk import WalkPause
 from kinematics import JointCheck, RobotModel
 from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
@@ -72,27 +72,21 @@ def measured(robot: RobotModel, *, has_imu: bool, walks: int) -> dict[str, Told]
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pauses", type=int, default=500, help="pauses of clean walks")
-    parser.add_argument("--walks", type=int, default=5, help="walks on which each joint reads wrong, either way")
-    parser.add_argument("--robot", nargs="*", default=["guara", "go2"], help="names of robots")
-    options = parser.parse_args()
+    asked = options(
+        __doc__,
+        pauses=(500, "pauses of clean walks"),
+        walks=(5, "walks on which each joint reads wrong, either way"),
+        robot=(["guara", "go2"], "names of robots"),
+    )
     warnings.simplefilter("ignore")
-    for name in options.robot:
+    for name in asked.robot:
         robot = load(name)
         for has_imu in (True, False):
-            clean = walk(robot, options.pauses, 0, has_imu=has_imu)
-            print(
-                f"{name}, {'IMU' if has_imu else 'no IMU'}: {alarms(robot, clean)} alarms in {len(clean)} clean pauses"
-            )
-            print(
-                f"{'joint':<16} {'sigma of zero [rad], 1 and 2 cycles':>36} {'jumps':>8} {'zeros, 1 and 2 cycles':>22}"
-            )
-            for joint, told in measured(robot, has_imu=has_imu, walks=options.walks).items():
+            clean = walk(robot, asked.pauses, 0, has_imu=has_imu)
+            given = "IMU" if has_imu else "no IMU"
+            print(f"{name}, {given}: {alarms(robot, clean)} alarms in {len(clean)} clean pauses")
+            table = Table("joint:<16 | sigma of zero [rad], 1 and 2 cycles:36 | jumps:8 | zeros, 1 and 2 cycles:20")
+            for joint, told in measured(robot, has_imu=has_imu, walks=asked.walks).items():
                 sigmas = " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in told.sigmas)
                 zeros = " ".join(f"{sum(each)}/{len(each)}" for each in told.zeros.values())
-                print(f"{joint:<16} {sigmas:>36} {sum(told.jumps)}/{len(told.jumps):<5} {zeros:>20}", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+                table.row(joint, sigmas, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)

@@ -8,7 +8,6 @@ It takes 75 s of processor time. `python -m benchmarks light mosaics` takes no a
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks import mosaics
-from benchmarks.parts import run_part
+from benchmarks.command import Table, options, run_part
 from benchmarks.photographs import RIGHT_PX, Counts
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
@@ -96,7 +95,7 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[dict[s
             yield {
                 "effect": name,
                 "strength": strength,
-                "with_off": with_off,
+                "with_off": str(with_off),
                 "coverage": round(counts.coverage, 4),
                 "gross": round(counts.gross_share, 4),
                 "filled": round(counts.filled_share, 4),
@@ -111,26 +110,19 @@ def measure(strengths: Sequence[float], names: Sequence[str]) -> Iterator[dict[s
 
 def effects() -> None:
     """Each effect of real light on a scan: stripes found, wrong and made up [--strengths, --effects]."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--strengths", type=float, nargs="+", default=[0.5, 1.0])
     names = [*EFFECTS, ALL]
-    parser.add_argument("--effects", nargs="+", default=names, choices=names, metavar="NAME", help=", ".join(names))
-    arguments = parser.parse_args()
+    asked = options(
+        __doc__, strengths=([0.5, 1.0], "strengths of each"), effects=(names, ", ".join(names), {"choices": names})
+    )
     cv2.setNumThreads(1)
-    head = f"{'found':>6s} {'gross':>6s} {'filled':>6s} {'known':>6s} {'mm':>6s} {'p95':>6s} {'unsafe':>6s}"
-    print(f"{'effect':12s} {'strength':>8s} off   {head} {'made up':>7s} health")
-    for found in measure(arguments.strengths, arguments.effects):
-        print(
-            "{effect:12s} {strength:8.2f} {with_off!s:5s} {coverage:6.3f} {gross:6.3f} {filled:6.3f} {known:6.3f} "
-            "{mean_mm:6.3f} {p95_mm:6.3f} {unsafe:6d} {made_up:7d} {health}".format(**found),
-            flush=True,
-        )
+    table = Table(
+        "effect:<12 | strength:.2f | off:<5 | found:6.3f | gross:6.3f | filled:6.3f | known:6.3f | mm:6.3f | "
+        "p95:6.3f | unsafe:6d | made up:7d | health:<"
+    )
+    for found in measure(asked.strengths, asked.effects):
+        table.row(*found.values())
 
 
 def main() -> None:
     """Command line."""
     run_part("light", {"effects": effects, "mosaics": mosaics.main})
-
-
-if __name__ == "__main__":
-    main()

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibrate_session import calibrate_session
@@ -97,14 +97,15 @@ def _outcome(case: str, calibration: gp.Calibration, scan: gp.Scan, robot: Robot
 
 def main() -> None:
     """Verdicts about mirrored and turned pictures of DATA ... [--scan NAME]."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("data", type=Path, nargs="+", help="data folders with calibration/ and scans/")
-    parser.add_argument("--scan", default="paper", help="name of the scan")
-    arguments = parser.parse_args()
+    asked = options(
+        main.__doc__,
+        DATA=(Path, "data folders with calibration/ and scans/", {"nargs": "+"}),
+        scan=("paper", "name of the scan"),
+    )
     robot = load_robot("guara")
     made: list[Outcome] = []
-    for data in arguments.data:
-        session, scan = open_session(data / "calibration"), gp.open_scan(data / "scans" / arguments.scan)
+    for data in asked.data:
+        session, scan = open_session(data / "calibration"), gp.open_scan(data / "scans" / asked.scan)
         for outcome in outcomes(session, scan, robot):
             made.append(outcome)
             print(f"{data.name}: {outcome.case}: {outcome.said}", flush=True)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import Table, options
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration_input import CalibrationSession
@@ -99,19 +99,17 @@ def effect(
 
 def main() -> None:
     """Effect of misplaced crosses on the grid [SESSION SCAN]."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("session", nargs="?", type=Path, default=DATA / "calibration")
-    parser.add_argument("scan", nargs="?", type=Path, default=DATA / "scans" / "paper")
-    options = parser.parse_args()
+    asked = options(
+        __doc__,
+        SESSION=(DATA / "calibration", "folder of the session", {"nargs": "?"}),
+        SCAN=(DATA / "scans" / "paper", "folder of the scan", {"nargs": "?"}),
+    )
     robot = load_robot("guara")
-    session, scan = open_session(options.session), gp.open_scan(options.scan)
+    session, scan = open_session(asked.session), gp.open_scan(asked.scan)
     known = calibrate_session(session, robot).calibration
-    print("| crosses | near edge moves | far corner moves | floor's height, and over the area | verdict |")
-    print("|---|---|---|---|---|")
+    head = "crosses: | near edge moves mm:.1f | far corner moves mm:.1f | floor's height mm:+.1f | over the area mm:.1f"
+    table = Table(f"{head} | verdict:", markdown=True)
     for name, change in CASES.items():
         found = effect(session, scan, robot, known, change)
-        near, far, height, scatter = (1e3 * value for value in (found.near, found.far, found.height, found.scatter))
-        verdict = f"{found.verdict}{': ' if found.reason else ''}{found.reason}"
-        print(
-            f"| {name} | {near:.1f} mm | {far:.1f} mm | {height:+.1f} mm, +-{scatter:.1f} mm | {verdict} |", flush=True
-        )
+        lengths = (1e3 * value for value in (found.near, found.far, found.height, found.scatter))
+        table.row(name, *lengths, f"{found.verdict}{': ' if found.reason else ''}{found.reason}")

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import Table
 from drivers.cameras.bayer import mosaic, red_pixels
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.arrays import Image
@@ -79,9 +80,8 @@ def main() -> None:
     pictures = list(rig.frames(range(70)))
     off = pictures[0][2]
     print(f"{SIZE[0]} x {SIZE[1]} px, 70 stripes, one off frame; processor time without drawing and making mosaics")
-    print(
-        "| frames | known cells | rms of the better 99 % mm | 99th percentile mm | ms a stripe |\n|---|---|---|---|---|"
-    )
+    head = "frames: | known cells:.4f | rms of the better 99 % mm:.3f | 99th percentile mm:.2f | ms a stripe:.2f"
+    table = Table(head, markdown=True)
     for name, form in forms().items():
         dark = form(off)
         frames = [gp.FramePair(index, form(on), dark) for index, on, _ in pictures]
@@ -94,10 +94,9 @@ def main() -> None:
                 processor.add_all(frames[first : first + 16])
             spent.append((time.thread_time() - begun) / len(frames))
         terrain = processor.finish()
+        errors = 1e3 * np.abs(errors_of(terrain, rig, pause))
+        # There is none where nothing is found.
+        errors = errors if errors.size else np.array([np.nan])
+        rms = np.sqrt(np.mean(np.sort(errors)[: int(np.ceil(0.99 * errors.size))] ** 2))
         known = np.isfinite(terrain.elevation).mean()
-        error_columns = "nothing is found | |"
-        if known > 0:
-            errors = 1e3 * np.abs(errors_of(terrain, rig, pause))
-            rms = np.sqrt(np.mean(np.sort(errors)[: int(0.99 * errors.size)] ** 2))
-            error_columns = f"{rms:.3f} | {np.percentile(errors, 99):.2f} |"
-        print(f"| {name} | {known:.4f} | {error_columns} {1e3 * min(spent):.2f} |", flush=True)
+        table.row(name, known, rms, np.percentile(errors, 99), 1e3 * min(spent))

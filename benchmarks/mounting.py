@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from benchmarks.command import Table
 from guara_perception.simulation.specimen import rotation
 from testbed import scenes
 
@@ -113,6 +114,6 @@ def measure(scan: scenes.ScanInMemory) -> list[tuple[str, float, float]]:
 
 def main() -> None:
     """Errors of heights after the mount has moved."""
-    print(f"{'change after calibration':45s} {'median error':>15s} {'scatter':>10s}")
+    table = Table("change after calibration:<42 | median error mm:+.2f | scatter mm:.2f")
     for name, offset, scatter in measure(scenes.recorded(SCAN)):
-        print(f"{name:45s} {1e3 * offset:+12.2f} mm {1e3 * scatter:7.2f} mm")
+        table.row(name, 1e3 * offset, 1e3 * scatter)

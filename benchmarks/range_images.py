@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
+from benchmarks.command import Table
 from guara_perception.app.scene.range_images import range_image_messages
 from guara_perception.ranging.range_images import COLUMNS, ROWS
 from guara_perception.scanning.pictures import cause_image, sigma_image_mm, with_pictures
@@ -25,11 +26,10 @@ MILLIMETRE, CELL = 0.001, 0.005
 # An unknown pixel between known ones that are no further apart is a hole where the surface was seen.
 HOLE_PIXELS = 2
 ROUNDS = 5
-HEADER = (
-    "| scan | unknown pixels % | unknown cells % | ratio | ratio of a perfect image | made up | in holes | mean mm | "
-    "hazards differ % | free alone | ms | MB |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+HEAD = (
+    "scan: | unknown pixels %:.1f | unknown cells %:.1f | ratio:.2f | ratio of a perfect image:.2f | made up: | "
+    "in holes: | mean mm:.3f | hazards differ %:.2f | free alone: | ms:.0f | MB:.1f"
 )
-MUST = "| must |  |  | 1.15 |  | 0 |  | 0.1 | 2 | 0 |  |  |"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +59,11 @@ class ImageFigures:
     seconds: float
     size: int
 
-    def row(self, name: str) -> str:
-        """Line of the table (Markdown)."""
-        return (
-            f"| {name} | {100 * self.unknown:.1f} | {100 * self.unknown_cells:.1f} | "
-            f"{_ratio(self.unknown, self.unknown_cells):.2f} | {self.perfect:.2f} | {self.made_up[0]} | "
-            f"{self.surplus[2]} | {self.mean:.3f} | {100 * self.differ:.2f} | {self.free_alone} | "
-            f"{1e3 * self.seconds:.0f} | {self.size / 1e6:.1f} |"
-        )
+    def row(self) -> tuple[float, ...]:
+        """Figures of the table, by HEAD."""
+        shares = 100 * self.unknown, 100 * self.unknown_cells, _ratio(self.unknown, self.unknown_cells), self.perfect
+        again = self.mean, 100 * self.differ, self.free_alone
+        return *shares, self.made_up[0], self.surplus[2], *again, 1e3 * self.seconds, self.size / 1e6
 
     def budget(self, name: str) -> str:
         """Sentence on the unknown pixels of known cells."""
@@ -144,11 +141,10 @@ def _holes(known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def print_images(folders: list[tuple[str, Path, gp.Calibration]], robot: RobotModel) -> None:
-    """Print the table and, for each scan, where the unknown pixels of known cells come from."""
-    print(HEADER)
-    budgets = []
+    """Print a row for each scan and, below the table, where the unknown pixels of known cells come from."""
+    table, budgets = Table(HEAD, markdown=True), []
     for name, folder, calibration in folders:
         found = image_figures(folder, calibration, robot, ROUNDS)
-        print(found.row(name), flush=True)
+        table.row(name, *found.row())
         budgets.append(found.budget(name))
-    print(MUST, *budgets, sep="\n")
+    print("must: ratio 1.15, made up 0, mean 0.1 mm, hazards differ 2 %, free alone 0", *budgets, sep="\n")

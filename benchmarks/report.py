@@ -31,26 +31,18 @@ def to_markdown(section: Section) -> str:
     return "\n".join([f"## {section.title}", "", section.description, "", *rows, ""])
 
 
-def write_page(
-    path: Path,
-    sections: Sequence[Section],
-    machine: Mapping[str, str],
-    picture: tuple[str, str],
-) -> None:
+def write_page(path: Path, sections: Sequence[Section], machine: Mapping[str, str]) -> None:
     """The page of the documents.
 
     Args:
         path: file to write.
         sections: in order, but the targets first: on the page they follow what they are taken from.
         machine: what the run was made on.
-        picture: file name beside the page and caption.
     """
     on = ["## Machine", "", *(f"- {name}: {value}" for name, value in machine.items()), ""]
-    name, caption = picture
-    shown = [f"![{caption}]({name})", "", f"*{caption}*", ""]
     first, *others = sections
     tables = [*map(to_markdown, others), to_markdown(first)]
-    path.write_text("\n".join([HEAD.read_text(), *shown, *tables, *on]).rstrip() + "\n")
+    path.write_text("\n".join([HEAD.read_text(), *tables, *on]).rstrip() + "\n")
 
 
 def machine() -> dict[str, str]:

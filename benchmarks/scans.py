@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks import paper_chain as paper
-from benchmarks.contenders import LITERAL, OURS, USER, Extract, literal, opencv_user, reference
+from benchmarks.contenders import OURS, USER, Extract, opencv_user, reference
 from benchmarks.rounds import Ratio, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
@@ -23,6 +22,8 @@ from testbed.scenes import ScanInMemory
 
 REFERENCE = "reference extraction of the same frames"
 CELL_M = 0.005
+# Window of slope and step height, as the grids of this project have it: 30 mm.
+WINDOW_CELLS = 7
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
 
 
@@ -31,16 +32,6 @@ def process(scan: ScanInMemory, method: str) -> gp.TerrainGrid:
     processor = scan.processor(method)
     scan.add_to(processor)
     return processor.finish()
-
-
-def paper_literally(scan: ScanInMemory, extract: Extract) -> Float:
-    """The paper with common libraries: griddata fills the perspective picture, its eqs. 20 and 21 rectify it."""
-    points, optical_centre = scan_points(scan, extract)
-    x, y = area(scan)
-    height = paper.range_image(points, optical_centre, x, y)
-    elevation = paper.cells(paper.orthorectified(height, optical_centre, x, y), x, y, CELL_M)
-    paper.layers(elevation, CELL_M)
-    return elevation
 
 
 def by_opencv_user(scan: ScanInMemory) -> Float:
@@ -52,7 +43,7 @@ def by_opencv_user(scan: ScanInMemory) -> Float:
     cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (x, y))
     elevation = griddata(points[:, :2], points[:, 2], tuple(np.meshgrid(cx, cy)), method="linear")
     filled = np.nan_to_num(elevation).astype(np.float32)
-    window = np.ones((paper.window_cells(CELL_M), paper.window_cells(CELL_M)), np.uint8)
+    window = np.ones((WINDOW_CELLS, WINDOW_CELLS), np.uint8)
     cv2.magnitude(cv2.Sobel(filled, cv2.CV_32F, 1, 0), cv2.Sobel(filled, cv2.CV_32F, 0, 1))
     cv2.subtract(cv2.dilate(filled, window), cv2.erode(filled, window))
     return np.asarray(elevation)
@@ -97,7 +88,6 @@ def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
     for name, method in OURS.items():
         found[name] = lambda method=method: process(scan, method).elevation  # type: ignore[misc]
-    found[LITERAL] = lambda: paper_literally(scan, literal)
     found[USER] = lambda: by_opencv_user(scan)
     return found
 
@@ -111,7 +101,7 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         timings = alternate(
             runs,
             effort.rounds,
-            slow=[name for name in runs if name.startswith((LITERAL, USER))],
+            slow=[USER],
             slow_rounds=effort.slow_rounds,
         )
         precise = next(iter(OURS))

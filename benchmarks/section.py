@@ -36,8 +36,6 @@ class Effort:
         slow_rounds: number of rounds for contenders that take seconds.
         size, stripes: picture size and number of stripes of the simulated scan.
         synthetic_stripes: number of synthetic stripes per kind of light.
-        stripe_counts, picture_sizes, cell_sides: what the growth section compares.
-        starts: processes started per kind.
         pings: messages per kind of transport.
         faulty_sweeps: number of sweeps with faulty triggers.
     """
@@ -47,14 +45,9 @@ class Effort:
     size: tuple[int, int]
     stripes: int
     synthetic_stripes: int
-    stripe_counts: tuple[int, ...]
-    picture_sizes: tuple[tuple[int, int], ...]
-    cell_sides: tuple[int, ...]
-    starts: int
     pings: int
     faulty_sweeps: int
 
 
-SIZES = ((640, 512), (800, 640), (1280, 1024), (1800, 1440), (2560, 2048))
-FULL = Effort(9, 3, (1280, 1024), 70, 70, (17, 35, 70, 140), SIZES, (32, 64, 128, 256, 512, 1024, 1984), 9, 400, 200)
-QUICK = Effort(3, 1, (1280, 1024), 70, 10, (17, 70), SIZES[:3:2], (32, 128, 512), 3, 60, 20)
+FULL = Effort(9, 3, (1280, 1024), 70, 70, 400, 200)
+QUICK = Effort(3, 1, (1280, 1024), 70, 10, 60, 20)

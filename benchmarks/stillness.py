@@ -7,9 +7,8 @@ third of the pauses.
 
 from __future__ import annotations
 
-import argparse
+import itertools
 import math
-import os
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.command import Table, options
 from guara_perception.app.robot_folder.new_robot import new_robot
 from kinematics import RobotModel, Stance, Stillness, load_robot
 from testbed.stock_robots import StockRobotsMissing, stock_urdf
@@ -132,11 +132,7 @@ def row(source: Path | str, encoder: str, case: int, pauses: int) -> Row:
 
 def main() -> None:
     """Print the table; exit 1 when a figure falls short."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pauses", type=int, default=1000, help="pauses of a row")
-    options = parser.parse_args()
-    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
+    asked = options(__doc__, pauses=(1000, "pauses of a row"))
     short, said = 0, set()
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor() as pool:
         sources: list[Path | str] = ["guara"]
@@ -145,28 +141,16 @@ def main() -> None:
             sources.append(Path(folder) / "go2")
         except StockRobotsMissing as error:
             print(f"without Go2: {error}")
-        waiting = [
-            (case, pool.submit(row, source, encoder, case, options.pauses))
-            for source in sources
-            for encoder in ENCODERS
-            for case in range(len(CASES))
-        ]
-        print(f"{'robot, encoder (noise [deg]), readings, motion':<69} pauses    moved   a reading")
+        kinds = itertools.product(sources, ENCODERS, range(len(CASES)))
+        waiting = [(case, pool.submit(row, source, encoder, case, asked.pauses)) for source, encoder, case in kinds]
+        table = Table("robot, encoder (noise [deg]), readings, motion:<69 | pauses:6d | moved:8.1%| us a reading:6.0f")
         for case, future in waiting:
             found = future.result()
-            is_still = CASES[case][1] == "none"
-            falls_short = found.moved > 0.01 if is_still else found.moved < 0.95
-            short += falls_short
+            short += found.moved > 0.01 if CASES[case][1] == "none" else found.moved < 0.95
             said |= {found.undetectable} - {""}
-            print(
-                f"{found.text:<69} {found.pauses:6d} {found.moved:8.1%} {found.microseconds:6.0f} us"
-                f"{'  SHORT' if falls_short else ''}",
-                flush=True,
-            )
-    print("share reported as moved; allowed: at most 1 % of still pauses, at least 95 % of motions")
+            table.row(found.text, found.pauses, found.moved, found.microseconds)
+    print(
+        f"share reported as moved; allowed: at most 1 % of still pauses, at least 95 % of motions; {short} fall SHORT"
+    )
     print("said without HOLD:", min(said, default="nothing"))
     raise SystemExit(1 if short else 0)
-
-
-if __name__ == "__main__":
-    main()

@@ -7,11 +7,11 @@ wrong ones are free and off their true heights by more than 5 mm. It takes some 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.command import Table, options
 from guara_perception.simulation import World
 from guara_perception.simulation.features import Box, Patch, Pit
 from testbed.grid_truth import made_up
@@ -67,28 +67,20 @@ def facing_robots(pauses: int, size: tuple[int, int] = SMALL, seed: int = 0) -> 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks strange_light", description=__doc__)
-    parser.add_argument("--scans", nargs="*", default=[*RECORDED, SIMULATED], help="names of scans")
-    parser.add_argument("--robots", type=int, default=0, metavar="PAUSES", help="two robots on one floor instead")
-    parser.add_argument("--only", default="", help="groups that begin with this")
-    args = parser.parse_args()
-    if args.robots:
-        print(facing_robots(args.robots))
+    asked = options(
+        __doc__,
+        scans=([*RECORDED, SIMULATED], "names of scans"),
+        robots=(0, "this many pauses of two robots on one floor instead"),
+        only=("", "groups that begin with this"),
+    )
+    if asked.robots:
+        print(facing_robots(asked.robots))
         return
-    print(f"{'scan':<10}{'':<10}{'fault':<52}{'free':>7}{'unsafe':>8}{'wrong':>7}{'known %':>9}  health")
-    for scene in scenes(args.scans):
+    table = Table("scan:<10 | devices:<10 | fault:<52 | free:6 | unsafe:6 | wrong:6 | known %:.1f | health:<")
+    for scene in scenes(asked.scans):
         name = scene.scan.name.split(",")[1 if scene.scan.name.startswith("rec") else 0].strip()
         for case in cases(scene):
-            if not case.group.startswith(args.only):
-                continue
-            found = measure(scene, case)
-            how = "triggered" if case.triggered else "stepwise"
-            print(
-                f"{name:<10}{how:<10}{case.group + ': ' + case.fault.name:<52}{found.free:>7}{found.unsafe:>8}"
-                f"{found.wrong:>7}{found.known:>9.1f}  {found.health}",
-                flush=True,
-            )
-
-
-if __name__ == "__main__":
-    main()
+            if case.group.startswith(asked.only):
+                found = measure(scene, case)
+                how, fault = "triggered" if case.triggered else "stepwise", f"{case.group}: {case.fault.name}"
+                table.row(name, how, fault, found.free, found.unsafe, found.wrong, found.known, found.health)

@@ -1,11 +1,7 @@
-"""Stripe extraction on synthetic stripes whose centre is known; `benchmarks all` also times it beside other methods.
-
-`python -m benchmarks stripes [--method precise,paper]`.
-"""
+"""Stripe extraction beside other methods: on synthetic stripes whose centre is known, and on frames of scans."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 
 from benchmarks.contenders import LITERAL, REFERENCE, USER, extractors, touch
@@ -13,8 +9,7 @@ from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.arrays import Image
 from testbed.scenes import ScanInMemory
-from testbed.synthetic_stripes import CASES, COLUMNS, SIGMA_PX, STRIPES, stripe_errors, stripes
-from testbed.synthetic_stripes import figures as stripe_figures
+from testbed.synthetic_stripes import CASES, stripe_errors, stripes
 
 FLOOR = "floor: band read once"
 
@@ -91,23 +86,3 @@ def _over(extract: Callable[..., object], pairs: list[tuple[Image, Image]]) -> C
             extract(on, off)
 
     return run
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks stripes", description=__doc__)
-    parser.add_argument("--method", default="precise,paper", help="comma-separated methods")
-    arguments = parser.parse_args()
-    print(f"{STRIPES} stripes of {COLUMNS} columns, Gaussian of sigma {SIGMA_PX} px, seed 0; errors in px")
-    print("case       method     mean    p95  missed %  false %  error/sigma")
-    for case in CASES:
-        for method in arguments.method.split(","):
-            f = stripe_figures(case, method)
-            print(
-                f"{case.name:<10} {method:<8} {f['mean']:6.3f} {f['p95']:6.3f} {f['missed']:9.2f} {f['false']:8.2f} "
-                f"{f['sigma_ratio']:12.2f}"
-            )
-
-
-if __name__ == "__main__":
-    main()

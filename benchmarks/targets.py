@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks import starting
-from benchmarks.contenders import LITERAL
 from benchmarks.section import Section
 
 PRECISE = "ours: precise"
@@ -40,18 +38,12 @@ class Target:
 
 SCAN = "the standard scan"
 SYNTHETIC, WHOLE = ("extraction_synthetic", "clean"), ("whole_scans", SCAN)
-FIRST_SCAN = ("starting", starting.COMMAND)
 TARGETS = (
     Target("extraction / reference extraction, synthetic clean stripes", 2.6, 1.75, (*SYNTHETIC, PRECISE, "ratio")),
     Target("extraction / reference extraction, frames of the scan", 2.6, 1.75, ("extraction_scans", SCAN, PRECISE)),
     Target("CPU of a whole scan / reference extraction of its frames", 7.0, 3.7, (*WHOLE, PRECISE, "ratio")),
     Target("last frame to grid / reference extraction of one frame", 26.0, 14.0, ("stages", "latency", "ratio")),
     Target("memory growth in a scan, MB", 14.0, 12.0, ("memory", "first_mb")),
-    Target("paper taken literally / ours, whole scan", 5.0, 10.0, (*WHOLE, LITERAL, "to_precise"), at_least=True),
-    Target("exponent in stripes", 1.05, None, ("growth", "stripes", "exponent")),
-    Target("exponent in cells", 1.05, None, ("growth", "cells", "exponent")),
-    Target("import guara_perception / import numpy, cv2", 1.3, None, ("starting", starting.PACKAGE, "ratio")),
-    Target("cold guara process of 35 frames of 640 x 512, s wall", 3.0, None, (*FIRST_SCAN, "seconds_wall")),
 )
 
 

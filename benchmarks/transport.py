@@ -19,7 +19,7 @@ import numpy as np
 
 import transport
 from benchmarks import announcements, compact, fleet, viewers
-from benchmarks.parts import run_part
+from benchmarks.command import run_part
 from benchmarks.peers import PATIENCE, Peer, free_endpoint, free_port, peers
 from benchmarks.report import to_terminal
 from benchmarks.rounds import Ratio, number

@@ -18,7 +18,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks import map_cost, moving_ground, scan_modes
-from benchmarks.parts import run_part
+from benchmarks.command import run_part
 from benchmarks.scanned_walk import scanned_walk
 from guara_perception.arrays import Float
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard

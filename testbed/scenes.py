@@ -132,14 +132,6 @@ def with_covariance(calibration: gp.Calibration) -> gp.Calibration:
     return replace(calibration, covariance=real_calibration(OWN_DATA).covariance)
 
 
-def resized(scan: ScanInMemory, size: tuple[int, int]) -> ScanInMemory:
-    """The same scan as a camera of another resolution would have taken it, noise aside."""
-    frames = tuple((i, _resize(on, size), _resize(off, size)) for i, on, off in scan.frames)
-    calibration = with_covariance(specimen(scan.robot, size))
-    name = f"simulated, {size[0]} x {size[1]}, {len(frames)} stripes"
-    return replace(scan, name=name, calibration=calibration, frames=frames)
-
-
 @lru_cache(maxsize=4)
 def robot_with(stripes: int) -> RobotModel:
     """The Guará with another number of stripes in its standard pattern."""
@@ -164,11 +156,6 @@ def scan_stance(robot: RobotModel) -> Stance:
             "gravity_in_base": [0.0, 0.0, -1.0],
         }
     )
-
-
-def _resize(image: Image, size: tuple[int, int]) -> Image:
-    is_smaller = size[0] < image.shape[1]
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
 
 
 def _simulated_truth(world: World, robot: RobotModel, seen_points: npt.NDArray[np.floating]) -> Truth:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.accuracy import HEADER, row
 from kinematics import RobotModel
 from testbed.grid_truth import figures, load_truth
 
@@ -172,13 +171,5 @@ def test_command_prints_one_row_per_scan(data: Path, root: Path):
         check=True,
     )
     lines = done.stdout.splitlines()
-    assert lines[1] == HEADER and len(lines) == 3
+    assert lines[1].split()[:3] == ["scan", "method", "mean"] and len(lines) == 3 and len(set(map(len, lines[1:]))) == 1
     assert lines[2].startswith("data/tilt") and " precise " in lines[2]
-
-
-def test_row_lines_up_with_the_header(tmp_path: Path):
-    """Bars of header and row stand below one another."""
-    truth = load_truth(truth_file(tmp_path / "t.npz", flat()), CELL)
-    line = row("data/paper", "precise", figures(grid(np.full((NY, NX), 0.02)), truth), 1.0)
-    bars = [i for i, c in enumerate(HEADER) if c == "|"]
-    assert [i for i, c in enumerate(line) if c == "|"] == bars
