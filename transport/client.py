@@ -89,10 +89,6 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         """Wait until the node is alive; False after `timeout` [s]."""
         return self._judge.node.wait(True, timeout)
 
-    def links(self) -> tuple[str, ...]:
-        """Addresses to which this client is connected."""
-        return self._session.links()
-
     def status(self) -> Status | None:
         """Newest status of the node; None before the first.
 

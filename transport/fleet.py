@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 
-from transport import zenoh_api
 from transport.exceptions import MessageError, ScannerUnavailable
 from transport.grids.evidence import read_word
 from transport.keys import FLEET_ALIVE, FLEET_STATUS, alive_key, robot_of, status_key
+from transport.links.liveliness import alive_keys
 from transport.links.session import Session
 from transport.messages.status_message import STATUS_NAME, Status, decode_status, number, whole_number
 from transport.messages.terrain_message import Health
@@ -60,7 +59,7 @@ def robot_states(session: Session, *, robots: Sequence[str] = (), timeout: float
     keys = [(alive_key(robot), status_key(robot)) for robot in robots] or [(FLEET_ALIVE, FLEET_STATUS)]
     found: dict[str, RobotState] = {}
     for alive, asked in keys:
-        living = _living(session, alive, timeout)
+        living = set(map(robot_of, alive_keys(session, alive, timeout)))
         found |= {robot: RobotState(robot) for robot in living}
         found |= {state.robot: state for state in _answers(session, asked, timeout) if state.robot in living}
     if not found:
@@ -81,12 +80,7 @@ def living_robots(session: Session, *, timeout: float = 2.0) -> tuple[str, ...]:
     Raises:
         SessionClosed: the session is closed.
     """
-    return tuple(sorted(_living(session, FLEET_ALIVE, timeout)))
-
-
-def _living(session: Session, key: str, timeout: float) -> set[str]:
-    tokens = session.attempt(partial(zenoh_api.tokens, session.raw, key, timeout), f"cannot look for {key!r}")
-    return {robot_of(token) for token in tokens}
+    return tuple(sorted(map(robot_of, alive_keys(session, FLEET_ALIVE, timeout))))
 
 
 def _answers(session: Session, key: str, timeout: float) -> list[RobotState]:

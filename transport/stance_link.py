@@ -12,9 +12,8 @@ from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, gait_clock_key, stance_key
 from transport.links.answerer import Answerer
 from transport.links.ordered_receiver import OrderedReceiver
-from transport.links.outbox import Outbox
-from transport.links.publisher import URGENT, Publisher
-from transport.links.session import Resource, Session
+from transport.links.publisher import URGENT, Publisher, Sender
+from transport.links.session import Session
 from transport.messages.codec import decode, encode, make_time, read_time
 from transport.messages.stance_pause import PausePhase, StancePause, decode_stance_pause, encode_stance_pause
 from transport.messages.typestore import STANCE_PAUSE, TIME, cdr
@@ -26,7 +25,7 @@ CLOCK_PERIOD = 2.0
 GAIT_SILENT = 4.0
 
 
-class StancePublisher(Resource):
+class StancePublisher(Sender):
     """Publisher of stance pauses and of the clock that stamps them; never waits for a receiver.
 
     Receivers that start during a pause still get its BEGIN.
@@ -47,10 +46,9 @@ class StancePublisher(Resource):
         self._publisher = Publisher(session, stance_key(robot), priority=URGENT, encoding=encoding)
         # Not latched: late subscribers need the BEGIN.
         self._holds = Publisher(session, stance_key(robot), latched=False, priority=URGENT, encoding=encoding)
-        self._outbox = Outbox()
         self._count = 0
         self._answerer = Answerer(session, gait_clock_key(robot), self._answer)
-        super().__init__(session)
+        super().__init__(session, self._answerer, self._holds, self._publisher)
 
     def publish(self, pause: StancePause) -> None:
         """Announce a pause; returns immediately. All are sent in order, but a newer HOLD replaces a waiting one.
@@ -73,16 +71,6 @@ class StancePublisher(Resource):
 
     def _answer(self, query: Any) -> None:
         query.reply(self._answerer.key, encode(make_time(self._clock())), encoding=cdr(TIME))
-
-    def flush(self, timeout: float) -> None:
-        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
-        self._outbox.flush(timeout)
-
-    def _release(self) -> None:
-        self._answerer.close()
-        self._outbox.close()
-        self._holds.close()
-        self._publisher.close()
 
 
 class GaitClock(RemoteClock):

@@ -11,9 +11,8 @@ import numpy as np
 from transport.exceptions import MessageError
 from transport.keys import DEFAULT_ROBOT, stance_stream_key
 from transport.links.ordered_receiver import OrderedReceiver
-from transport.links.outbox import Outbox
-from transport.links.publisher import SMALL, Publisher
-from transport.links.session import Resource, Session
+from transport.links.publisher import SMALL, Publisher, Sender
+from transport.links.session import Session
 from transport.messages.stance_stream import (
     MAXIMUM_SAMPLES,
     StanceStream,
@@ -46,7 +45,7 @@ def _or_nan(vector: Point | None) -> Point:
     return (np.nan, np.nan, np.nan) if vector is None else vector
 
 
-class StanceStreamPublisher(Resource):
+class StanceStreamPublisher(Sender):
     """Publisher of the joints, sample by sample, which are sent in batches; never waits for a receiver.
 
     Args:
@@ -63,11 +62,10 @@ class StanceStreamPublisher(Resource):
         self._publisher = Publisher(
             session, stance_stream_key(robot), latched=False, priority=SMALL, encoding=cdr(STANCE_STREAM)
         )
-        self._outbox = Outbox()
         self._lock = threading.Lock()
         self._samples: list[_Sample] = []
         self._sequence = 0
-        super().__init__(session)
+        super().__init__(session, self._publisher)
 
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
         """Take one sample; returns at once. It is sent with those of `BATCH_PERIOD`.
@@ -98,7 +96,7 @@ class StanceStreamPublisher(Resource):
         """Send what was taken and wait until it is; ReceiveTimeout when that takes longer than `timeout` [s]."""
         with self._lock:
             self._send()
-        self._outbox.flush(timeout)
+        super().flush(timeout)
 
     def _send(self) -> None:
         samples, self._samples = self._samples, []
@@ -121,10 +119,6 @@ class StanceStreamPublisher(Resource):
         self._sequence += 1
         key = f"{self._publisher.key} {self._sequence % MAXIMUM_WAITING}"
         self._outbox.post(key, lambda: self._publisher.put(encode_stance_stream(batch)))
-
-    def _release(self) -> None:
-        self._outbox.close()
-        self._publisher.close()
 
 
 class StanceStreamReceiver(OrderedReceiver[StanceStream]):

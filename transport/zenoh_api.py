@@ -140,7 +140,7 @@ def watch_tokens(session: Any, key: str, on_change: Callable[[str, bool], None])
     )
 
 
-def tokens(session: Any, key: str, timeout: float = 1.0) -> list[str]:
+def tokens(session: Any, key: str, timeout: float) -> list[str]:
     """Keys of the current liveliness tokens that match a key expression."""
     replies = session.liveliness().get(key, timeout=timeout)
     return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]

@@ -7,14 +7,13 @@ from functools import partial
 from typing import Any
 
 from transport.keys import DEFAULT_ROBOT, RANGE_IMAGES, perception_key, picture_key, points_key
-from transport.links.outbox import Outbox
-from transport.links.publisher import LARGEST, Publisher
-from transport.links.session import Resource, Session
+from transport.links.publisher import LARGEST, Publisher, Sender
+from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.typestore import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, cdr
 
 
-class ViewSender(Resource):
+class ViewSender(Sender):
     """Publishes points, camera image and range images of each scan at the lowest priority; keeps the last of each."""
 
     def __init__(self, session: Session, *, robot: str = DEFAULT_ROBOT) -> None:
@@ -23,7 +22,6 @@ class ViewSender(Resource):
         Raises:
             SessionClosed: the session is closed.
         """
-        self._outbox = Outbox()
         keys = {
             POINT_CLOUD: (points_key(robot), POINT_CLOUD),
             COMPRESSED_IMAGE: (picture_key(robot), COMPRESSED_IMAGE),
@@ -32,7 +30,7 @@ class ViewSender(Resource):
         self._publishers = {
             name: Publisher(session, key, priority=LARGEST, encoding=cdr(kind)) for name, (key, kind) in keys.items()
         }
-        super().__init__(session)
+        super().__init__(session, *self._publishers.values())
 
     def send(self, make: Callable[[], Iterable[Any]]) -> None:
         """Send message objects, sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage; returns immediately.
@@ -62,12 +60,3 @@ class ViewSender(Resource):
                 self._publishers[name].put(partial(payload, name))
 
         self._outbox.post("range images", put)
-
-    def flush(self, timeout: float) -> None:
-        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
-        self._outbox.flush(timeout)
-
-    def _release(self) -> None:
-        self._outbox.close()
-        for publisher in self._publishers.values():
-            publisher.close()

@@ -9,9 +9,10 @@ from transport import zenoh_api
 from transport.links.session import Resource, Session
 
 
-def alive_keys(session: Session, keys: str) -> list[str]:
-    """Keys of the tokens that are alive now and match `keys`, a key expression."""
-    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, keys), f"cannot look for {keys!r}")
+def alive_keys(session: Session, keys: str, timeout: float = 1.0) -> list[str]:
+    """Keys of the tokens that are alive now and match `keys`, a key expression; waits up to `timeout` [s] for them."""
+    what = f"cannot look for {keys!r}"
+    found: list[str] = session.attempt(lambda: zenoh_api.tokens(session.raw, keys, timeout), what)
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from transport import zenoh_api
 from transport.links.last_message import LastMessage, MadeOnce, Payload
+from transport.links.outbox import Outbox
 from transport.links.session import Resource, Session
 from transport.supervision import CLOSE_TIMEOUT
 
@@ -103,3 +104,21 @@ class Publisher(Resource):
                 self._session.undeclare(self._raw)
             finally:
                 self._lock.release()
+
+
+class Sender(Resource):
+    """Publishers and queryables that send through an outbox of their own, so that callers never wait."""
+
+    def __init__(self, session: Session, *parts: Resource) -> None:
+        """Take `parts`, which are closed after the outbox, in this order."""
+        self._outbox, self._parts = Outbox(), parts
+        super().__init__(session)
+
+    def flush(self, timeout: float) -> None:
+        """Wait until everything is sent; ReceiveTimeout if that takes longer than `timeout` [s]."""
+        self._outbox.flush(timeout)
+
+    def _release(self) -> None:
+        self._outbox.close()
+        for part in self._parts:
+            part.close()

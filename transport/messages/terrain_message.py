@@ -260,18 +260,6 @@ class TerrainMessage:
             metadata=json.dumps(withdrawn),
         )
 
-    def transform(self, source_frame: str, destination_frame: str) -> TransformMessage:
-        """Transform between two frames at the time of the scan.
-
-        Raises:
-            MessageError: the message does not contain it.
-        """
-        for transform in self.transforms:
-            if (transform.source_frame, transform.destination_frame) == (source_frame, destination_frame):
-                return transform
-        held = ", ".join(f"{t.source_frame} to {t.destination_frame}" for t in self.transforms) or "none"
-        raise MessageError(f"no transform from {source_frame!r} to {destination_frame!r}; held are: {held}")
-
 
 def crop_terrain(terrain: TerrainMessage, region: tuple[float, float, float, float]) -> TerrainMessage:
     """Crop a grid to the cells that a region touches.

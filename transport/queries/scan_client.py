@@ -37,11 +37,6 @@ GONE_WITHIN = 0.5
 ARRIVES_WITHIN = 2.0
 
 
-def new_request_id() -> str:
-    """Make a unique request id."""
-    return uuid.uuid4().hex
-
-
 def request_scan(
     session: Session,
     *,
@@ -74,12 +69,41 @@ def request_scan(
         ScanTimeout: not done in time.
         ScannerGone: the scanner died during the scan.
     """
-    request = ScanRequest(id=request_id or new_request_id(), mode=mode, timeout=timeout)
+    request = ScanRequest(id=request_id or uuid.uuid4().hex, mode=mode, timeout=timeout)
+    payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)
+
+    def asked(timeout: float) -> ScanReply | None:
+        """Send the request and follow it; return the DONE reply, or None if there is no reply."""
+        accepted = False
+        for answer in ask(session, scan_key(robot), payload, timeout, is_alive=is_alive, encoding=encoding):
+            if answer.payload is not None:
+                reply = decode_scan_reply(answer.payload)
+                if reply.id != request.id:
+                    raise MessageError(f"reply to request {reply.id!r}, but {request.id!r} was asked")
+                if reply.state is ScanState.DONE:
+                    return reply
+                if reply.state is ScanState.FAILED:
+                    _raise_failure(reply.code, reply.message, request.timeout)
+                accepted = True
+                if reply.state is ScanState.PROGRESS and on_progress is not None:
+                    on_progress(reply)
+            elif answer.error is not None:
+                refusal = _read_refusal(answer.error)
+                _raise_failure(refusal.code, refusal.message, request.timeout)
+            elif answer.timed_out:
+                heard = "it was accepted" if accepted else "no answer at all"
+                raise ScanTimeout(f"scan not done within {request.timeout:g} s ({heard})")
+            elif accepted or answer.vanished:
+                raise ScannerGone(
+                    f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
+                )
+        return None
+
     deadline = time.monotonic() + timeout
     for is_repeated in (False, True):
         was_alive = is_alive is not None and is_alive()
         left = timeout if not is_repeated else deadline - time.monotonic()
-        reply = _asked(session, robot, request, left, on_progress, is_alive) if left > 0 else None
+        reply = asked(left) if left > 0 else None
         if reply is not None:
             return reply
         if is_alive is None or not was_alive or is_repeated:
@@ -108,43 +132,6 @@ def result_of(done: ScanReply, before: int) -> Callable[[Received[TerrainMessage
         return is_later or (terrain.sequence, terrain.stamp) == (done.sequence, done.stamp)
 
     return is_result
-
-
-def _asked(
-    session: Session,
-    robot: str,
-    request: ScanRequest,
-    timeout: float,
-    on_progress: Callable[[ScanReply], None] | None,
-    is_alive: Callable[[], bool] | None,
-) -> ScanReply | None:
-    """Send a request and follow it; return the DONE reply, or None if there is no reply."""
-    accepted = False
-    payload, encoding = encode_scan_request(request), cdr(SCAN_REQUEST)
-    for answer in ask(session, scan_key(robot), payload, timeout, is_alive=is_alive, encoding=encoding):
-        if answer.payload is not None:
-            reply = decode_scan_reply(answer.payload)
-            if reply.id != request.id:
-                raise MessageError(f"reply to request {reply.id!r}, but {request.id!r} was asked")
-            if reply.state is ScanState.DONE:
-                return reply
-            if reply.state is ScanState.FAILED:
-                _raise_failure(reply.code, reply.message, request.timeout)
-            accepted = True
-            if reply.state is ScanState.PROGRESS and on_progress is not None:
-                on_progress(reply)
-        elif answer.error is not None:
-            refusal = _read_refusal(answer.error)
-            _raise_failure(refusal.code, refusal.message, request.timeout)
-        elif answer.timed_out:
-            raise ScanTimeout(
-                f"scan not done within {request.timeout:g} s ({'it was accepted' if accepted else 'no answer at all'})"
-            )
-        elif accepted or answer.vanished:
-            raise ScannerGone(
-                f"the scanner of {robot!r} went away before the scan was done; its node died, hung or lost its link"
-            )
-    return None
 
 
 def _has_gone(is_alive: Callable[[], bool]) -> bool:

@@ -36,22 +36,19 @@ class ScanJob:
     Attributes:
         request: the request.
         cancelled: set when the handler should stop.
+        progress: reports the numbers of stripes done and in all; returns immediately.
     """
 
     def __init__(self, request: ScanRequest, report: Callable[[int, int], None]) -> None:
         self.request = request
         self.cancelled = threading.Event()
+        self.progress = report
         self._deadline = time.monotonic() + request.timeout
-        self._report = report
 
     @property
     def remaining(self) -> float:
         """Time until the deadline of the request [s]; 0 after it."""
         return max(0.0, self._deadline - time.monotonic())
-
-    def progress(self, stripes_done: int, stripes_total: int) -> None:
-        """Report the progress of the scan; returns immediately."""
-        self._report(stripes_done, stripes_total)
 
 
 class _Work:

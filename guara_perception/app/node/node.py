@@ -145,7 +145,7 @@ class PerceptionNode:
 
     def __enter__(self) -> Self:
         """Start."""
-        follow(self._on_failure)
+        follow(self._end_unknown)
         self._thread.start()
         return self
 
@@ -270,12 +270,12 @@ class PerceptionNode:
             return
         self._end_unknown()
 
-    def _on_failure(self, failure: Failure) -> None:
-        """End the pause, and with it the scan: a thread of this process failed; this runs on it."""
-        self._end_unknown()
+    def _end_unknown(self, failure: Failure | None = None) -> None:
+        """End the pause, and with it the scan: it is not known any more whether the robot stands.
 
-    def _end_unknown(self) -> None:
-        """End the pause: it is no longer known whether the robot stands."""
+        Args:
+            failure: of a thread of this process, on which this then runs.
+        """
         with self._changed:
             current = self._standing()
             if current is not None:
@@ -302,7 +302,7 @@ class PerceptionNode:
     @property
     def latest_map(self) -> TerrainGrid | None:
         """The newest fused map, None before the first pause."""
-        return self._scanner.latest_map
+        return self._scanner.map.latest
 
     def wait_for_step(self, step: int, timeout: float, epoch: str | None = None) -> bool:
         """Wait until the scan of a pause is done or abandoned; False after `timeout` [s].
@@ -327,7 +327,7 @@ class PerceptionNode:
 
     def close(self) -> None:
         """Turn the laser off, end the scan under way and the thread; safe to call twice."""
-        forget(self._on_failure)
+        forget(self._end_unknown)
         self._closing.set()
         with self._changed:
             self._changed.notify_all()
@@ -370,7 +370,7 @@ class PerceptionNode:
 
     def _run(self) -> None:
         self._go_on()
-        self._scanner.make_ready()
+        self._scanner.lost_steps()
         while True:
             with self._changed:
                 self._progress_at = math.inf

@@ -24,7 +24,6 @@ from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
-from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import RobotModel
 from transport import TerrainMessage, clock
@@ -36,7 +35,11 @@ TAILS = 5
 
 
 class PauseScanner:
-    """Scans pauses one after the other; used from one thread."""
+    """Scans pauses one after the other; used from one thread.
+
+    Attributes:
+        map: fused map of the walk.
+    """
 
     def __init__(
         self,
@@ -60,22 +63,13 @@ class PauseScanner:
             status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
         self._view = LiveView(server.views, centre=self._settings.stripes // 2)
-        self._map = WalkMap(robot, calibration)
+        self.map = WalkMap(robot, calibration)
         self._joints = JointWatch(robot, status)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         self._published = PublishedScans(
-            server, status, self._map, recorder, lambda pause: self._processor(pause, "standard").finish()
+            server, status, self.map, recorder, lambda pause: self._processor(pause, "standard").finish()
         )
         self._tails: deque[float] = deque(maxlen=TAILS)
-
-    @property
-    def latest_map(self) -> TerrainGrid | None:
-        """The newest fused map, None before the first pause."""
-        return self._map.latest
-
-    def make_ready(self) -> None:
-        """Home the mirror and move it to the first stripe, so that the first pause need not wait for it."""
-        self._lost_steps()
 
     def scan(
         self, pause: Pause, mode: str, should_stop: Callable[[], bool], progress: Progress | None = None
@@ -175,15 +169,19 @@ class PauseScanner:
         Homing takes a tenth of a second, so the grid is published before it, and withdrawn when steps were lost. The
         scan is fused into the map only after it.
         """
-        lost = self._lost_steps()
+        lost = self.lost_steps()
         if lost:
             raise MirrorSlipped(
                 f"the mirror had lost {lost} steps by the end of the scan, its heights are wrong: the grid is "
                 "withdrawn. Check that the mirror turns freely"
             )
 
-    def _lost_steps(self) -> int:
-        """Motor steps lost by the mirror since it was last homed; 0 if the board does not answer."""
+    def lost_steps(self) -> int:
+        """Home the mirror and move it to the first stripe, so that the next pause need not wait for it.
+
+        Returns:
+            Motor steps lost since the last homing; 0 if the board does not answer.
+        """
         try:
             lost = self._rangefinder.lost_steps(self._sweeper.firing_order(self._settings.pattern("standard")))
         except DriverError as error:

@@ -39,6 +39,9 @@ class WalkMap:
     """Map of a walk. It restarts if the odometry is lost or another walk begins; its record states the reason.
 
     A fused scan may turn out to be wrong: `withdraw` undoes all updates since `keep`.
+
+    Attributes:
+        latest: map that `update` or `withdraw` returned last, None before the first.
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
@@ -46,17 +49,7 @@ class WalkMap:
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
         self._kept = self._state.copy()
-        self._latest: TerrainGrid | None = None
-
-    @property
-    def latest(self) -> TerrainGrid | None:
-        """The map that `update` or `withdraw` returned last, None before the first."""
-        return self._latest
-
-    @property
-    def restarts(self) -> tuple[str, ...]:
-        """Reason of each restart of the map."""
-        return tuple(self._state.restarts)
+        self.latest: TerrainGrid | None = None
 
     def update(
         self,
@@ -91,7 +84,7 @@ class WalkMap:
             self._restart(f"step {step} came after step {state.step}: another walk")
         state.pose = pose = self._locate(stance)
         fused = state.map.update(terrain, pose, known_ground=known_ground, time=time)
-        state.last = self._latest = fused.restated(**self._reported(pose))
+        state.last = self.latest = fused.restated(**self._reported(pose))
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
 
@@ -124,14 +117,14 @@ class WalkMap:
         # A map that began again with this pause has another `odom` than the map before, of which nothing may be shown.
         known = TerrainMap(self._robot) if began_again else self._state.map
         view = known.view(terrain, pose, time=time)
-        self._latest = view.restated(**self._reported(pose), health=terrain.record.health)
-        return self._latest
+        self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
+        return self.latest
 
     def _reported(self, pose: OdometryPose) -> dict[str, object]:
         return {
             "slipped_feet": tuple(pose.slipped_feet),
             "odometry_residual": pose.residual,
-            "restarts": self.restarts,
+            "restarts": tuple(self._state.restarts),
         }
 
     def _locate(self, stance: Stance) -> OdometryPose:

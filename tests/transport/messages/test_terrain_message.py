@@ -182,14 +182,6 @@ def test_a_message_that_contradicts_itself_is_refused(peer, what: str, expected_
         transport.decode_terrain(encode(message))
 
 
-def test_transforms_are_found_by_their_frames(peer) -> None:
-    """A missing transform is refused with those that are there."""
-    terrain = peer.make_terrain(shape=(2, 3))
-    assert terrain.transform("base_link", "base_footprint").matrix[0, 3] == 1.0
-    with pytest.raises(MessageError, match="held are: base_link to base_footprint, camera_optical_frame"):
-        terrain.transform("odom", "base_footprint")
-
-
 @pytest.mark.parametrize(
     ("matrix", "expected_text"),
     [
