@@ -157,16 +157,14 @@ class LastMessage:
             )
 
     def _answer_history(self, query: Any) -> None:
-        with self._lock:
-            number, (payload, attachment, _), stamp = self._last, self._kept.get(self._last, NOTHING), self._stamp
-        if number >= 0 and _is_within(number, query.parameters.get("_sn")):
-            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment, timestamp=stamp)
+        if self._last >= 0 and _is_within(self._last, query.parameters.get("_sn")):
+            self._answer_get(query)
 
     def _answer_get(self, query: Any) -> None:
         with self._lock:
-            number, (payload, attachment, _) = self._last, self._kept.get(self._last, NOTHING)
+            number, (payload, attachment, _), stamp = self._last, self._kept.get(self._last, NOTHING), self._stamp
         if number >= 0:
-            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment)
+            query.reply(self._key, payload(), encoding=self._encoding, attachment=attachment, timestamp=stamp)
         else:
             refuse(query, "no_terrain", f"nothing was published on {self._key!r} yet")
 

@@ -193,7 +193,7 @@ def open_node(
             f"its own router with an uplink; give one of them"
         )
     if connect is not None:
-        return _open_client(connect, security, "node", shared_memory=shared_memory, timeout=timeout)
+        return open_client(connect, security=security, role="node", shared_memory=shared_memory, timeout=timeout)
     given = (listen,) if isinstance(listen, str) else tuple(listen or ())
     if security is None:
         endpoints = given or (DEFAULT_ENDPOINT,)
@@ -209,6 +209,7 @@ def open_client(
     endpoint: str | None = None,
     *,
     security: str | Path | None = None,
+    role: str = "planner",
     shared_memory: bool = False,
     timeout: float = 5.0,
 ) -> Session:
@@ -216,7 +217,8 @@ def open_client(
 
     Args:
         endpoint: endpoint of the node or router. None = the default on this machine, or that of the security folder.
-        security: folder of a role, such as `DIR/planner`, made by `guara security init`.
+        security: folder of a role, such as `DIR/planner`, or `DIR` itself, made by `guara security init`.
+        role: role whose folder is used if `security` has several.
         shared_memory: as in `open_node`.
         timeout: time for attempts to connect [s]; Ctrl-C ends the wait.
 
@@ -225,12 +227,6 @@ def open_client(
         SecurityError: the security folder is incomplete.
         ConnectionFailed: no connection within `timeout`; the message lists what to check.
     """
-    return _open_client(endpoint, security, "planner", shared_memory=shared_memory, timeout=timeout)
-
-
-def _open_client(
-    endpoint: str | None, security: str | Path | None, role: str, *, shared_memory: bool, timeout: float
-) -> Session:
     if security is None:
         target = endpoint or DEFAULT_ENDPOINT
         return connect_with(client_configuration(target, shared_memory=shared_memory), (target,), timeout)

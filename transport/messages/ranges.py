@@ -87,20 +87,12 @@ def _number(value: float) -> str:
     return f"{value:,.0f}" if math.isfinite(value) and float(value).is_integer() else f"{value:g}"
 
 
-def _text(characters: int) -> Range:
-    return Range(characters=characters)
-
-
-def _list(entries: int) -> Range:
-    return Range(entries=entries)
-
-
-NAME, WORD, SENTENCE = _text(100), _text(200), _text(10_000)
+NAME, WORD, SENTENCE = (Range(characters=most) for most in (100, 200, 10_000))
 METRES = Range(low=-FURTHEST, high=FURTHEST, unit="m")
 # Cells of the largest grid; obstacles in it, or corners of one.
-CELLS, PARTS = _list(4_000_000), _list(100_000)
+CELLS, PARTS = Range(entries=4_000_000), Range(entries=100_000)
 # Compressed bytes; decompression has a limit of its own.
-PACKED = _list(64 * 1024 * 1024)
+PACKED = Range(entries=64 * 1024 * 1024)
 
 # Ranges by field name, which has the same meaning in every message but for EXCEPTIONS.
 FIELDS: Mapping[str, Range] = {
@@ -112,8 +104,8 @@ FIELDS: Mapping[str, Range] = {
     **dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), METRES),
     **dict.fromkeys(("uint16_values", "uint8_values"), CELLS),
     **dict.fromkeys(("heights", "hazard", "traversability"), PACKED),
-    **dict.fromkeys(("layers", "transforms", "known_ground", "outline"), _list(64)),
-    **dict.fromkeys(("status", "values", "regions"), _list(1000)),
+    **dict.fromkeys(("layers", "transforms", "known_ground", "outline"), Range(entries=64)),
+    **dict.fromkeys(("status", "values", "regions"), Range(entries=1000)),
     **dict.fromkeys(("joint_names", "point_count_names", "stage_names"), Range(entries=256, characters=200)),
     **dict.fromkeys(("level", "health"), Range(low=0, high=3)),
     **dict.fromkeys(("nx", "ny"), Range(low=1, high=4_000_000)),
@@ -131,10 +123,10 @@ FIELDS: Mapping[str, Range] = {
     "stage_ms": Range(entries=256, low=0, high=1e9, unit="ms"),
     "coverage": Range(low=0, high=1),
     "health_reasons": Range(entries=1000, characters=10_000),
-    "metadata": _text(4_000_000),
+    "metadata": Range(characters=4_000_000),
     "float32_values": Range(entries=4_000_000, low=-FURTHEST, high=FURTHEST, nan=True),
     "covariance": Range(entries=36, low=-1e12, high=1e12),
-    "boundary": _list(256),
+    "boundary": Range(entries=256),
     "halfspaces": Range(entries=3 * 256, low=-FURTHEST, high=FURTHEST, unit="m"),
     "state": Range(low=1, high=4),
     "mirror_angle": Range(low=-1e3, high=1e3, unit="rad"),

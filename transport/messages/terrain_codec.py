@@ -31,9 +31,9 @@ VARIANCE_BITS, SCORE_BITS = 3, 5
 # Larger multiples of a unit are not rounded: they may not fit the 23 bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
-FIELDS = ("float32_values", "uint16_values", "uint8_values")
-EMPTY = tuple(np.zeros(0, dtype) for dtype in (np.float32, np.uint16, np.uint8))
-TYPES = {np.dtype(np.float32): 1, np.dtype(np.uint16): 2, np.dtype(np.uint8): 3}
+# Dtypes of layers, by the field of their values; the first has number 1.
+FIELDS = {f"{name}_values": np.dtype(name) for name in ("float32", "uint16", "uint8")}
+TYPES = {dtype: number for number, dtype in enumerate(FIELDS.values(), start=1)}
 
 
 def encode_terrain(terrain: TerrainMessage) -> bytearray:
@@ -60,10 +60,8 @@ def decode_terrain(payload: bytes | bytearray | memoryview) -> TerrainMessage:
 
 
 def _make_layer(name: str, array: Array) -> Any:
-    number = TYPES[array.dtype]
-    values = list(EMPTY)
-    values[number - 1] = array.ravel()
-    return message_class("guara_msgs/msg/TerrainLayer")(name, LAYERS[name].unit, number, *values)
+    values = (array.ravel() if dtype == array.dtype else np.zeros(0, dtype) for dtype in FIELDS.values())
+    return message_class("guara_msgs/msg/TerrainLayer")(name, LAYERS[name].unit, TYPES[array.dtype], *values)
 
 
 def make_terrain(terrain: TerrainMessage) -> Any:
@@ -94,13 +92,13 @@ def _read_layers(message: Any) -> dict[str, Array]:
                 f"layer {layer.name!r} has type {layer.type} and unit {layer.unit!r}; "
                 f"allowed: type {number} ({kind.dtype}) and unit {kind.unit!r}"
             )
-        lengths = [len(getattr(layer, name)) for name in FIELDS]
+        field, lengths = list(FIELDS)[number - 1], [len(getattr(layer, name)) for name in FIELDS]
         if lengths[number - 1] != shape[0] * shape[1] or sum(lengths) != lengths[number - 1]:
             raise MessageError(
                 f"layer {layer.name!r} has {lengths} values in its three arrays; allowed: "
-                f"{shape[0] * shape[1]} = ny * nx in {FIELDS[number - 1]} and none in the others"
+                f"{shape[0] * shape[1]} = ny * nx in {field} and none in the others"
             )
-        layers[layer.name] = getattr(layer, FIELDS[number - 1]).reshape(shape)
+        layers[layer.name] = getattr(layer, field).reshape(shape)
     return layers
 
 

@@ -33,27 +33,34 @@ class Credentials:
     key: bytes
 
 
-def _key_bytes(key: Any) -> bytes:
-    from cryptography.hazmat.primitives import serialization
+def _signed(
+    common_name: str,
+    days: int,
+    extensions: Sequence[tuple[Any, bool]],
+    issuer: Any = None,
+    signer: Any = None,
+) -> Credentials:
+    """New P-256 key with its certificate, self-signed without an issuer and a signer.
 
-    data: bytes = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
-    )
-    return data
-
-
-def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
+    Args:
+        common_name: name of the owner.
+        days: lifetime from now [days].
+        extensions: extensions of X.509, each with True if it is critical.
+        issuer: subject of the authority.
+        signer: key of the authority.
+    """
     from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.x509.oid import NameOID
 
+    key = ec.generate_private_key(ec.SECP256R1())
     now = datetime.datetime.now(datetime.UTC)
     end = now + datetime.timedelta(days=days)
     # Valid from an hour ago, for a robot whose clock is slightly behind.
     begin = min(now, end) - datetime.timedelta(hours=1)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
-    return (
+    builder = (
         x509.CertificateBuilder()
         .subject_name(name)
         .issuer_name(issuer or name)
@@ -61,7 +68,13 @@ def _builder(common_name: str, issuer: Any, key: Any, days: int) -> Any:
         .serial_number(x509.random_serial_number())
         .not_valid_before(begin)
         .not_valid_after(end)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
     )
+    for extension, is_critical in extensions:
+        builder = builder.add_extension(extension, critical=is_critical)
+    pem, without = serialization.Encoding.PEM, serialization.NoEncryption()
+    certificate = builder.sign(signer or key, hashes.SHA256()).public_bytes(pem)
+    return Credentials(certificate, key.private_bytes(pem, serialization.PrivateFormat.PKCS8, without))
 
 
 def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
@@ -81,21 +94,11 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
 def make_authority(common_name: str) -> Credentials:
     """Make a CA: self-signed, P-256, for signing certificates only."""
     from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
 
-    key = ec.generate_private_key(ec.SECP256R1())
     others = ("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
     unused = dict.fromkeys((*others, "encipher_only", "decipher_only"), False)
     usage = x509.KeyUsage(key_cert_sign=True, crl_sign=True, **unused)
-    certificate = (
-        _builder(common_name, None, key, AUTHORITY_DAYS)
-        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(usage, critical=True)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .sign(key, hashes.SHA256())
-    )
-    return Credentials(certificate.public_bytes(serialization.Encoding.PEM), _key_bytes(key))
+    return _signed(common_name, AUTHORITY_DAYS, [(x509.BasicConstraints(ca=True, path_length=0), True), (usage, True)])
 
 
 def make_certificate(
@@ -110,13 +113,10 @@ def make_certificate(
         days: lifetime from now [days]; negative for an expired certificate.
     """
     from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
     from cryptography.x509.oid import ExtendedKeyUsageOID
 
-    signer: Any = serialization.load_pem_private_key(authority.key, password=None)
-    parent = x509.load_pem_x509_certificate(authority.certificate)
-    key = ec.generate_private_key(ec.SECP256R1())
+    signer: Any = load_pem_private_key(authority.key, password=None)
     names: list[x509.GeneralName] = []
     for host in hosts:
         try:
@@ -124,16 +124,11 @@ def make_certificate(
         except ValueError:
             names.append(x509.DNSName(host))
     uses = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-    builder = _builder(common_name, parent.subject, key, days)
-    certificate = (
-        builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(x509.SubjectAlternativeName(names), critical=False)
-        .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
-        .add_extension(
-            x509.AuthorityKeyIdentifier.from_issuer_public_key(parent.public_key()),  # type: ignore[arg-type]
-            critical=False,
-        )
-        .sign(signer, hashes.SHA256())
-    )
-    return Credentials(certificate.public_bytes(serialization.Encoding.PEM), _key_bytes(key))
+    extensions = [
+        (x509.BasicConstraints(ca=False, path_length=None), True),
+        (x509.SubjectAlternativeName(names), False),
+        (x509.ExtendedKeyUsage(uses), False),
+        (x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), False),
+    ]
+    parent = x509.load_pem_x509_certificate(authority.certificate).subject
+    return _signed(common_name, days, extensions, parent, signer)

@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from guara_perception.exceptions import InvalidInput
-from transport.exceptions import RecordingError
+from transport.exceptions import RecordingError, os_errors
 
 SUFFIX = ".mcap"
 # [byte] Size at which the next file of a folder is begun: 12 minutes of JPEG frames, 100 s of lossless ones.
@@ -69,10 +69,8 @@ class RecordingFiles:
         Raises:
             RecordingError: the folder does not exist or cannot be read.
         """
-        try:
+        with os_errors(RecordingError, f"cannot record into the folder {self._folder}"):
             numbers = [number for number, _ in self._found()]
-        except OSError as error:
-            raise RecordingError(f"cannot record into the folder {self._folder}: {error.strerror}") from error
         if self._first is None:
             return self._folder / f"{self._stem}-{max(numbers, default=0) + 1:06d}{SUFFIX}"
         if not os.path.lexists(self._first):

@@ -22,7 +22,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.progress import Progress
 from guara_perception.scanning.stripe_finder import check_method
-from guara_perception.settings import MODES, Settings
+from guara_perception.settings import Settings
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, Stillness
@@ -351,8 +351,6 @@ class PerceptionNode:
         pause = self._standing()
         if pause is None or not pause.time_left(clock.now()):
             raise ScanFailed("the robot is not in a stance pause, a scan needs it to stand still", "not_stationary")
-        if request.mode not in MODES:
-            raise ScanFailed(f"mode is {request.mode!r}, allowed: {', '.join(MODES)}", "bad_request")
 
     def _serve(self, job: ScanJob) -> TerrainMessage:
         result: list[TerrainMessage | Exception] = []
