@@ -88,18 +88,15 @@ class Recording(AbstractContextManager["Recording"]):
         """Iterate over the grids of one extent, in order; MessageError for a damaged one."""
         if extent not in EXTENTS:
             raise RecordingError(f"extent is {extent!r}; allowed: {', '.join(map(repr, EXTENTS))}")
-        for payload in self._payloads("terrain" if extent == "footprint" else "map"):
-            yield decode_terrain(payload)
+        return map(decode_terrain, self._payloads("terrain" if extent == "footprint" else "map"))
 
     def stance_pauses(self) -> Iterator[StancePause]:
         """Iterate over the announcements of stance pauses, in order; MessageError for a damaged one."""
-        for payload in self._payloads("stance"):
-            yield decode_stance_pause(payload)
+        return map(decode_stance_pause, self._payloads("stance"))
 
     def stance_stream(self) -> Iterator[StanceStream]:
         """The batches of stances, in order; MessageError for a damaged one."""
-        for payload in self._payloads("stance_stream"):
-            yield decode_stance_stream(payload)
+        return map(decode_stance_stream, self._payloads("stance_stream"))
 
     def messages(self, short: str) -> Iterator[Any]:
         """Iterate over the message objects of a topic, given by its short name (without the robot), in order.

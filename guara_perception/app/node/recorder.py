@@ -308,11 +308,9 @@ class ScanRecording:
         """Record one stripe; an off frame that several stripes share is written once. Returns at once."""
         if self._is_full:
             return
-        on = None if capture.on is None else capture.on.copy()
+        on, dark = (None if image is None else image.copy() for image in (capture.on, capture.dark))
         off, size = self._shared(capture.off)
-        size += 0 if on is None else on.nbytes
-        dark = None if capture.dark is None else capture.dark.copy()
-        size += 0 if dark is None else dark.nbytes
+        size += sum(image.nbytes for image in (on, dark) if image is not None)
         bare = StripeRecord(
             index=capture.index,
             mirror_angle=capture.mirror_angle,
