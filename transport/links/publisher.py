@@ -39,6 +39,7 @@ class Publisher(Resource):
         encoding: str | None = None,
         answers: bool = False,
         stamped: bool = False,
+        attach: Callable[[int], bytes] | None = None,
     ) -> None:
         """Declare the key.
 
@@ -51,13 +52,14 @@ class Publisher(Resource):
             answers: True if a query (`get`) of the key itself also returns the last payload.
             stamped: identify payloads by timestamps instead of numbers. Zenoh's advanced subscribers then get each
                 payload once, but `NewestReceiver` does not detect losses.
+            attach: makes the attachment of a payload from its number, 0 for the first.
 
         Raises:
             SessionClosed: the session is closed.
             TransportError: the key is not valid.
         """
         self.key = key
-        self._lock = threading.Lock()
+        self._lock, self._attach = threading.Lock(), attach
         self.count = 0
         what = f"cannot publish on {key!r}"
         self._raw = session.attempt(lambda: zenoh_api.declare_publisher(session.raw, key, priority, encoding), what)
@@ -70,12 +72,11 @@ class Publisher(Resource):
             )
         super().__init__(session)
 
-    def put(self, payload: Payload | Callable[[], Payload], attachment: bytes | None = None) -> None:
+    def put(self, payload: Payload | Callable[[], Payload]) -> None:
         """Publish a payload. Not an error if there are no subscribers or the link is down.
 
         Args:
             payload: payload, or a function that makes it, called only if there are subscribers or a later query.
-            attachment: bytes that are sent with the payload.
 
         Raises:
             SessionClosed: the session is closed.
@@ -83,6 +84,7 @@ class Publisher(Resource):
         with self._lock:
             number = self.count
             made = MadeOnce(payload if callable(payload) else lambda: payload)
+            attachment = None if self._attach is None else self._attach(number)
             stamp = None if self._stamps is None else self._stamps.next()
             if self._last is not None:
                 self._last.keep(number, made, attachment, stamp)

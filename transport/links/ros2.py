@@ -57,29 +57,6 @@ def make_attachment(sequence: int, stamp: int, identity: bytes) -> bytes:
     return struct.pack("<qqB", sequence, stamp, len(identity)) + identity
 
 
-class _Topic:
-    """Topic with its publisher, token and sequence number."""
-
-    def __init__(self, session: Session, domain: int, entity_id: int, topic: str, type_name: str) -> None:
-        token_key = publisher_token_key(domain, session.zenoh_id, entity_id, topic, type_name)
-        self._identity = publisher_id(token_key)
-        key = data_key(domain, topic, type_name)
-        self._publisher = Publisher(session, key, encoding=cdr(type_name), stamped=True)
-        self._token = AliveToken(session, token_key)
-        self._lock = threading.Lock()
-        self._sequence = 0
-
-    def put(self, payload: bytes | bytearray) -> None:
-        with self._lock:
-            self._sequence += 1
-            attachment = make_attachment(self._sequence, time.time_ns(), self._identity)
-            self._publisher.put(payload, attachment)
-
-    def close(self) -> None:
-        self._token.close()
-        self._publisher.close()
-
-
 class Ros2Bridge(Resource):
     """Topics for ROS 2 nodes that use rmw_zenoh: reliable, and transient local for late subscribers.
 
@@ -103,7 +80,7 @@ class Ros2Bridge(Resource):
         self._robot, self._domain = robot, domain
         self._bridged, self._lock = session, threading.Lock()
         self._node = AliveToken(session, node_token_key(domain, session.zenoh_id))
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, tuple[Publisher, AliveToken]] = {}
         for name, type_name in (("occupancy", OCCUPANCY), ("grid_map", GRID_MAP)):
             self._topic(f"{robot}/{name}", type_name)
         super().__init__(session)
@@ -119,14 +96,22 @@ class Ros2Bridge(Resource):
         topic = name[1:] if name.startswith("/") else f"{self._robot}/{name}"
         self._topic(topic, type_name).put(payload)
 
-    def _topic(self, name: str, type_name: str) -> _Topic:
+    def _topic(self, name: str, type_name: str) -> Publisher:
         with self._lock:
             if name not in self._topics:
-                entity_id = FIRST_ENTITY_ID + len(self._topics)
-                self._topics[name] = _Topic(self._bridged, self._domain, entity_id, name, type_name)
-            return self._topics[name]
+                session, entity_id = self._bridged, FIRST_ENTITY_ID + len(self._topics)
+                token_key = publisher_token_key(self._domain, session.zenoh_id, entity_id, name, type_name)
+                identity, key = publisher_id(token_key), data_key(self._domain, name, type_name)
+
+                def attach(number: int) -> bytes:
+                    return make_attachment(number + 1, time.time_ns(), identity)
+
+                publisher = Publisher(session, key, encoding=cdr(type_name), stamped=True, attach=attach)
+                self._topics[name] = publisher, AliveToken(session, token_key)
+            return self._topics[name][0]
 
     def _release(self) -> None:
-        for topic in self._topics.values():
-            topic.close()
+        for publisher, token in self._topics.values():
+            token.close()
+            publisher.close()
         self._node.close()

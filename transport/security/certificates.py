@@ -48,12 +48,6 @@ def days_left(certificate: str | Path) -> float:
     return (end - datetime.datetime.now(datetime.UTC)).total_seconds() / 86400.0
 
 
-def expiries(folder: str | Path) -> dict[str, float]:
-    """Remaining validity [days] of each certificate in a security folder or the folder of a role, by its path."""
-    root = Path(folder)
-    return {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
-
-
 def _files(root: Path, ending: str) -> list[Path]:
     return sorted(path for depth in ("", "*/", "*/*/") for path in root.glob(f"{depth}*.{ending}"))
 
@@ -68,7 +62,8 @@ def judge_security(folder: str | Path) -> tuple[Health, str]:
     Raises:
         SecurityError: there is no certificate, or a file cannot be read.
     """
-    root, left = Path(folder), expiries(folder)
+    root = Path(folder)
+    left = {str(path.relative_to(root)): days_left(path) for path in _files(root, "pem")}
     if not left:
         raise SecurityError(f"{folder} holds no certificate; give what `guara security init` made, or a role's folder")
     readable = [path for path in _files(root, "key") if _is_open(path)]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from guara_perception.app.devices_file import load_devices
 from guara_perception.app.node.devices import choose_rig
@@ -25,31 +27,28 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
         simulated: simulated devices in place of those.
         security: folder of the node's role, or None.
     """
-    parts: list[Callable[[], object]] = []
-    if chosen.robot is not None:
-        parts.append(lambda: load_robot(str(chosen.robot)))
-    if chosen.calibration is not None:
-        parts.append(lambda: load_calibration(str(chosen.calibration)))
-    if chosen.devices is not None:
-        parts.append(lambda: load_devices(str(chosen.devices)))
-    if security is not None:
-        parts.append(lambda: _refuse_unsafe(security))
-    mistakes = [message for part in parts if (message := _mistake(part))]
-    if not mistakes:
+    parts: tuple[tuple[Any, Callable[[str], object]], ...] = (
+        (chosen.robot, load_robot),
+        (chosen.calibration, load_calibration),
+        (chosen.devices, load_devices),
+        (security, _refuse_unsafe),
+    )
+    mistakes = [_mistake(load, str(given)) for given, load in parts if given is not None]
+    if not any(mistakes):
         # Valid parts may still not fit each other.
-        mistakes += filter(None, [_mistake(lambda: choose_rig(chosen, simulated=simulated, on_the_move=True))])
-    return mistakes
+        mistakes.append(_mistake(partial(choose_rig, simulated=simulated, on_the_move=True), chosen))
+    return list(filter(None, mistakes))
 
 
-def _mistake(part: Callable[[], object]) -> str:
+def _mistake(load: Callable[[Any], object], given: object) -> str:
     try:
-        part()
+        load(given)
     except EXPECTED as error:
         return str(error)
     return ""
 
 
-def _refuse_unsafe(folder: Path) -> None:
+def _refuse_unsafe(folder: str) -> None:
     level, message = judge_security(folder)
     if level is Health.ERROR:
         raise TransportError(f"{folder}: {message}")
