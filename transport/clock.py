@@ -32,9 +32,6 @@ class JumpDetector:
     @staticmethod
     def _read() -> float:
         # The wall clock is read between two monotonic readings, so that preemption does not look like a jump.
-        best, offset = float("inf"), 0.0
-        for _ in range(3):
-            before, wall, after = now(), time.time_ns() * 1e-9, now()
-            if after - before < best:
-                best, offset = after - before, wall - (before + after) / 2
-        return offset
+        readings = [(now(), time.time_ns() * 1e-9, now()) for _ in range(3)]
+        before, wall, after = min(readings, key=lambda reading: reading[2] - reading[0])
+        return wall - (before + after) / 2

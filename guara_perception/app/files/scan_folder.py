@@ -209,14 +209,13 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             "stripes": sorted(self._stripes, key=lambda entry: int(str(entry["index"]))),
             "stance": stance.to_dict(),
         }
-        if dark_after:
-            document["dark_after"] = sorted(dark_after)
-        if camera_identity:
-            document["camera_identity"] = camera_identity
-        if stance_end is not None:
-            document["stance_end"] = stance_end.to_dict()
-        if calibration_hash:
-            document["calibration_hash"] = calibration_hash
+        optional = {
+            "dark_after": sorted(dark_after),
+            "camera_identity": camera_identity,
+            "stance_end": None if stance_end is None else stance_end.to_dict(),
+            "calibration_hash": calibration_hash,
+        }
+        document |= {name: value for name, value in optional.items() if value}
         if calibration is not None:
             save_calibration(calibration, self._staging / CALIBRATION_FILE)
         (self._staging / SCAN_FILE).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
