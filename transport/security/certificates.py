@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from transport.security.access_rules import FLEET, ROLES, ROUTER, access_control
 from transport.security.authority import Credentials, make_certificate, read_certificate
 from transport.security.folder import (
     CONFIGURATION,
+    DEFAULT_LISTEN,
     LONGEST_NAME,
     RESERVED,
     check_robot,
@@ -135,14 +137,13 @@ def _complete_queues(configuration: dict[str, Any]) -> bool:
     return True
 
 
-def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), listen: str = "tls/0.0.0.0:7447") -> Path:
+def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = ()) -> Path:
     """Add a robot: make the folders of its roles, with certificates of the same CA.
 
     Args:
         folder: folder made by `init_security`.
         robot: instance name.
         hosts: host names and addresses of its node for clients.
-        listen: endpoint of its node.
 
     Returns:
         The folder of the robot, which contains those of its roles.
@@ -153,11 +154,8 @@ def add_robot(folder: str | Path, robot: str, *, hosts: tuple[str, ...] = (), li
     authority, members = open_authority(folder), open_members(folder)
     target = members.root / check_robot(robot)
     check_free(members, robot, target)
-    return take_in(
-        target,
-        lambda member: write_roles(member, authority, robot, hosts=hosts, listen=listen),
-        lambda: open_members(folder),
-    )
+    write = partial(write_roles, authority=authority, robot=robot, hosts=hosts, listen=DEFAULT_LISTEN)
+    return take_in(target, write, lambda: open_members(folder))
 
 
 def check_free(members: Members, name: str, member: Path) -> None:

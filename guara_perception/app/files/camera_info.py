@@ -26,7 +26,7 @@ OPENCV_NAMES = {
 COEFFICIENTS = 5
 
 
-def write_camera_info(camera: CameraModel, path: str | Path, name: str = "camera") -> Path:
+def write_camera_info(camera: CameraModel, path: str | Path) -> Path:
     """Write the YAML that ROS's camera_calibration and camera_info_manager use; return its path.
 
     The model is `plumb_bob`: k1, k2, p1, p2, k3, as in `CameraModel`. The rectified picture has the same matrix.
@@ -39,7 +39,7 @@ def write_camera_info(camera: CameraModel, path: str | Path, name: str = "camera
     content = {
         "image_width": camera.size[0],
         "image_height": camera.size[1],
-        "camera_name": name,
+        "camera_name": "camera",
         "camera_matrix": _matrix(camera.matrix),
         "distortion_model": MODEL,
         "distortion_coefficients": _matrix(camera.distortion[None]),
