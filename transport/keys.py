@@ -88,8 +88,9 @@ summary_key = partial(perception_key, "summary")
 # queryables that take scan requests, and that return the newest grid or a region of it,
 scan_key = partial(perception_key, "scan")
 query_key = partial(perception_key, "query")
-# diagnostic_msgs/DiagnosticArray of the node,
+# diagnostic_msgs/DiagnosticArray of the node, and its liveliness token,
 status_key = partial(perception_key, "status")
+alive_key = partial(perception_key, f"@alive/{NODE_ROLE}")
 # sensor_msgs/PointCloud2 and sensor_msgs/CompressedImage of one stripe of the last scan, for viewers.
 points_key = partial(perception_key, "points")
 picture_key = partial(perception_key, "picture")
@@ -99,11 +100,6 @@ def grid_keys(robot: str = DEFAULT_ROBOT) -> tuple[str, ...]:
     """Keys of all grids and of the regions of the map, which are both published and queryable."""
     terrain = (terrain_key(robot, extent, encoding) for extent in ("footprint", "map") for encoding in ENCODINGS)
     return (*terrain, occupancy_key(robot), grid_map_key(robot), regions_key(robot))
-
-
-def alive_key(robot: str = DEFAULT_ROBOT, role: str = NODE_ROLE) -> str:
-    """Key of the liveliness token of one role."""
-    return f"{perception_prefix(robot)}/@alive/{check_name(role, 'role')}"
 
 
 def alive_keys_of_all_versions(robot: str = DEFAULT_ROBOT) -> str:

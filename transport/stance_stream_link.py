@@ -36,7 +36,7 @@ class _Sample:
 
     @property
     def form(self) -> tuple[object, ...]:
-        """What all samples of one batch have in common."""
+        """Properties that all samples of one batch share."""
         return tuple(self.stance.joint_positions), self.stance.gravity_in_base is None, self.angular_velocity is None
 
 

@@ -19,7 +19,7 @@ class JointWatch:
         self._report = JointReport(math.nan)
 
     def doubts(self, pause: Pause) -> tuple[str, ...]:
-        """What is wrong with the joints of a pause, in sentences; tested once, however often the pause is scanned.
+        """Faults of the joints of a pause, as sentences; tested once, however often the pause is scanned.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.

@@ -94,7 +94,7 @@ class StreamWatch:
         )
 
     def _problem(self, batch: StanceStream) -> str:
-        """Why a batch is not of this robot, empty when it is."""
+        """Reason why a batch is not of this robot; empty if it is."""
         if batch.robot != self._name:
             return f"a batch of robot {batch.robot!r} came on the key of {self._name!r}"
         try:
