@@ -92,7 +92,7 @@ from guara_perception.terrain.scan.from_points import terrain_from_points as ter
 from guara_perception.terrain.scan.from_range_image import terrain_from_range_image as terrain_from_range_image
 from guara_perception.terrain.scan.policy import ScanDecision as ScanDecision
 from guara_perception.terrain.scan.policy import ScanPolicy as ScanPolicy
-from guara_perception.terrain.scan.refined import refined as refined
+from guara_perception.terrain.scan.policy import refined as refined
 from kinematics import (
     KinematicsError as KinematicsError,
 )

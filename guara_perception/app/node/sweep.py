@@ -19,8 +19,7 @@ from guara_perception.progress import Progress
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import MODES, Settings
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.scan.policy import ScanPolicy
-from guara_perception.terrain.scan.refined import refined
+from guara_perception.terrain.scan.policy import ScanPolicy, refined
 from transport import clock
 
 if TYPE_CHECKING:

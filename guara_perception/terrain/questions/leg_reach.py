@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +28,8 @@ class StandingSole:
     covariance: Float
 
 
+# Loads a robot that is given by its name or folder once per process.
+_loaded = lru_cache(maxsize=4)(robot_model)
 # Most by which a joint, at a height between two tested ones, exceeds its positions at both [rad].
 BETWEEN_HEIGHTS = 1e-6
 
@@ -125,16 +126,10 @@ def _model_of(terrain: LayeredGrid, robot: RobotLike | None) -> RobotModel:
     record.check("robot_description")
     if robot is None:
         return _robot(str(record.robot), record.robot_description)
-    model = _loaded(robot) if isinstance(robot, str | Path) else robot
+    model = _loaded(robot)
     if model.name != record.robot:
         raise InvalidInput(f"the grid belongs to robot {record.robot!r}, the model given is {model.name!r}")
     return model
-
-
-@lru_cache(maxsize=4)
-def _loaded(robot: str | Path) -> RobotModel:
-    """Load a robot once per process."""
-    return robot_model(robot)
 
 
 @lru_cache(maxsize=4)

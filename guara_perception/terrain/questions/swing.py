@@ -15,15 +15,16 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import (
     LONGEST_PATH_M,
+    SwingGround,
     check_clearance,
     check_over,
     checked_points,
     corridor_of,
     sampled,
+    swing_ground,
     top_heights,
 )
 from guara_perception.terrain.questions.reason import Reason, Verdict
-from guara_perception.terrain.questions.swing_ground import SwingGround, swing_ground
 from kinematics.arrays import FrozenArrays
 
 if TYPE_CHECKING:

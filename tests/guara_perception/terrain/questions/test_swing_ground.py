@@ -12,7 +12,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.questions.leg_reach import standing_soles
-from guara_perception.terrain.questions.swing_ground import swing_ground
+from guara_perception.terrain.questions.path import swing_ground
 from kinematics import RobotModel, Stance
 
 MakeGround = Callable[..., gp.TerrainGrid]
