@@ -43,7 +43,7 @@ class StripeGeometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripePlace:
-    """Where camera and body were at the flash of one stripe.
+    """Place of camera and body at the flash of one stripe.
 
     Attributes:
         transform_camera_to_footprint: (4, 4).
@@ -86,7 +86,7 @@ class ScanGeometry:
         return self.calibration.camera.project((points_in_footprint - transform[:3, 3]) @ transform[:3, :3])
 
     def moved(self, places: Mapping[int, StripePlace]) -> ScanGeometry:
-        """The scan as it was taken: each plane from its own place, the sensors where they were in the middle of it."""
+        """Copy for a camera that moved: each plane at its own place, the sensors at that of the middle of the scan."""
         if not places:
             return self
         poses = {index: place.transform_camera_to_footprint for index, place in places.items()}

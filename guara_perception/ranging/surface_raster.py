@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from operator import itemgetter
 
 import numpy as np
 
@@ -42,15 +43,13 @@ class SurfaceRaster:
         self._pattern = pattern
         self._stripes: dict[int, StripePoints] = {}
         self._join_height = join_height
-        # Samples by swath, and the columns that contain them.
-        self._swaths: dict[Key, CellSamples] = {}
-        self._columns: dict[Key, slice] = {}
+        # Columns and samples by swath.
+        self._swaths: dict[Key, tuple[slice, CellSamples]] = {}
         # Swaths to be rasterised because a stripe that they depend on was added, and columns to be merged.
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
         self._out_of_range, self._too_high, self._doubtful = (np.zeros(geometry.shape, dtype=bool) for _ in range(3))
-        self._with_doubts: set[int] = set()
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -61,7 +60,7 @@ class SurfaceRaster:
         """Add stripes by index; several in one call are faster, with the same result."""
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
-            self._mark_out_of_range(group)
+            self._mark(group)
             self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
             self._make([key for key in self._to_make if self._is_settled(key)])
 
@@ -74,8 +73,8 @@ class SurfaceRaster:
         self._make(list(self._to_make))
         for columns in runs(self._to_merge):
             there = [
-                self._swaths[key]
-                for key, own in sorted(self._columns.items())
+                swath
+                for _, (own, swath) in sorted(self._swaths.items(), key=itemgetter(0))
                 if own.start < columns.stop and columns.start < own.stop
             ]
             self._raster = self._raster.with_columns(columns, merge(there, self._geometry, columns))
@@ -84,12 +83,6 @@ class SurfaceRaster:
 
     def marks(self) -> Flags:
         """Flags of the cells with unusable returns."""
-        # A stripe has few doubtful points: those of all new stripes are located at once.
-        fresh = [stripe.doubtful.points for index, stripe in self._stripes.items() if index not in self._with_doubts]
-        if fresh:
-            cell, _ = cells_of(np.concatenate(fresh), self._geometry)
-            self._doubtful.ravel()[cell] = True
-            self._with_doubts.update(self._stripes)
         return self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE) | self._doubtful * np.uint16(Hazard.AMBIGUOUS)
 
     def _touched(self, index: int) -> list[Key]:
@@ -119,13 +112,15 @@ class SurfaceRaster:
             found = rasterise_swaths(samples, len(group), self._geometry)
             for key, swath in zip(group, found, strict=True):
                 columns = swath.columns(self._geometry)
-                for touched in (columns, self._columns.get(key, columns)):
-                    self._to_merge[touched] = True
-                self._swaths[key], self._columns[key] = swath, columns
+                before, _ = self._swaths.get(key, (columns, swath))
+                self._to_merge[before] = self._to_merge[columns] = True
+                self._swaths[key] = columns, swath
         self._to_make.difference_update(keys)
 
-    def _mark_out_of_range(self, group: list[int]) -> None:
-        """Mark the cells of returns from beyond the height limits, and those between two such returns."""
+    def _mark(self, group: list[int]) -> None:
+        """Mark the cells of doubtful returns, of returns from beyond the height limits, and those between two such."""
+        doubtful = np.concatenate([self._stripes[index].doubtful.points for index in group])
+        self._doubtful.ravel()[cells_of(doubtful, self._geometry)[0]] = True
         beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return

@@ -99,7 +99,7 @@ class LinesOfSight:
         geometry = terrain.geometry.widened(BESIDE_CELLS)
         transform, validity, _ = _map_of(fused)
         bounds = _bounds(terrain, geometry, _sensor_origins(terrain, self._map))
-        seen = _laid_out(np.asarray(terrain.elevation_max, np.float32), np.nan)
+        seen = np.pad(terrain.elevation_max, BESIDE_CELLS, constant_values=np.nan)
         pause, rise = self._map.pause, self._map.rise_variance
         first = terrain.step - validity
         # Observations of this pause or a later one belong to scans that were taken back.
@@ -185,12 +185,7 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
     lit = np.maximum.reduce([_worst_around(_passed(points, ray, geometry)) for ray in rays])
     own = np.full(terrain.shape, NONE, np.float32)
     own[iy, ix] = high[iy, ix]
-    return np.minimum.reduce([seen, lit, _worst_around(_laid_out(own, NONE))])
-
-
-def _laid_out(values: Float32, beside: float | np.float32) -> Float32:
-    """Pad values of a scan's cells to the widened geometry."""
-    return np.asarray(np.pad(values, BESIDE_CELLS, constant_values=beside))
+    return np.minimum.reduce([seen, lit, _worst_around(np.pad(own, BESIDE_CELLS, constant_values=NONE))])
 
 
 def _passed(points: Float, ray: Float, geometry: GridGeometry) -> Float32:
