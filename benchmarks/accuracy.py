@@ -102,3 +102,7 @@ def main() -> None:
             terrain = processor.finish()
             seconds = time.process_time() - start
             table.row(name, method, *values_of(figures(terrain, truth)), 1e3 * seconds)
+
+
+if __name__ == "__main__":
+    main()

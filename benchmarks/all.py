@@ -69,3 +69,7 @@ def main() -> None:
         figures = {name: section.figures for name, section in sections.items()}
         asked.json.write_text(json.dumps({"machine": described, **figures}, indent=1))
     print(f"\n{time.monotonic() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

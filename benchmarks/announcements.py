@@ -8,7 +8,6 @@ round, silence of the same length precedes every kind of message.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import logging
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.command import options
 from benchmarks.peers import Peer, free_endpoint, peers, say
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
@@ -165,12 +165,8 @@ def measure(seconds: float) -> dict[str, Cost]:
 
 def main() -> None:
     """Processor time and log lines that HOLD and floods cost a node [--seconds S]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--seconds", type=float, default=5.0, help="how long each kind is sent in each round; at most 60"
-    )
-    options = parser.parse_args()
-    costs = measure(min(max(options.seconds, 0.1), 60.0))
+    asked = options(__doc__, seconds=(5.0, "how long each kind is sent in each round; at most 60"))
+    costs = measure(min(max(asked.seconds, 0.1), 60.0))
     for name, cost in costs.items():
         print(
             f"{name:<28} {cost.sent:>6} sent, {cost.spent_ms:6.3f} ms of processor time each, "

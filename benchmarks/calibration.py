@@ -99,3 +99,7 @@ def main() -> None:
         "mount": mounting.main,
     }
     run_part("calibration", {"errors": errors, **parts, "truth": truth})
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,6 @@ A contradiction is a footprint handed out for a pause after which its planner ha
 
 from __future__ import annotations
 
-import argparse
 import random
 import signal
 import subprocess
@@ -21,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.peers import PATIENCE, ROOT, free_endpoint, free_port, say
 from benchmarks.rounds import resident_mb
 from benchmarks.soak import Child
@@ -217,11 +217,8 @@ def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], N
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=240.0, help="how long")
-    parser.add_argument("--period", type=float, default=20.0, help="[s] between two faults, on average")
-    options = parser.parse_args()
-    outcome = endure(options.minutes, options.period, tell=lambda line: print(line, flush=True))
+    asked = options(__doc__, minutes=(240.0, "how long"), period=(20.0, "[s] between two faults, on average"))
+    outcome = endure(asked.minutes, asked.period, tell=lambda line: print(line, flush=True))
     print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings")
     print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
     for name, sizes in outcome.sizes.items():

@@ -12,7 +12,6 @@ mutual TLS, with the configuration that `guara security router` writes.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 
 import transport
+from benchmarks.command import options
 from benchmarks.peers import PATIENCE, Pauses, Peer, free_endpoint, free_port, peers, say
 from benchmarks.rounds import resident_mb
 from transport.configuration import router_configuration
@@ -292,25 +292,24 @@ def show_storm(name: str, row: dict[str, Any]) -> None:
 
 def main() -> None:
     """Many robots and planners on one router [--sizes N,N, --seconds S, --held N, --bursts N]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="numbers of robots")
-    parser.add_argument("--seconds", type=float, default=15.0, help="each fleet publishes for this long; at most 60")
-    parser.add_argument(
-        "--held", type=int, default=HELD, help="robots, or planners, of one process; 1 takes 65 MB each"
+    asked = options(
+        __doc__,
+        sizes=(",".join(map(str, SIZES)), "numbers of robots"),
+        seconds=(15.0, "each fleet publishes for this long; at most 60"),
+        held=(HELD, "robots, or planners, of one process; 1 takes 65 MB each"),
+        bursts=(5, "how often 20 robots publish at once; at most 50"),
     )
-    parser.add_argument("--bursts", type=int, default=5, help="how often 20 robots publish at once; at most 50")
-    options = parser.parse_args()
-    seconds = min(max(options.seconds, 1.0), 60.0)
-    held = min(max(options.held, 1), 100)
+    seconds = min(max(asked.seconds, 1.0), 60.0)
+    held = min(max(asked.held, 1), 100)
     rows = []
     print("delays p50, p99, worst [ms]")
-    for size in map(int, options.sizes.split(",")):
+    for size in map(int, asked.sizes.split(",")):
         with ExitStack() as stack:
             rows.append(measure(Fleet(stack, size, held=held), seconds))
         show(str(size), rows[-1])
     with ExitStack() as stack:
         plain = Fleet(stack, COMPARED, held=held)
-        row = bursts(plain, min(max(options.bursts, 1), 50))
+        row = bursts(plain, min(max(asked.bursts, 1), 50))
         print(
             f"bursts: {row['map_arrived']} of {COMPARED * row['bursts']} maps, 99th percentile {row['map_p99_ms']} ms, "
             f"worst {row['map_worst_ms']} ms; {row['fetched']} grids did not arrive at first and were fetched"

@@ -90,3 +90,7 @@ def main() -> None:
                 sigmas = " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in told.sigmas)
                 zeros = " ".join(f"{sum(each)}/{len(each)}" for each in told.zeros.values())
                 table.row(joint, sigmas, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)
+
+
+if __name__ == "__main__":
+    main()

@@ -126,3 +126,7 @@ def effects() -> None:
 def main() -> None:
     """Command line."""
     run_part("light", {"effects": effects, "mosaics": mosaics.main})
+
+
+if __name__ == "__main__":
+    main()

@@ -6,7 +6,6 @@ machine drops out.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from collections.abc import Callable
@@ -18,6 +17,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.yardstick import REFERENCE_STRIPE_S, Yardstick
 from guara_perception.scanning.pictures import with_pictures
 from guara_perception.settings import Settings
@@ -32,19 +32,16 @@ REGIONS_ASKED = 40
 
 def main() -> None:
     """Processor time of wide scans, maps, layers and questions [DATA, --rounds N]."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path, help="data folder with scans/paper")
-    parser.add_argument("--rounds", type=int, default=5)
-    arguments = parser.parse_args()
+    asked = options(__doc__, DATA=(Path, "data folder with scans/paper"), rounds=(5, "rounds"))
     cv2.setNumThreads(1)
     robot = load_robot("guara")
-    yardstick = Yardstick(arguments.data / "scans" / "paper")
+    yardstick = Yardstick(asked.data / "scans" / "paper")
     taken: dict[str, list[float]] = {}
     terrain = walked_map(robot)
-    for _ in range(arguments.rounds):
+    for _ in range(asked.rounds):
         # Speed of the machine on which the limits were set, over the present speed of this one.
         scale = REFERENCE_STRIPE_S * yardstick.stripes / yardstick.seconds()
-        for name, seconds in (ends_of_scans(arguments.data, robot) | questions(terrain, robot)).items():
+        for name, seconds in (ends_of_scans(asked.data, robot) | questions(terrain, robot)).items():
             taken.setdefault(name, []).append(scale * seconds)
     print(f"processor time at the speed at which the reference takes {1e3 * REFERENCE_STRIPE_S:.2f} ms a stripe")
     for name, each in taken.items():

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from guara_perception.arrays import Float, Float32
 from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
 from kinematics.transforms import transform_points
@@ -128,20 +128,21 @@ def broken_bounds(ceiling: Float32, fused: gp.TerrainGrid, pause: MovingPause) -
 
 def main() -> None:
     """Drift, wrongly free cells and bounds where parts of the ground move [--first, --walks, --cycles, --world]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--walks", type=int, default=1, help="walks over each world")
-    parser.add_argument("--cycles", type=int, default=9)
-    parser.add_argument("--world", choices=tuple(WORLDS), action="append", help="default: all")
-    arguments = parser.parse_args()
+    asked = options(
+        __doc__,
+        first=(0, "first seed"),
+        walks=(1, "walks over each world"),
+        cycles=(9, "cycles of each walk"),
+        world=([*WORLDS], "names of worlds", {"choices": tuple(WORLDS)}),
+    )
     robot = load_robot("guara")
     print("each without registration -> with it; x, y and claimed sigma of y: rms [mm]")
     print(
         f"{'world':<24} {'x':>12} {'y':>12} {'claimed':>12} {'unsafe':>12} {'bounds over':>12} {'unused':>8} conflicts"
     )
-    for name in arguments.world or WORLDS:
-        for seed in range(arguments.first, arguments.first + arguments.walks):
-            pauses = list(pauses_of(robot, name, seed, arguments.cycles))
+    for name in asked.world:
+        for seed in range(asked.first, asked.first + asked.walks):
+            pauses = list(pauses_of(robot, name, seed, asked.cycles))
             off, on = (figures(robot, pauses, registered=registered) for registered in (False, True))
             pairs = (
                 *(f"{getattr(off, key):.1f} -> {getattr(on, key):.1f}" for key in ("x", "y", "claimed")),

@@ -1,9 +1,7 @@
-"""The live node: how long a scan takes, how late its grid is, what it costs, and whether memory stays flat."""
+"""The live node: duration of a scan, delay of its grid, and processor time."""
 
 from __future__ import annotations
 
-import argparse
-import gc
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +12,8 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.peers import free_endpoint, peers
-from benchmarks.rounds import resident_mb
 from benchmarks.yardstick import Yardstick, beside
 from drivers import LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -117,20 +115,18 @@ def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path, help="data folder with calibration/truth.json and scans/paper")
-    parser.add_argument("--scans", type=int, default=7, help="timed scans at 30 frames per second")
-    parser.add_argument(
-        "--memory-scans", type=int, default=0, help="further scans, as fast as possible, to see whether memory grows"
+    asked = options(
+        __doc__,
+        DATA=(Path, "data folder with calibration/truth.json and scans/paper"),
+        scans=(7, "timed scans at 30 frames per second"),
     )
-    arguments = parser.parse_args()
-    folder = arguments.data / "scans" / "paper"
-    with running(arguments.data, folder, 30.0) as bench:
+    folder = asked.data / "scans" / "paper"
+    with running(asked.data, folder, 30.0) as bench:
         yardstick = Yardstick(folder)
         # Not timed: both make things at their first use.
         bench.pause(0), yardstick.seconds()
         pauses, references = [], [yardstick.seconds()]
-        for step in range(1, arguments.scans + 1):
+        for step in range(1, asked.scans + 1):
             pauses.append(bench.pause(step))
             references.append(yardstick.seconds())
         rows = np.array(pauses)
@@ -146,17 +142,7 @@ def main() -> None:
             "(driver, emulated devices, grid, map, messages)"
         )
         print(*beside(rows[:, 2].tolist(), references, yardstick.stripes), sep="\n")
-        print_way_to_planner(bench, arguments.scans + 1, arguments.scans)
-    if arguments.memory_scans:
-        with running(arguments.data, folder, 240.0) as bench:
-            for step in range(20):
-                bench.pause(step)
-            gc.collect()
-            start = resident_mb()
-            for step in range(20, 20 + arguments.memory_scans):
-                bench.pause(step)
-            gc.collect()
-            print(f"memory       {start:.0f} MB, after {arguments.memory_scans} scans {resident_mb() - start:+.1f} MB")
+        print_way_to_planner(bench, asked.scans + 1, asked.scans)
 
 
 def _over(seconds: np.ndarray, needed: float) -> str:

@@ -7,7 +7,6 @@ cells away from edges; known counts these cells. Memory is what the process grew
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import multiprocessing
 import time
@@ -19,6 +18,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import Table, options
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Array, Float, Image, Mask
 from guara_perception.settings import Settings
@@ -188,28 +188,27 @@ def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pictures", type=Path, help="folder for a picture of the heights by each way")
-    parser.add_argument("--small", action="store_true", help="only pictures of 640 x 512")
-    arguments = parser.parse_args()
-    print("| picture | way | mean mm | 95 % mm | known % | processor ms | memory MB |\n|---|---|---|---|---|---|---|")
+    asked = options(
+        __doc__,
+        pictures=(Path, "folder for a picture of the heights by each way"),
+        small=(False, "only pictures of 640 x 512"),
+    )
+    head = "picture: | way: | mean mm:.2f | 95 % mm:.1f | known %:.1f | processor ms:.0f | memory MB:.0f"
+    table = Table(head, markdown=True)
     drawn: dict[str, Float] = {}
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-        for size in list(SIZES)[: 1 if arguments.small else None]:
+        for size in list(SIZES)[: 1 if asked.small else None]:
             true, flat = truth(Scene(size))
             for way in WAYS:
                 heights, milliseconds, megabytes = pool.apply(measured, (way, size))
                 known = flat & np.isfinite(heights)
                 error = 1e3 * np.abs(heights - true.elevation)[known]
-                print(
-                    f"| {size[0]} x {size[1]} | {way} | {error.mean():.2f} | {np.percentile(error, 95):.1f} | "
-                    f"{100 * known.sum() / flat.sum():.1f} | {milliseconds:.0f} | {megabytes:.0f} |",
-                    flush=True,
-                )
+                errors = error.mean(), np.percentile(error, 95), 100 * known.sum() / flat.sum()
+                table.row(f"{size[0]} x {size[1]}", way, *errors, milliseconds, megabytes)
                 drawn.setdefault(way, heights)
-    if arguments.pictures:
-        arguments.pictures.mkdir(parents=True, exist_ok=True)
-        draw(arguments.pictures / "paper-ways.png", drawn)
+    if asked.pictures:
+        asked.pictures.mkdir(parents=True, exist_ok=True)
+        draw(asked.pictures / "paper-ways.png", drawn)
 
 
 def draw(path: Path, heights: dict[str, Float]) -> None:

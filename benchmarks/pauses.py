@@ -9,7 +9,6 @@ HOLD at 50 Hz or never, and END so much later than announced.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import statistics
@@ -25,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.peers import Peer, free_endpoint, peers, say
 from drivers import CameraSettings, Image, LaserBoard
 from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
@@ -221,11 +221,12 @@ def _line(row: dict[str, Any], pauses: int) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pauses", type=int, default=20, help="pauses of each case; at most 100")
-    parser.add_argument("--quick", action="store_true", help="three of the cases")
-    parser.add_argument("--json", action="store_true", help="end with a line of JSON")
-    options = parser.parse_args()
+    asked = options(
+        __doc__,
+        pauses=(20, "pauses of each case; at most 100"),
+        quick=(False, "three of the cases"),
+        json=(False, "end with a line of JSON"),
+    )
     moved = scan_of_a_moved_robot(free_endpoint())
     print(
         f"body moved by 6 mm at stripe 20 of 70, joints read before, END at stripe 58: free cells wrong by more than "
@@ -233,8 +234,8 @@ def main() -> None:
         f"grid ({moved.confirmed} known cells), {moved.map_wrong} in the map",
         flush=True,
     )
-    rows = measure(min(options.pauses, 100), QUICK if options.quick else CASES)
-    if options.json:
+    rows = measure(min(asked.pauses, 100), QUICK if asked.quick else CASES)
+    if asked.json:
         print(json.dumps({"moved": dataclasses.asdict(moved), "rows": rows}))
 
 

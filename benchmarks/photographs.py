@@ -7,7 +7,6 @@ may be (gap). Families of one camera, laser and scene count alike, whatever thei
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -20,6 +19,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks import stripe_pictures
+from benchmarks.command import options
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
 
@@ -144,18 +144,19 @@ def report(folder: Path) -> None:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.photographs", description=__doc__)
-    parser.add_argument("folder", type=Path, help="folder with index.json, truth.npz and the pictures")
-    parser.add_argument("--pictures", type=Path, metavar="OUT", help="draw found stripes into OUT instead")
-    arguments = parser.parse_args()
+    asked = options(
+        __doc__,
+        FOLDER=(Path, "folder with index.json, truth.npz and the pictures"),
+        pictures=(Path, "draw found stripes into this folder instead"),
+    )
     cv2.setNumThreads(1)
-    if arguments.pictures is not None:
-        stripe_pictures.write(arguments.folder, arguments.pictures)
-    elif (arguments.folder / "index.json").is_file():
-        report(arguments.folder)
+    if asked.pictures is not None:
+        stripe_pictures.write(asked.folder, asked.pictures)
+    elif (asked.folder / "index.json").is_file():
+        report(asked.folder)
     else:
         missing = "no index.json there; the photographs are not part of the repository, nothing was measured"
-        print(f"{arguments.folder}: {missing}")
+        print(f"{asked.folder}: {missing}")
 
 
 if __name__ == "__main__":

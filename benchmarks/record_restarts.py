@@ -10,7 +10,6 @@ that files change and the oldest go. After each end every new file is opened: a 
 
 from __future__ import annotations
 
-import argparse
 import random
 import signal
 import subprocess
@@ -22,6 +21,7 @@ from pathlib import Path
 from mcap.reader import NonSeekingReader, make_reader
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.peers import free_endpoint
 from guara_perception.app.files.recording_files import RecordingFiles, read_limit
 from transport.recording import recover_recording
@@ -62,20 +62,21 @@ def scans_of(path: Path) -> int:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--restarts", type=int, default=20, help="nodes that are killed; at most 100")
-    parser.add_argument("--pauses", type=int, default=3, help="pauses of each before; 1 to 30")
-    parser.add_argument("--limit", default="200MB", help="--record-limit")
-    options = parser.parse_args()
-    chance, restarts, pauses = random.Random(0), min(options.restarts, 100), max(1, min(options.pauses, 30))
+    asked = options(
+        __doc__,
+        restarts=(20, "nodes that are killed; at most 100"),
+        pauses=(3, "pauses of each before; 1 to 30"),
+        limit=("200MB", "--record-limit"),
+    )
+    chance, restarts, pauses = random.Random(0), min(asked.restarts, 100), max(1, min(asked.pauses, 30))
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "recordings")
-        limit = read_limit(options.limit, folder)
+        limit = read_limit(asked.limit, folder)
         foreign = Path(place, "recordings", "guara-notes.mcap")
         folder.mkdir()
         foreign.write_text("mine")
         arguments = ["--listen", free_endpoint(), "--lossless"]
-        arguments += ["--record", str(folder), "--record-limit", options.limit]
+        arguments += ["--record", str(folder), "--record-limit", asked.limit]
         came_up, largest = 0, 0
         finished: dict[Path, int] = {}
         recovered: dict[Path, int] = {}

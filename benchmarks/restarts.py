@@ -9,7 +9,6 @@ was withheld. `--seed N --walks N`: random walks too.
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import json
 import math
@@ -17,6 +16,7 @@ import random
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
+from benchmarks.command import options
 from testbed.restarts import EXTENTS, TICK, World
 
 Act = Callable[[World], None]
@@ -221,13 +221,14 @@ def run_walks(walks: int, seed: int) -> Count:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--walks", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    counts = {"matrix": run_matrix(), "random walks": run_walks(options.walks, options.seed)}
-    if options.json:
+    asked = options(
+        __doc__,
+        walks=(200, "random walks"),
+        seed=(1, "seed of the walks"),
+        json=(False, "print one JSON object instead"),
+    )
+    counts = {"matrix": run_matrix(), "random walks": run_walks(asked.walks, asked.seed)}
+    if asked.json:
         print(json.dumps({name: asdict(count) for name, count in counts.items()}))
         return
     for name, count in counts.items():

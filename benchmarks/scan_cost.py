@@ -123,10 +123,10 @@ def main() -> None:
     default = [ROOT / "tests" / "data" / "scans" / "paper"]
     parser.add_argument("--scans", type=Path, nargs="+", default=default, metavar="DATA/scans/NAME")
     parser.add_argument("--rounds", type=int, default=11)
-    arguments = parser.parse_args()
-    folders = {HERE: ROOT} | ({} if arguments.against is None else {THERE: arguments.against})
-    for scan in arguments.scans:
-        costs, timings = measure(folders, scan, max(arguments.rounds, 1))
+    asked = parser.parse_args()
+    folders = {HERE: ROOT} | ({} if asked.against is None else {THERE: asked.against})
+    for scan in asked.scans:
+        costs, timings = measure(folders, scan, max(asked.rounds, 1))
         print(f"{scan.parent.parent.name}/{scan.name}")
         for name, cost in costs.items():
             print(f"  {name:14s} {cost}", flush=True)

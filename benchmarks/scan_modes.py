@@ -7,12 +7,12 @@ that of the devices' clock. Free cells are judged by the truth.
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 
 import numpy as np
 
 import guara_perception as gp
+from benchmarks.command import options
 from benchmarks.true_ground import TrueGround
 from benchmarks.usable_ground import cells
 from guara_perception.app.node.simulated import SimulatedRobot
@@ -29,15 +29,14 @@ UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unkno
 
 def main() -> None:
     """Pauses that stay coarse on an empty floor, and that are refined before a box [--specimens, --pauses]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--specimens", type=int, default=10)
-    parser.add_argument("--pauses", type=int, default=2, help="pauses of each specimen, on other ground each")
-    arguments = parser.parse_args()
+    asked = options(
+        __doc__, specimens=(10, "rangefinders"), pauses=(2, "pauses of each specimen, on other ground each")
+    )
     stood = {}
     for name, with_box in (("empty floor", False), ("a box in the corridor", True)):
         refined, unsafe, seconds = 0, 0, list[float]()
-        for seed in range(arguments.specimens):
-            for pause in range(arguments.pauses):
+        for seed in range(asked.specimens):
+            for pause in range(asked.pauses):
                 stripes, free, taken = scanned(seed, world(seed, pause, with_box=with_box))
                 refined += stripes > len(range(0, 70, 2))
                 unsafe += free

@@ -8,7 +8,6 @@ the files of the product whose functions run when one recorded scan is added to 
 
 from __future__ import annotations
 
-import argparse
 import ast
 import inspect
 import io
@@ -24,6 +23,7 @@ from typing import Any
 import click
 
 import guara_perception as gp
+from benchmarks.command import options
 from guara_perception.app.main import guara
 from guara_perception.app.messages import terrain_to_message
 from guara_perception.scan import FrameReader
@@ -138,14 +138,12 @@ def sizes() -> dict[str, Any]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.size", description=__doc__)
-    parser.add_argument("--json", action="store_true", help="end with one line of JSON")
-    arguments = parser.parse_args()
+    asked = options(__doc__, json=(False, "end with one line of JSON"))
     found = sizes()
     for name, value in found.items():
         shown = ", ".join(f"{each:,} {key}" for key, each in value.items()) if isinstance(value, dict) else f"{value:,}"
         print(f"{name.replace('_', ' '):16} {shown}")
-    if arguments.json:
+    if asked.json:
         print(json.dumps(found))
 
 

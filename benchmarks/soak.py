@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import random
 import sys
 import threading
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import transport
+from benchmarks.command import options
 from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, peer_command, say
 from benchmarks.rounds import resident_mb
 
@@ -76,10 +76,7 @@ class Child(Peer):
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=20.0, help="how long; at most 120")
-    parser.add_argument("--period", type=float, default=15.0, help="[s] between two kills")
-    options = parser.parse_args()
+    asked = options(__doc__, minutes=(20.0, "how long; at most 120"), period=(15.0, "[s] between two kills"))
     endpoint, chance = free_endpoint(), random.Random(0)
     counts, kills = Counter[str](), Counter[str]()
     router = Child("router", endpoint)
@@ -88,10 +85,10 @@ def main() -> None:
     # The first planner lives through all; the second is killed.
     lasting, other = (Child("planner", endpoint, module="soak") for _ in range(2))
     memory: list[float] = []
-    end = time.monotonic() + 60.0 * min(options.minutes, 120.0)
+    end = time.monotonic() + 60.0 * min(asked.minutes, 120.0)
     try:
         while time.monotonic() < end:
-            time.sleep(min(options.period, max(0.1, end - time.monotonic())))
+            time.sleep(min(asked.period, max(0.1, end - time.monotonic())))
             victim = chance.choice(["node", "node", "planner"])
             kills[victim] += 1
             if victim == "node":

@@ -154,3 +154,7 @@ def main() -> None:
     )
     print("said without HOLD:", min(said, default="nothing"))
     raise SystemExit(1 if short else 0)
+
+
+if __name__ == "__main__":
+    main()

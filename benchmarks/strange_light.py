@@ -84,3 +84,7 @@ def main() -> None:
                 found = measure(scene, case)
                 how, fault = "triggered" if case.triggered else "stepwise", f"{case.group}: {case.fault.name}"
                 table.row(name, how, fault, found.free, found.unsafe, found.wrong, found.known, found.health)
+
+
+if __name__ == "__main__":
+    main()

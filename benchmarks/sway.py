@@ -130,3 +130,7 @@ def main() -> None:
         table.row(name, rate or "-", 1e3 * p95, wrong, kept)
     print(f"the row of 0.5 degrees, 5 mm, 1 Hz with 200 Hz {'falls SHORT' if short else 'holds'}")
     raise SystemExit(1 if short else 0)
+
+
+if __name__ == "__main__":
+    main()

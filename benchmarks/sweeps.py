@@ -6,7 +6,6 @@ the host is taken to be quick; only the work on the pictures is measured, as pro
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from benchmarks.command import options
 from benchmarks.emulated_sweeps import FLASH, Triggered, emulated, free_running, take, triggered, triggered_on_chip
 from benchmarks.section import Section
 from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
@@ -171,11 +171,9 @@ def section(faulty_sweeps: int) -> Section:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweeps", description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print all figures as one JSON object in the last line")
-    arguments = parser.parse_args()
+    asked = options(__doc__, json=(False, "print all figures as one JSON object in the last line"))
     figures = measure()
-    if arguments.json:
+    if asked.json:
         print(json.dumps(figures))
 
 

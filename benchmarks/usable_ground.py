@@ -252,3 +252,7 @@ def report(counts: Counter[str]) -> None:
     for name, count in sorted(counts.items()):
         share = f"{100 * count / counts['safe']:6.2f} % of safe cells" if name.startswith("lost") else ""
         print(f"  {name:55s} {count:9d} {share}")
+
+
+if __name__ == "__main__":
+    main()

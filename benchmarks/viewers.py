@@ -8,7 +8,6 @@ a proxy that passes 2, 5 or 20 Mbit/s. Scans without a viewer and beside each li
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import transport
+from benchmarks.command import options
 from benchmarks.peers import free_endpoint, peers, say
 from testbed.slow_link import SlowLink
 from transport.security.folder import init_security
@@ -136,11 +136,7 @@ def summary(delays: Delays) -> dict[str, float]:
 
 def main() -> None:
     """Delays of a local planner beside a viewer on a slow link [--scans N]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--scans", type=int, default=50, help="number of scans beside each kind of viewer; at most 1000"
-    )
-    arguments = parser.parse_args()
+    asked = options(__doc__, scans=(50, "number of scans beside each kind of viewer; at most 1000"))
     is_met = True
     print(
         "[ms]  beside        failed     footprint: p50    p95  worst       added p95    map: p50    p95  worst  viewed"
@@ -149,7 +145,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             keys = init_security(Path(folder) / "keys") if link == "tls" else None
             folders = {role: str(keys / role) for role in ("node", "planner", "viewer")} if keys else {}
-            found, seen = measure(min(max(arguments.scans, 1), 1000), folders)
+            found, seen = measure(min(max(asked.scans, 1), 1000), folders)
         rows = {rate: summary(delays) for rate, delays in found.items()}
         for rate, row in rows.items():
             above = row["footprint_p95_ms"] - rows[0.0]["footprint_p95_ms"]
@@ -157,7 +153,7 @@ def main() -> None:
             got = "{received}, missed {missed}".format(**seen[rate]) if rate else ""
             beside = f"{rate:g} Mbit/s" if rate else "no viewer"
             print(
-                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {arguments.scans:<5}"
+                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {asked.scans:<5}"
                 f"{row['footprint_p50_ms']:>17.1f} {row['footprint_p95_ms']:>6.1f} {row['footprint_worst_ms']:>6.1f}"
                 f"{above:>+16.1f} {row['map_p50_ms']:>11.1f} {row['map_p95_ms']:>6.1f} {row['map_worst_ms']:>6.1f}"
                 f"  {got}"

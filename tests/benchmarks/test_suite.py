@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -75,7 +76,10 @@ def test_the_page_names_no_path(sections, tmp_path: Path):
 
 
 def test_every_program_is_reached_by_its_name(root: Path):
-    """Each program can be imported and explains itself; another name is refused."""
+    """Each module with a command line is listed, can be imported, and explains itself; another name is refused."""
+    ends = re.compile(r'^if __name__ == "__main__":\n(?:.*\n)*? +main\(\)$', re.MULTILINE)
+    modules = {path.stem for path in (root / "benchmarks").glob("*.py") if ends.search(path.read_text())}
+    assert modules - {"__main__"} == set(PROGRAMS)
     for name in PROGRAMS:
         assert callable(importlib.import_module(f"benchmarks.{name}").main)
     for arguments, code, expected_text in (
