@@ -66,6 +66,15 @@ HEAD = (
         "X8", "band-pass for D3", "5 x 5 mm film or glass", "as X7; a dark red gel does not do: it passes the infrared",
         "MidOpt BP660", "Edmund 660 nm / 50 nm", "cut from X7's twin",
     ),
+    _bought(
+        "X9", "hub for the mirror", "bore 4 mm",
+        "clamps the shaft, a flat for the mirror's back whose face comes within 1 mm of the axis, below 1 g cm2",
+        "Ruland clamp collar, filed flat", "Misumi shaft collar, filed flat", "printed, with an M2 clamp screw",
+    ),
+    _bought(
+        "X10", "motor supply", "to J2", "5 to 12 V, 1 A, insulated from the mains",
+        "Mean Well GST", "XP Power VEC", "step-down from the robot's battery",
+    ),
 )  # fmt: skip
 # Metres: lens of the laser before the mirror's axis, side of the mirror, window in the floor of the black box (x, y).
 LENS_TO_AXIS, MIRROR, WINDOW = 0.015, 0.020, (0.015, 0.032)

@@ -246,7 +246,8 @@ def test_a_part_is_recorded_again(recorded: Path, tmp_path: Path, guara):
     """After a refusal `--redo` takes one part anew, with the options of the first time, and calibrates as good."""
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
     shutil.rmtree(folder / "plate_80")
-    shutil.copytree(folder / "plate_40", folder / "plate_80")
+    # The plate was forgotten: the bare floor was scanned.
+    shutil.copytree(folder / "plate_0", folder / "plate_80")
     (folder / "calibration.json").unlink()
     refused = guara("calibrate", folder, "-o", folder / "calibration.json")
     assert refused.code == 1 and f"guara record {folder} --redo plates" in refused.err
