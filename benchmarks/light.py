@@ -3,7 +3,8 @@
 `python -m benchmarks light effects [--strengths 0.5 1] [--effects NAME ...]`: a scene of boxes, a
 pit and a dark patch, rendered with each effect alone and with all together (at a third of each). A strength of 1 is
 what photographs of laser lines show (`guara_perception.simulation.real_light`); with and without laser-off pictures.
-It takes 75 s of processor time. `python -m benchmarks light mosaics` takes no arguments.
+It takes 75 s of processor time. `light cost` times extraction beside a plain OpenCV loop; `light mosaics` takes no
+arguments.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import cv2
@@ -20,13 +21,19 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import mosaics
 from benchmarks.command import Table, options, run_part
+from benchmarks.contenders import REFERENCE, reference
 from benchmarks.photographs import RIGHT_PX, Counts
+from benchmarks.rounds import alternate
 from guara_perception.arrays import Float
 from guara_perception.simulation import EFFECTS, Light, real_light
+from guara_perception.stripes.band import Band
+from guara_perception.stripes.precise import extract_precise
 from testbed.grid_truth import figures, made_up
 from testbed.scenes import ScanInMemory, simulated
 
 SIZE, STRIPES = (640, 512), 35
+# Effects that hide a stripe from its highest peaks, and stripes of a scan of which every second is timed.
+HARD, COST_STRIPES = ("width", "halo", "ambient", "noise", "drift", "ghosts"), 14
 ALL, ALL_STRENGTH = "all together", 1 / 3
 # The true row of a stripe is the one in a dark room without noise. A stripe can be seen where ordinary laser light has
 # SEEN_LEVEL or more [grey levels of 255]; there is none to find where the light of the laser used is below GAP_LEVEL.
@@ -123,9 +130,28 @@ def effects() -> None:
         table.row(*found.values())
 
 
+def cost() -> None:
+    """Processor time of extraction beside the reference on the same frames, in clean and hard light [--rounds]."""
+    asked = options(cost.__doc__, rounds=(5, "interleaved rounds; of their ratios: median, smallest and largest"))
+    cv2.setNumThreads(1)
+    table = Table("effect:<8 | columns:7d | rows:4d | ours / reference:<18")
+    for name, size in itertools.product(("clean", *HARD), ((1280, 1024), SIZE)):
+        scan = simulated(size, COST_STRIPES, real_light({} if name == "clean" else {name: 1.0}))
+        bands = [Band(*pair) for pair in scan.bands()[::2]]
+        ours, theirs = partial(extract_precise, bands), partial(_reference_of, bands)
+        timings = alternate({"ours": ours, REFERENCE: theirs}, asked.rounds)
+        table.row(name, *size, str(timings.ratio("ours", REFERENCE)))
+
+
+def _reference_of(bands: Sequence[Band]) -> None:
+    for band in bands:
+        assert band.off is not None
+        reference(band.on, band.off)
+
+
 def main() -> None:
     """Command line."""
-    run_part("light", {"effects": effects, "mosaics": mosaics.main})
+    run_part("light", {"effects": effects, "cost": cost, "mosaics": mosaics.main})
 
 
 if __name__ == "__main__":

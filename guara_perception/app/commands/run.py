@@ -151,6 +151,7 @@ def command(
     from guara_perception.app.service import ServiceManager
     from guara_perception.app.until_stopped import closed_within, stop_event
     from guara_perception.scanning.stripe_finder import check_method
+    from guara_perception.stripes.kernel.library import kernel
     from transport.keys import stance_key
     from transport.node_name import open_only_node
     from transport.server import PerceptionServer
@@ -161,6 +162,8 @@ def command(
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
     check_method(method, threshold)
+    # A damaged installation is told now, not at the first scan.
+    kernel()
     log_to_stderr(log)
     say = click.echo if log == "text" else _say_as_json
     limit = None if record_limit is None else read_limit(record_limit, record)

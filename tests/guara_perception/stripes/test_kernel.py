@@ -14,6 +14,7 @@ import pytest
 
 import guara_perception as gp
 import hatch_build
+from guara_perception.app.main import main
 from guara_perception.exceptions import DamagedInstallation
 from guara_perception.stripes.any_light.exposure import subtract
 from guara_perception.stripes.any_light.laser_colour import SIGMAS_PX, details, ridge_of_width
@@ -72,6 +73,18 @@ def test_a_missing_or_damaged_library_is_told_in_one_line(other_folder: Path) ->
             library.kernel()
         assert str(path) in str(told.value) and "\n" not in str(told.value)
         assert ("it is missing" in str(told.value)) == (damage is None)
+
+
+def test_a_node_without_its_library_says_so_when_it_starts(
+    other_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line, before any device is opened."""
+    monkeypatch.setattr(sys, "argv", ["guara", "run", "--simulated"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr().err
+    assert ended.value.code == 1 and told.count("\n") == 1
+    assert f"kernel {other_folder}" in told and "it is missing" in told
 
 
 @pytest.mark.slow
