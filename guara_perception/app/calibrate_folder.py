@@ -42,42 +42,28 @@ def calibrate(
         MissingFile, FileFormatError, InvalidInput: the session cannot be read; the message names file and field.
         kinematics.KinematicsError: no such robot, or the stance does not fit it.
     """
-    return calibrate_folder(
-        session_folder,
-        robot,
-        distortion=distortion,
-        camera_info=camera_info,
-        square=square,
-        not_mirrored=not_mirrored,
-        force=force,
-    ).calibration
+    result = calibrate_folder(session_folder, robot, camera_info, square, distortion, not_mirrored)
+    if not force:
+        refuse(result)
+    return result.calibration
 
 
 def calibrate_folder(
     session_folder: str | Path,
-    robot: RobotLike | None = None,
-    *,
-    distortion: str = "k1k2",
-    camera_info: str | Path | None = None,
-    square: float | None = None,
-    not_mirrored: bool = False,
-    force: bool = False,
+    robot: RobotLike | None,
+    camera_info: str | Path | None,
+    square: float | None,
+    distortion: str,
+    not_mirrored: bool,
     progress: Progress | None = None,
 ) -> CalibrationResult:
-    """Calibrate as `calibrate`; return all the evidence, for reports.
-
-    Raises:
-        See `calibrate`.
-    """
+    """Calibrate as `calibrate`, without refusing; return all the evidence, for reports."""
     session = open_session(session_folder, square)
     model = robot_model(session.robot if robot is None else robot)
     camera = None if camera_info is None else read_camera_info(camera_info)
-    result = calibrate_session(
+    return calibrate_session(
         session, model, distortion=distortion, camera=camera, not_mirrored=not_mirrored, progress=progress
     )
-    if not force:
-        refuse(result)
-    return result
 
 
 def refuse(result: CalibrationResult) -> None:

@@ -67,16 +67,7 @@ def command(
     if report is not None:
         check_folder(report)
     with way_on(session), progress("Calibrating") as show:
-        result = calibrate_folder(
-            session,
-            robot,
-            distortion=distortion,
-            camera_info=camera_info,
-            square=square,
-            not_mirrored=not_mirrored,
-            force=True,
-            progress=show,
-        )
+        result = calibrate_folder(session, robot, camera_info, square, distortion, not_mirrored, show)
     click.echo(summary(result))
     if report is not None:
         click.echo(f"report: {write_report(result, report)}")
