@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from drivers.board.protocol import (
     IDENTITY_MAGIC,
@@ -148,7 +148,21 @@ class BoardStatus:
 
     def pack(self) -> bytes:
         """Encode the record."""
-        return pack_status(*(getattr(self, field.name) for field in fields(self)))
+        head = STATUS.pack(
+            self.result,
+            self.request,
+            self.sequence & 0xFFFF,
+            self.flags,
+            self.faults,
+            self.step,
+            self.motion & 0xFFFF,
+            round(self.temperature * 10),
+            max(-32768, min(32767, self.home_error)),
+            min(65535, round(self.laser_time * 1e3)),
+            round(self.device_time * 1e3) & 0xFFFFFFFF,
+            0,
+        )
+        return seal(head)
 
     @classmethod
     def unpack(cls, data: bytes) -> BoardStatus:
@@ -166,37 +180,6 @@ class BoardStatus:
             raise BadReply(f"the status has result {code}; allowed: 0 ... {max(Result)}: update the driver") from None
         measured = temperature / 10, home_error, lit * 1e-3, clock * 1e-3
         return cls(result, request, sequence, BoardFlag(flags), BoardFault(faults), step, motion, *measured)
-
-
-def pack_status(
-    result: int,
-    request: int,
-    sequence: int,
-    flags: int,
-    faults: int,
-    step: int,
-    motion: int,
-    temperature: float,
-    home_error: int,
-    laser_time: float,
-    device_time: float,
-) -> bytes:
-    """Encode the record of a status; arguments are the attributes of `BoardStatus`."""
-    head = STATUS.pack(
-        result,
-        request,
-        sequence & 0xFFFF,
-        flags,
-        faults,
-        step,
-        motion & 0xFFFF,
-        round(temperature * 10),
-        max(-32768, min(32767, home_error)),
-        min(65535, round(laser_time * 1e3)),
-        round(device_time * 1e3) & 0xFFFFFFFF,
-        0,
-    )
-    return seal(head)
 
 
 def seal(record: bytes) -> bytes:

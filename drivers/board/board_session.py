@@ -137,7 +137,7 @@ class BoardSession(Board):
         if not self._link.is_open:
             return
         try:
-            status = self._command(Request.GOODBYE)
+            status = self.command(Request.GOODBYE)
             raise_if_stuck_on(status)
         except BoardUnplugged:
             logger.warning("the laser board is gone; without USB power its laser is off")
@@ -168,11 +168,7 @@ class BoardSession(Board):
 
     def status(self) -> BoardStatus:
         """Read the status, which also feeds the watchdog."""
-        return self._command(Request.STATUS)
-
-    def command(self, request: Request, argument: int = 0) -> BoardStatus:
-        """Execute a command that has no method of its own; refusals are raised as errors."""
-        return self._command(request, argument)
+        return self.command(Request.STATUS)
 
     def motion_profile(self) -> MotionProfile:
         """Read speeds, acceleration and settling time of the motor.
@@ -200,13 +196,10 @@ class BoardSession(Board):
     def _begin_session(self) -> BoardStatus:
         self.sweep_table.clear()
         self.sweep_darks.clear()
-        return self._command(Request.HELLO, HOST_VERSION)
+        return self.command(Request.HELLO, HOST_VERSION)
 
-    def _read_report(self, timeout: float) -> BoardStatus | None:
-        record = self.read_record(timeout)
-        return record if isinstance(record, BoardStatus) else None
-
-    def _command(self, request: Request, argument: int = 0) -> BoardStatus:
+    def command(self, request: Request, argument: int = 0) -> BoardStatus:
+        """Execute a command; refusals are raised as errors."""
         with self._lock:
             status = self._repeat(request, argument, STATUS_SIZE, lambda data: _answer(request, data))
         raise_refusal(status, argument, self._identity)

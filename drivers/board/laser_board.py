@@ -65,7 +65,7 @@ class LaserBoard(BoardSession):
 
     def clear_faults(self) -> BoardStatus:
         """Clear every fault whose cause is gone and return the status, with those that remain."""
-        return self._command(Request.CLEAR_FAULTS, EVERY_FAULT)
+        return self.command(Request.CLEAR_FAULTS, EVERY_FAULT)
 
     def laser_on(self) -> BoardStatus:
         """Switch the laser on and check that it is on.
@@ -74,9 +74,9 @@ class LaserBoard(BoardSession):
             LaserRefused: the board refuses; the message names the fault.
             LaserDead: the board senses no light.
         """
-        status = self._command(Request.LASER, 1)
+        status = self.command(Request.LASER, 1)
         if not status.laser_sensed:
-            self._command(Request.LASER, 0)
+            self.command(Request.LASER, 0)
             raise LaserDead("the laser was switched on but the board senses no light: check the diode")
         return status
 
@@ -86,7 +86,7 @@ class LaserBoard(BoardSession):
         Raises:
             LaserStuckOn: it did not go off on command.
         """
-        status = self._command(Request.LASER, 0)
+        status = self.command(Request.LASER, 0)
         raise_if_stuck_on(status)
         return status
 
@@ -97,7 +97,7 @@ class LaserBoard(BoardSession):
             HomeNotFound: the switch was not found.
             MirrorTimeout: it took too long.
         """
-        self._begin_motion(self._command(Request.HOME))
+        self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
         if BoardFault.HOME_NOT_FOUND in status.faults or not status.homed:
             raise HomeNotFound("the mirror met no home switch in its whole travel: check switch and cable")
@@ -111,7 +111,7 @@ class LaserBoard(BoardSession):
             MirrorNotHomed: the home position is unknown.
             MirrorTimeout: it took too long.
         """
-        self._begin_motion(self._command(Request.GO_TO, step))
+        self._begin_motion(self.command(Request.GO_TO, step))
         if wait:
             self.wait_until_still()
         return self.identity.angle_of(step)
@@ -124,13 +124,13 @@ class LaserBoard(BoardSession):
             LaserRefused: a fault prevents the laser.
             BoardError: the board rejects the command.
         """
-        status = self._command(Request.SWEEP, argument)
+        status = self.command(Request.SWEEP, argument)
         self._begin_motion(status)
         return status
 
     def halt(self) -> BoardStatus:
         """Stop the mirror where it is."""
-        return self._command(Request.HALT)
+        return self.command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
         """As `wait_until_still`; return the status, and a host time by which the motion had ended [s].
@@ -150,7 +150,8 @@ class LaserBoard(BoardSession):
         while status is None or status.moving or status.motion != self._motion:
             if timing.monotonic() > deadline:
                 raise MirrorTimeout(f"the mirror did not come to rest within {patience:g} s: check motor and mechanics")
-            status = self._read_report(REPORT_SLICE) or self.status()
+            record = self.read_record(REPORT_SLICE)
+            status = record if isinstance(record, BoardStatus) else self.status()
         self._moving = False
         taken = round((status.device_time - self._board_time) / 1e-3) % CLOCK_WRAP * 1e-3
         return status, min(timing.monotonic(), self._host_time + taken * (1.0 + CLOCK_ERROR) + CLOCK_RESOLUTION)

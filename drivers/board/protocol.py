@@ -154,5 +154,9 @@ def split_argument(argument: int) -> tuple[int, int]:
 
 def join_argument(value: int, index: int) -> int:
     """Join wValue and wIndex to a signed 32-bit argument, the inverse of `split_argument`."""
-    unsigned = (index & 0xFFFF) << 16 | (value & 0xFFFF)
-    return unsigned - (1 << 32) if unsigned & 0x80000000 else unsigned
+    return signed((index & 0xFFFF) << 16 | (value & 0xFFFF))
+
+
+def signed(argument: int) -> int:
+    """Signed value of an unsigned 32-bit argument."""
+    return argument - (1 << 32) if argument >= 1 << 31 else argument

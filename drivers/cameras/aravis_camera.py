@@ -203,13 +203,7 @@ class AravisCamera(Camera):
         self._choose_format(camera)
         self._choose_region(camera)
         if self._exposure_output is not None:
-            _set_choices(
-                camera,
-                ("LineSelector", self._exposure_output),
-                ("LineMode", "Output"),
-                ("LineSource", "ExposureActive"),
-                name=self.name,
-            )
+            self._wire_exposure_output(camera, self._exposure_output)
         if self._trigger is None:
             camera.clear_triggers()
             if self._fps is not None:
@@ -219,6 +213,15 @@ class AravisCamera(Camera):
             camera.set_trigger(self._trigger)
         self._learn_period(camera)
         self._begin(camera)
+
+    def _wire_exposure_output(self, camera: Any, line: str) -> None:
+        for feature, value in {"LineSelector": line, "LineMode": "Output", "LineSource": "ExposureActive"}.items():
+            if not camera.is_feature_available(feature):
+                raise CameraSettingRefused(
+                    f"{self.name} has no {feature}: wire its exposure output by hand, see docs/cameras.md"
+                )
+            _check_choice(feature, value, camera.dup_available_enumerations_as_strings(feature), self.name)
+            camera.set_string(feature, value)
 
     def _choose_format(self, camera: Any) -> None:
         there = camera.dup_available_pixel_formats_as_strings()
@@ -301,16 +304,6 @@ class AravisCamera(Camera):
         else:
             self._counter += (number - self._last_id) % SHORT_IDS
         self._last_id = number
-
-
-def _set_choices(camera: Any, *choices: tuple[str, str], name: str) -> None:
-    for feature, value in choices:
-        if not camera.is_feature_available(feature):
-            raise CameraSettingRefused(
-                f"{name} has no {feature}: wire its exposure output by hand, see docs/cameras.md"
-            )
-        _check_choice(feature, value, camera.dup_available_enumerations_as_strings(feature), name)
-        camera.set_string(feature, value)
 
 
 def _check_choice(what: str, value: str, allowed: list[str], name: str) -> None:

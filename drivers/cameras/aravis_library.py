@@ -26,17 +26,6 @@ def load_aravis() -> Any:
     Raises:
         CameraBackendMissing: Aravis or `gi` is not installed, or not for this Python.
     """
-    _import_gi().require_version("Aravis", API)
-    return importlib.import_module("gi.repository.Aravis")
-
-
-def glib_error() -> type[Exception]:
-    """Type of Aravis errors; call `load_aravis` before."""
-    error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
-    return error
-
-
-def _import_gi() -> Any:
     try:
         gi = importlib.import_module("gi")
     except ImportError:
@@ -45,7 +34,13 @@ def _import_gi() -> Any:
         gi.require_version("Aravis", API)
     except ValueError as error:
         raise CameraBackendMissing(f"Aravis is not installed ({error}): {INSTALL}") from None
-    return gi
+    return importlib.import_module("gi.repository.Aravis")
+
+
+def glib_error() -> type[Exception]:
+    """Type of Aravis errors; call `load_aravis` before."""
+    error: type[Exception] = importlib.import_module("gi.repository.GLib").Error
+    return error
 
 
 def _import_system_gi() -> ModuleType:

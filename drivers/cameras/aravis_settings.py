@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from drivers.cameras.camera import UNITS, CameraSettings, HeldSettings
+from drivers.cameras.camera import UNITS, CameraSettings, HeldSettings, check_held
 from drivers.errors import CameraSettingRefused
 
 # Absolute tolerance of gain and gamma, which cameras round.
@@ -44,7 +44,7 @@ def lock_settings(camera: Any, aravis: Any, settings: CameraSettings, name: str)
             )
         getattr(camera, f"set_{feature}")(asked / unit)
         held[setting] = getattr(camera, f"get_{feature}")() * unit
-        _check(name, setting, asked, held[setting], max(rounding, tolerance * asked))
+        check_held(name, setting, asked, held[setting], max(rounding, tolerance * asked))
     if settings.white_balance is not None:
         raise CameraSettingRefused(f"{name} gives raw frames, which have no white balance: leave white_balance out")
     if settings.gamma is not None:
@@ -83,15 +83,8 @@ def _lock_gamma(camera: Any, gamma: float, name: str) -> float:
         camera.set_boolean("GammaEnable", True)
     camera.set_float("Gamma", gamma)
     held = float(camera.get_float("Gamma"))
-    _check(name, "gamma", gamma, held, ROUNDING)
+    check_held(name, "gamma", gamma, held, ROUNDING)
     return held
-
-
-def _check(name: str, what: str, asked: float, held: float, allowed: float) -> None:
-    if abs(held - asked) > allowed:
-        raise CameraSettingRefused(
-            f"{name} was asked for {what} {asked:g} and holds {held:g}: ask for a value it can take"
-        )
 
 
 def _missing(name: str, what: str, asked: float) -> CameraSettingRefused:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Self, TypeVar
 
-from drivers.errors import CameraNotOpen
+from drivers.errors import CameraNotOpen, CameraSettingRefused
 from drivers.frame import Frame
 
 T = TypeVar("T")
@@ -41,12 +41,13 @@ class CameraSettings:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if value is None:
-                continue
-            if not math.isfinite(value) or (each.name != "gain" and value <= 0):
-                raise ValueError(f"camera setting {each.name} is {value}, it must be finite and above 0")
+        for name, value in self.given().items():
+            if not math.isfinite(value) or (name != "gain" and value <= 0):
+                raise ValueError(f"camera setting {name} is {value}, it must be finite and above 0")
+
+    def given(self) -> dict[str, float]:
+        """Settings that are not None, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +153,18 @@ def opened(device: T | None, camera: Camera) -> T:
     return device
 
 
+def check_held(camera: str, setting: str, asked: float, held: float, allowed: float, tool: str = "") -> None:
+    """Check that a camera holds a setting as asked for, up to an allowed difference; `tool` lists what it can take.
+
+    Raises:
+        CameraSettingRefused: it does not.
+    """
+    if abs(held - asked) > allowed:
+        raise CameraSettingRefused(
+            f"{camera} was asked for {setting} {asked:g} and holds {held:g}: ask for a value it can take{tool}"
+        )
+
+
 def evidence_of(camera: Camera) -> str:
     """Describe how frames of this camera are assigned to stripes and verified."""
     if camera.triggered:
@@ -175,11 +188,8 @@ def setting_changes(camera: Camera, locked: CameraSettings) -> tuple[str, ...]:
     """
     held = camera.held(locked)
     changes = []
-    for name, unit in UNITS.items():
-        then, now = getattr(locked, name), held.values.get(name)
-        if then is None:
-            continue
-        setting = name.replace("_", " ")
+    for name, then in locked.given().items():
+        setting, unit, now = name.replace("_", " "), UNITS[name], held.values.get(name)
         if name in held.automatic:
             changes.append(f"{camera.name}: automatic {setting} is on, it was locked at {then:g}{unit}: {WHAT_TO_DO}")
         elif now is not None and abs(now - then) > max(TOLERANCE * abs(then), ROUNDING.get(name, 0.0)):

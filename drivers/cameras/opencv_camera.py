@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from drivers import timing
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, check_held, opened
 from drivers.cameras.usb_identity import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
@@ -261,10 +261,8 @@ def lock_settings(capture: Capture, settings: CameraSettings, name: str) -> Came
         CameraSettingRefused: the camera does not have the setting, or reads back another value.
     """
     held = {}
-    for setting, (prop, unit, what, switch, manual) in CONTROLS.items():
-        wanted = getattr(settings, setting)
-        if wanted is None:
-            continue
+    for setting, wanted in settings.given().items():
+        prop, unit, what, switch, manual = CONTROLS[setting]
         if switch:
             _set(capture, switch, manual, f"manual {what.partition(' [')[0]}", name)
         tolerance = EXPOSURE_TOLERANCE if setting == "exposure" else TOLERANCE
@@ -282,9 +280,8 @@ def held_settings(capture: Capture, locked: CameraSettings) -> HeldSettings:
     import cv2
 
     values, automatic = {}, []
-    for setting, (prop, unit, _, switch, manual) in CONTROLS.items():
-        if getattr(locked, setting) is None:
-            continue
+    for setting in locked.given():
+        prop, unit, _, switch, manual = CONTROLS[setting]
         got = capture.get(getattr(cv2, prop))
         if got > 0 or (setting == "gain" and got == 0):
             values[setting] = got * unit
@@ -304,8 +301,5 @@ def _set(capture: Capture, prop: str, value: float, what: str, name: str, tolera
             "or leave it out"
         )
     # Rounding to integers is always allowed: most V4L2 controls are integers.
-    if abs(got - value) > max(tolerance * abs(value), 0.5):
-        raise CameraSettingRefused(
-            f"{name} was asked for {what} {value:g} and holds {got:g}: ask for a value it can take (`v4l2-ctl -L`)"
-        )
+    check_held(name, what, value, got, max(tolerance * abs(value), 0.5), " (`v4l2-ctl -L`)")
     return got

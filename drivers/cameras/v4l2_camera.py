@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, check_held, opened
 from drivers.cameras.usb_identity import usb_identity
 from drivers.errors import (
     CameraBackendMissing,
@@ -119,10 +119,8 @@ class V4l2Camera(Camera):
         """Switch automatic modes off, apply the settings and read them back."""
         self._opened()
         held = {}
-        for name, (control, unit, switch, off) in CONTROLS.items():
-            wanted = getattr(settings, name)
-            if wanted is None:
-                continue
+        for name, wanted in settings.given().items():
+            control, unit, switch, off = CONTROLS[name]
             if switch:
                 self._set(switch, off)
             held[name] = self._set(control, wanted / unit) * unit
@@ -134,9 +132,8 @@ class V4l2Camera(Camera):
         controls = self._device.controls
         values, automatic = {}, []
         try:
-            for name, (control, unit, switch, off) in CONTROLS.items():
-                if getattr(locked, name) is None:
-                    continue
+            for name in locked.given():
+                control, unit, switch, off = CONTROLS[name]
                 values[name] = float(controls[control].value) * unit
                 if switch and int(controls[switch].value) != off:
                     automatic.append(name)
@@ -212,8 +209,7 @@ class V4l2Camera(Camera):
         control.value = round(value)
         held = float(control.value)
         # Rounding to integers is always allowed: controls are integers.
-        if abs(held - value) > max(TOLERANCE * abs(value), 0.5):
-            raise CameraSettingRefused(f"{self.name} was asked for {name} {value:g} and holds {held:g}")
+        check_held(self.name, name, value, held, max(TOLERANCE * abs(value), 0.5), " (`v4l2-ctl -L`)")
         return held
 
 

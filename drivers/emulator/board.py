@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from drivers import timing
-from drivers.board.board_records import pack_status
+from drivers.board.board_records import BoardStatus
 from drivers.board.protocol import PROTOCOL_MAJOR, REQUESTS, SWEEP_PLACES, BoardFault, BoardFlag, Request, Result
 from drivers.emulator.config import EmulatorConfig
 from drivers.emulator.faults import Fault, FaultKind, FaultPlan
@@ -31,6 +31,7 @@ class EmulatedBoard:
         clock: function that returns the time [s].
         plan: pending faults.
         shutter: shutter of the camera that this board triggers.
+        plugged: True while the board is on the bus.
     """
 
     def __init__(self, config: EmulatorConfig | None = None, clock: Callable[[], float] = timing.monotonic) -> None:
@@ -60,16 +61,11 @@ class EmulatedBoard:
         """Remove all injected faults; fault bits that are set remain until the host clears them."""
         self.plan.clear()
 
-    @property
-    def plugged(self) -> bool:
-        """True while the board is on the bus."""
-        return self._plugged
-
     def unplug(self) -> None:
         """Unplug the board: it loses power, the laser is off and the mirror stops."""
         with self._lock:
             now = self._advance()
-            self._plugged = False
+            self.plugged = False
             self._sweep.end(now)
             self._light.power_off(now)
             self._mirror.halt(now)
@@ -77,7 +73,7 @@ class EmulatedBoard:
     def replug(self) -> None:
         """Plug in again: power-up, home unknown; does nothing when plugged in."""
         with self._lock:
-            if not self._plugged:
+            if not self.plugged:
                 self._power_on(self._advance())
 
     def serve(self, request: int, argument: int) -> bytes | None:
@@ -117,7 +113,7 @@ class EmulatedBoard:
             instant = now if at is None else at
             return BoardView(
                 time=instant,
-                plugged=self._plugged,
+                plugged=self.plugged,
                 laser_on=self._light.laser.at(instant),
                 laser_since=self._light.laser.since,
                 mirror_angle=self._mirror.true_angle(instant),
@@ -158,7 +154,7 @@ class EmulatedBoard:
             return self._light.laser.switchings()
 
     def _power_on(self, now: float) -> None:
-        self._plugged = True
+        self.plugged = True
         self._power_up = now
         self._session = False
         self._sequence = 0
@@ -223,7 +219,8 @@ class EmulatedBoard:
                 self._session = True
                 self._sweep.forget(now)
                 self._mirror.reset_motion()
-                self._light.begin(now)
+                self._light.command(False, now)
+                self._light.clear(BoardFault.WATCHDOG, now)
                 self._mirror.halt(now)
                 return Result.OK
             case Request.GOODBYE:
@@ -280,11 +277,12 @@ class EmulatedBoard:
 
     def _status(self, result: Result, request: int, instant: float) -> bytes:
         session = int(BoardFlag.SESSION) if self._session else 0
-        return pack_status(
+        flags = session | self._light.flags() | self._mirror.flags(instant) | self._sweep_flags()
+        status = BoardStatus(
             result,
             request,
             self._sequence,
-            session | self._light.flags() | self._mirror.flags(instant) | self._sweep_flags(),
+            BoardFlag(flags),
             self._faults(),
             self._mirror.step(instant),
             self._mirror.motions,
@@ -293,6 +291,7 @@ class EmulatedBoard:
             self._light.time_on(instant),
             instant - self._power_up,
         )
+        return status.pack()
 
 
 def minor_of(request: Request) -> int:

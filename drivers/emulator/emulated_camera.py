@@ -117,7 +117,7 @@ class EmulatedCamera(Camera):
     def lock(self, settings: CameraSettings) -> CameraSettings:
         """Accept all settings; an exposure longer than a frame is reduced to it, as by real cameras."""
         self._started()
-        given = {name: value for name, value in asdict(settings).items() if value is not None}
+        given = settings.given()
         if "exposure" in given:
             given["exposure"] = self._exposure = min(given["exposure"], self._period)
             self._delay = self._exposure + self._latency

@@ -101,11 +101,6 @@ class LightUnit:
         """Restart the watchdog."""
         self._fed = now
 
-    def begin(self, now: float) -> None:
-        """Start a session: laser off, watchdog fault cleared."""
-        self.command(False, now)
-        self.clear(BoardFault.WATCHDOG, now)
-
     def command(self, on: bool, now: float) -> bool:
         """Switch the laser; return True if the firmware permits it."""
         if on and self.faults & BLOCKING:
@@ -169,10 +164,9 @@ class LightUnit:
             self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
             return
-        watchdog = self._fed + self._identity.watchdog
-        limit = self._run_start + self._identity.laser_limit
-        if min(watchdog, limit) <= now:
-            self.cut(BoardFault.WATCHDOG if watchdog <= limit else BoardFault.LASER_TIME, min(watchdog, limit))
+        silent, limit = self.silent_at, self._run_start + self._identity.laser_limit
+        if min(silent, limit) <= now:
+            self.cut(BoardFault.WATCHDOG if silent <= limit else BoardFault.LASER_TIME, min(silent, limit))
 
     def flags(self) -> int:
         """Bits of the laser in the status flags."""

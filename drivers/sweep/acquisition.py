@@ -194,24 +194,18 @@ class StripeStream:
         """Wait for stripes if there are none; False at the end of the scan."""
         if not self._entered:
             raise AcquisitionNotEntered("a scan is taken in a with block: `with acquire(...) as stripes:`")
-        if not self._waiting and not self._ended:
-            group = self._next_group()
-            if group is None:
-                self._ended = True
-                if self._worker.failure is not None:
-                    raise self._worker.failure
-            else:
-                self._waiting.extend(group)
-        return bool(self._waiting)
-
-    def _next_group(self) -> tuple[StripeCapture, ...] | None:
-        """Return the next group from the scan's thread; None at its end."""
-        while True:
+        while not self._waiting and not self._ended:
             try:
-                return self._worker.items.get(timeout=POLL)
+                group = self._worker.items.get(timeout=POLL)
             except queue.Empty:
-                if not self._worker.is_alive() and self._worker.items.empty():
-                    return None
+                if self._worker.is_alive() or not self._worker.items.empty():
+                    continue
+                group = None
+            self._waiting.extend(group or ())
+            self._ended = group is None
+            if self._ended and self._worker.failure is not None:
+                raise self._worker.failure
+        return bool(self._waiting)
 
     def _judged(self, taken: StripeCapture) -> StripeCapture:
         verdict, evidence = self._verdict(taken)
@@ -251,14 +245,13 @@ def _problems(worker: ScanWorker | SweepWorker, verdicts: tuple[tuple[int, Strip
         problems.append("no stripe shows the laser: it is dead or covered, or the camera does not look at it")
     elif len(verdicts) > 1 and verdicts[0][1] is StripeVerdict.DARK and verdicts[1][1] is not StripeVerdict.DARK:
         problems.append("the first stripe is dark and the second is not: frames may lag behind the commands")
-    if worker.switch.interruptions:
-        problems.append(f"the board turned the laser off {worker.switch.interruptions} times during the scan")
-    if worker.off_frames_lost:
-        problems.append(f"{worker.off_frames_lost} off frames did not come")
-    if worker.grabber.dropped:
-        problems.append(f"{worker.grabber.dropped} frames were dropped on their way from the camera")
-    if worker.grabber.repeated:
-        problems.append(f"{worker.grabber.repeated} frames came twice")
+    counted = {
+        "the board turned the laser off {} times during the scan": worker.switch.interruptions,
+        "{} off frames did not come": worker.off_frames_lost,
+        "{} frames were dropped on their way from the camera": worker.grabber.dropped,
+        "{} frames came twice": worker.grabber.repeated,
+    }
+    problems += [text.format(count) for text, count in counted.items() if count]
     if worker.failure is not None:
         problems.append(f"the scan failed: {worker.failure}")
     return problems

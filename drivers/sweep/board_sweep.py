@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 from drivers.board.board_records import BoardStatus
 from drivers.board.laser_board import LaserBoard
-from drivers.board.protocol import SWEEP_PLACES, SWEEP_STRIPES, WAIT_UNITS, BoardFlag, Request, SweepOffFrames
+from drivers.board.protocol import SWEEP_PLACES, SWEEP_STRIPES, WAIT_UNITS, BoardFlag, Request, SweepOffFrames, signed
 from drivers.board.sweep_records import StripeRecord
 from drivers.errors import BoardTooOld
 from drivers.sweep.options import OffFrames
@@ -73,30 +73,24 @@ class BoardSweep:
             raise ValueError(f"{len(steps)} stripes with {len(waits)} waits; allowed: 1 ... {SWEEP_STRIPES} of each")
         if not all(0 <= wait <= WAIT_UNITS for wait in waits):
             raise ValueError(f"waits {min(waits)} ... {max(waits)}; allowed: 0 ... {WAIT_UNITS}")
-        table = self._board.sweep_table
+        table, darks = self._board.sweep_table, self._board.sweep_darks
         for place, (step, wait) in enumerate(zip(steps, waits, strict=True), first):
-            argument = _signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF)
+            argument = signed(wait << 25 | place % SWEEP_PLACES << 16 | step & 0xFFFF)
             if table.get(place) != argument:
                 self._board.command(Request.SWEEP_STEP, argument)
                 table[place] = argument
-            if (place in dark_after) is not (place in self._board.sweep_darks):
-                self._set_dark(place, place in dark_after)
+            is_dark = place in dark_after
+            if is_dark is not (place in darks):
+                self._board.command(Request.SWEEP_DARK, int(is_dark) << 16 | place)
+                (darks.add if is_dark else darks.discard)(place)
         self._board.wait_until_still()
         while self._board.read_record(0.001) is not None:
             pass
         self._number = (self._number + 1) % NUMBERS
-        return self._board.begin_sweep(_signed(self._number << 25 | first << 16 | len(steps)))
-
-    def _set_dark(self, place: int, is_dark: bool) -> None:
-        self._board.command(Request.SWEEP_DARK, int(is_dark) << 16 | place)
-        (self._board.sweep_darks.add if is_dark else self._board.sweep_darks.discard)(place)
+        return self._board.begin_sweep(signed(self._number << 25 | first << 16 | len(steps)))
 
     def clock_of(self, record: StripeRecord) -> float:
         """Time of a record's trigger relative to the first record [s], corrected for the wrap of the board's clock."""
         if self._first_clock is None:
             self._first_clock = record.clock
         return (record.clock - self._first_clock + 0.5 * CLOCK_WRAP) % CLOCK_WRAP - 0.5 * CLOCK_WRAP
-
-
-def _signed(argument: int) -> int:
-    return argument - (1 << 32) if argument >= 1 << 31 else argument

@@ -31,15 +31,14 @@ class SweepOptions:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        shortest, longest = FLASH_SHORTEST_US * 1e-6, FLASH_LONGEST_US * 1e-6
-        if not shortest <= self.flash <= longest:
-            raise ValueError(f"flash is {self.flash} s, allowed is {shortest:g} ... {longest:g} s")
-        if not 0 <= self.period <= PERIOD_LONGEST_US * 1e-6:
-            raise ValueError(f"period is {self.period} s, allowed is 0 ... {PERIOD_LONGEST_US * 1e-6:g} s")
-        if not 1e-4 <= self.tolerance <= 0.002:
-            raise ValueError(f"tolerance is {self.tolerance} s, allowed is 0.0001 ... 0.002 s")
-        if not 0 <= self.repeats <= 5:
-            raise ValueError(f"repeats is {self.repeats}, allowed is 0 ... 5")
+        for name, least, most, unit in (
+            ("flash", FLASH_SHORTEST_US * 1e-6, FLASH_LONGEST_US * 1e-6, " s"),
+            ("period", 0, PERIOD_LONGEST_US * 1e-6, " s"),
+            ("tolerance", 1e-4, 0.002, " s"),
+            ("repeats", 0, 5, ""),
+        ):
+            if not least <= getattr(self, name) <= most:
+                raise ValueError(f"{name} is {getattr(self, name)}{unit}, allowed: {least:g} ... {most:g}{unit}")
 
 
 class OffFrames(enum.Enum):

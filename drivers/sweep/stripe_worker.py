@@ -45,7 +45,7 @@ class LaserSwitch:
     def __init__(self, board: Board) -> None:
         """Control the laser of an open board."""
         self._board = board
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._closed = False
         self._lit_since: float | None = None
         self.interruptions = 0
@@ -107,8 +107,7 @@ class LaserSwitch:
         """Turn the laser off permanently."""
         with self._lock:
             self._closed = True
-            self._lit_since = None
-            self._board.laser_off()
+            self.off()
 
 
 class StripeWorker(threading.Thread, ABC):

@@ -173,9 +173,9 @@ def test_missing_home_switch_is_reported(board: LaserBoard, emulated: EmulatedBo
 def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
     """A board on its way home says so instead of mixing two motions."""
     board, _, _ = stopped
-    board._command(Request.HOME)
+    board.command(Request.HOME)
     with pytest.raises(MirrorTimeout, match="still on its way home"):
-        board._command(Request.HOME)
+        board.command(Request.HOME)
 
 
 def test_jammed_mirror_times_out(emulated: EmulatedBoard) -> None:
