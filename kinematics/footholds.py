@@ -17,7 +17,7 @@ neither counted twice nor summed as if pauses were independent, which would doub
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,12 +117,10 @@ class Footholds:
             with_last=read_only(self.with_footprint[:, kept] @ (pose_covariance @ by_pose.T @ inverse).T),
         )
         cross_covariance = self.covariance[:, kept]
-        posterior = Footholds(
-            self.legs,
-            read_only((self.positions.ravel() - cross_covariance @ residual_weight @ errors).reshape(-1, 4)),
-            read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
-            self.with_footprint,
-            self.of_footprint,
+        posterior = replace(
+            self,
+            positions=read_only((self.positions.ravel() - cross_covariance @ residual_weight @ errors).reshape(-1, 4)),
+            covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
         return fit, posterior._with(fit, cross, stayed, legs, readings, covariances)

@@ -49,16 +49,19 @@ def _paths(filename: str, urdf: Path) -> Iterator[Path]:
             if folder.name == package:
                 yield folder / rest
             yield folder / package / rest
-        for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
-            if entry:
-                yield Path(entry) / package / rest
-                if Path(entry).name == package:
-                    yield Path(entry) / rest
-        for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-            if entry:
-                yield Path(entry) / "share" / package / rest
-        return
-    yield urdf.parent / filename.removeprefix("file://")
+        for folder in _folders("ROS_PACKAGE_PATH"):
+            yield folder / package / rest
+            if folder.name == package:
+                yield folder / rest
+        for folder in _folders("AMENT_PREFIX_PATH"):
+            yield folder / "share" / package / rest
+    else:
+        yield urdf.parent / filename.removeprefix("file://")
+
+
+def _folders(variable: str) -> list[Path]:
+    """Folders that an environment variable lists."""
+    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
 def read_mesh(path: Path, scale: tuple[float, ...]) -> Float:

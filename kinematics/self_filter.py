@@ -97,8 +97,6 @@ class SelfFilter:
             is_within &= (values >= least) & (values <= most)
         rows = np.flatnonzero(is_within)
         close = points[rows]
-        if not len(rows):
-            return inside
         # All bounding spheres at once, (n, shapes): few points are within any.
         square = np.einsum("ni,ni->n", close, close)
         is_near = square[:, None] - close @ self._twice_centres[:, shapes] <= self._powers[shapes]
@@ -130,6 +128,9 @@ class SelfFilter:
         self._check_outside(origins)
         directions = points - origins
         lengths = np.sqrt(np.einsum("ni,ni->n", directions, directions))
+        # Sums over all segments that no shape changes.
+        by_origins = directions @ origins[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, origins)
+        squares = np.einsum("ni,ni->n", origins, origins) - ROUNDING
         blocked = np.zeros(len(points), dtype=np.bool_)
         if not len(points):
             return blocked
@@ -137,7 +138,9 @@ class SelfFilter:
         low, high = np.fmin(low, origins.min(axis=0)), np.fmax(high, origins.max(axis=0))
         for index in np.flatnonzero(np.all((self._lowest <= high) & (self._highest >= low), axis=1)).tolist():
             shape = self.shapes[index]
-            near = np.flatnonzero(_pass_by(origins, directions, lengths, shape) & ~blocked)
+            along = directions @ shape.centre - by_origins
+            apart = squares - origins @ (2.0 * shape.centre) + (shape.centre @ shape.centre - shape.reach**2)
+            near = np.flatnonzero(_may_meet(along, apart, lengths, shape.reach) & ~blocked)
             if len(near):
                 blocked[near] = shape.blocks(origins if len(origins) == 1 else origins[near], directions[near])
         return blocked
@@ -152,17 +155,14 @@ class SelfFilter:
                 )
 
 
-def _pass_by(origins: Float, directions: Float, lengths: Float, shape: PlacedShape) -> Mask:
-    """Mask (n,) of the segments that may meet a shape's bounding sphere; conservative: misses none that do.
+def _may_meet(along: Float, apart: Float, lengths: Float, reach: float) -> Mask:
+    """Mask (n,) of the segments that may come within `reach` of a centre; conservative: misses none that do.
 
-    Segments go from `origins` (n or 1, 3) along `directions` (n, 3) of these `lengths` (n,) [m].
+    With c the centre from a segment's origin and w the segment: w . c, |c|^2 - reach^2 and |w|, each (n or 1,).
     """
-    to_centre = shape.centre - origins
-    along = directions @ to_centre[0] if len(origins) == 1 else np.einsum("ni,ni->n", directions, to_centre)
-    distance = np.einsum("ni,ni->n", to_centre, to_centre) - shape.reach**2 - ROUNDING
     # Distance of the centre from the line: |c|^2 - (w . c)^2 / |w|^2, without dividing.
-    beside = distance * lengths**2 <= along**2
-    behind, beyond = along < -shape.reach * lengths, along > (lengths + shape.reach) * lengths
+    beside = apart * lengths**2 <= along**2
+    behind, beyond = along < -reach * lengths, along > (lengths + reach) * lengths
     return np.asarray(beside & ~behind & ~beyond)
 
 

@@ -118,14 +118,10 @@ class StandingFeet:
         self.motion: Float = self.inverse @ white
         self.whitened: Float = left[:, :6].T @ white
         self.residual: Float = left[:, 6:].T @ white
-        self.covariance: Float = np.linalg.inv(design.T @ design)
         information = design.T @ design
-        self.units = np.array(
-            [
-                np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS)
-                for block in (information[:3, :3], information[3:, 3:])
-            ]
-        )
+        self.covariance: Float = np.linalg.inv(information)
+        blocks = information[:3, :3], information[3:, 3:]
+        self.units = np.array([np.einsum("ni,ij,nj->n", DIRECTIONS, block, DIRECTIONS) for block in blocks])
 
     def whitened_soles(self, changes: Float) -> Float:
         """Changes (feet, 3) of the soles in `base_link` [m], weighed each by its leg, (3 feet,) [rad]."""

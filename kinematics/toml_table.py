@@ -144,12 +144,10 @@ class Table:
         return instead
 
     def _report(self, text: str, key: str) -> None:
-        if self._findings is not None:
-            self._findings.wrong(text, self.line(key))
-            return
-        alone = Findings(self.path)
-        alone.wrong(text, self.line(key))
-        alone.refuse()
+        findings = self._findings or Findings(self.path)
+        findings.wrong(text, self.line(key))
+        if self._findings is None:
+            findings.refuse()
 
     def _dotted(self, key: str) -> str:
         return ".".join(part for part in (self.name, key) if part)

@@ -72,9 +72,7 @@ class BoardSession(Board):
             backend: pyusb backend, for example that of an emulated board; None = libusb.
         """
         self.config = config or BoardConfig()
-        self._link = UsbLink(
-            self.config.vendor_id, self.config.product_id, self.config.serial, self.config.timeout, backend
-        )
+        self._link = UsbLink(self.config, backend)
         self._identity: BoardIdentity | None = None
         self.sweep_table: dict[int, int] = {}
         self.sweep_darks: set[int] = set()

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from drivers.board.board_config import BoardConfig
 from drivers.board.protocol import (
     INTERFACE,
     PRODUCT_ID,
@@ -56,21 +57,15 @@ def default_backend() -> Any:
 class UsbLink:
     """Control and interrupt endpoint of one board; thread-safe."""
 
-    def __init__(
-        self, vendor_id: int, product_id: int, serial: str | None, timeout: float, backend: Any = None
-    ) -> None:
+    def __init__(self, config: BoardConfig, backend: Any = None) -> None:
         """Prepare the link; nothing is opened yet.
 
         Args:
-            vendor_id: USB vendor id.
-            product_id: USB product id.
-            serial: serial number of the board; None = the only one present.
-            timeout: timeout of a control transfer [s].
+            config: ids, serial number and timeout of a control transfer.
             backend: pyusb backend; None = libusb.
         """
-        self._ids = (vendor_id, product_id)
-        self._serial = serial
-        self._timeout_ms = max(1, round(timeout * 1e3))
+        self._config = config
+        self._timeout_ms = max(1, round(config.timeout * 1e3))
         self._backend = backend
         self._device: Any = None
         self._control_lock = threading.Lock()
@@ -96,10 +91,8 @@ class UsbLink:
 
         if self._backend is None:
             self._backend = default_backend()
-        vendor_id, product_id = self._ids
-        found = self._call(
-            lambda: list(usb.core.find(find_all=True, backend=self._backend, idVendor=vendor_id, idProduct=product_id))
-        )
+        ids = {"idVendor": self._config.vendor_id, "idProduct": self._config.product_id}
+        found = self._call(lambda: list(usb.core.find(find_all=True, backend=self._backend, **ids)))
         device, serial = self._choose(found)
         try:
             self._call(lambda: self._configure(device))
@@ -171,19 +164,18 @@ class UsbLink:
         return device
 
     def _choose(self, found: list[Any]) -> tuple[Any, str]:
-        vendor_id, product_id = self._ids
-        wanted = f"{vendor_id:04x}:{product_id:04x}"
+        wanted, wanted_serial = f"{self._config.vendor_id:04x}:{self._config.product_id:04x}", self._config.serial
         if not found:
             raise BoardNotFound(
                 f"no laser board {wanted} on USB: check its cable and power; `lsusb -d {wanted}` must list it"
             )
         serials = [self._call(lambda device=device: device.serial_number or "") for device in found]  # type: ignore[misc]
-        if self._serial is not None:
+        if wanted_serial is not None:
             for device, serial in zip(found, serials, strict=True):
-                if serial == self._serial:
+                if serial == wanted_serial:
                     return device, serial
             raise BoardNotFound(
-                f"no laser board {wanted} with serial number {self._serial!r}; present: {', '.join(serials)}"
+                f"no laser board {wanted} with serial number {wanted_serial!r}; present: {', '.join(serials)}"
             )
         if len(found) > 1:
             raise BoardNotFound(
@@ -218,7 +210,7 @@ class UsbLink:
     def _denied(self) -> BoardPermissionDenied:
         return BoardPermissionDenied(
             "the laser board is plugged in, but this user may not open it. Install the udev rule:\n"
-            + udev_instructions(*self._ids)
+            + udev_instructions(self._config.vendor_id, self._config.product_id)
         )
 
     def _typed(self, error: Exception, what: str) -> BoardError:

@@ -82,31 +82,31 @@ class SweepUnit:
 
     def set_step(self, place: int, wait: int, step: int) -> Result:
         """Write an entry of the step table."""
-        if place >= SWEEP_PLACES or not self._mirror.reaches(step):
-            return Result.OUT_OF_RANGE
-        if self.running:
-            return Result.BUSY
-        self._table[place] = (step, wait * WAIT_UNIT_US * 1e-6)
-        return Result.OK
+        result = self._answer(place < SWEEP_PLACES and self._mirror.reaches(step))
+        if result is Result.OK:
+            self._table[place] = (step, wait * WAIT_UNIT_US * 1e-6)
+        return result
 
     def set_option(self, request: Request, value: int) -> Result:
         """Set the longest flash or the shortest time between triggers [us], or the off frames."""
         lowest, highest = OPTIONS[request]
-        if not lowest <= value <= highest:
-            return Result.OUT_OF_RANGE
-        if self.running:
-            return Result.BUSY
-        self._options[request] = value
-        return Result.OK
+        result = self._answer(lowest <= value <= highest)
+        if result is Result.OK:
+            self._options[request] = value
+        return result
 
     def set_dark(self, place: int, is_dark: int) -> Result:
         """Switch the dark flash after the stripe of a place on or off."""
-        if place >= SWEEP_PLACES or is_dark > 1:
+        result = self._answer(place < SWEEP_PLACES and is_dark <= 1)
+        if result is Result.OK:
+            (self._dark_after.add if is_dark else self._dark_after.discard)(place)
+        return result
+
+    def _answer(self, is_within: bool) -> Result:
+        """Result of a setting: it must be within its range, and no sweep may run."""
+        if not is_within:
             return Result.OUT_OF_RANGE
-        if self.running:
-            return Result.BUSY
-        (self._dark_after.add if is_dark else self._dark_after.discard)(place)
-        return Result.OK
+        return Result.BUSY if self.running else Result.OK
 
     def begin(self, argument: int, power_up: float, now: float) -> Result:
         """Start a sweep; `argument` is that of SWEEP, unsigned."""

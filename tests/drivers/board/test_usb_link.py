@@ -93,7 +93,7 @@ def test_board_is_chosen_by_serial_number() -> None:
 
 def test_closed_link_says_how_to_open() -> None:
     """A transfer on a closed link is refused by name, not by an attribute error."""
-    link = UsbLink(0x1209, 1, None, 0.1, emulated_backend(EmulatedBoard()))
+    link = UsbLink(BoardConfig(), emulated_backend(EmulatedBoard()))
     with pytest.raises(BoardNotOpen, match="with LaserBoard"):
         link.request(Request.STATUS, 0, 26)
     with pytest.raises(BoardNotOpen):
@@ -103,7 +103,7 @@ def test_closed_link_says_how_to_open() -> None:
 @pytest.mark.parametrize("number", [errno.EIO, errno.EOVERFLOW, None])
 def test_any_other_bus_error_keeps_its_words(monkeypatch: pytest.MonkeyPatch, number: int | None) -> None:
     """Errors without a class of their own are typed too, with what libusb said."""
-    link = UsbLink(0x1209, 1, None, 0.1, emulated_backend(EmulatedBoard()))
+    link = UsbLink(BoardConfig(), emulated_backend(EmulatedBoard()))
     link.open()
 
     def fail(*_: object) -> None:
