@@ -86,14 +86,6 @@ class RobotModel:
         """Names of all postures."""
         return tuple(self._postures)
 
-    def section(self, name: str) -> Mapping[str, object]:
-        """One table of robot.toml, recursively read-only, for packages that use this one.
-
-        Raises:
-            RobotFileError: the table is missing; the message names it and the file.
-        """
-        return self.config.section(name)
-
     def posture(self, name: str) -> dict[str, float]:
         """Joint name -> position [rad] of a named posture.
 

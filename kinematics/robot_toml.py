@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import cast
 
 from kinematics.exceptions import RobotFileError
 from kinematics.findings import Findings
-from kinematics.toml_table import Table, frozen
+from kinematics.toml_table import Table
 from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml
 
 
@@ -75,14 +74,6 @@ class RobotToml:
     postures: tuple[PostureConfig, ...]
     root: Table
     assumed: Mapping[str, str] = field(default_factory=dict)
-
-    def section(self, name: str) -> Mapping[str, object]:
-        """One top-level table, recursively read-only.
-
-        Raises:
-            RobotFileError: the table is missing; the message names it and the file.
-        """
-        return cast(Mapping[str, object], frozen(self.root.table(name).values))
 
 
 def open_robot_toml(path: Path, text: str | None = None) -> Table:

@@ -8,10 +8,10 @@ from typing import Protocol
 
 from drivers import timing
 from drivers.arrays import Image
-from drivers.cameras.camera import Camera, CameraSettings, HeldSettings
+from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
 from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.views import ExposureView
-from drivers.errors import CameraNotOpen, CameraTimeout
+from drivers.errors import CameraTimeout
 from drivers.frame import Frame, read_only
 
 # Seconds between two questions whether a shutter has opened.
@@ -123,9 +123,7 @@ class EmulatedTriggeredCamera(Camera):
         self.trigger_period = max(exposure + READ_OUT, self._shortest)
 
     def _started(self) -> int:
-        if self._next is None:
-            raise CameraNotOpen(f"{self.name} is not open: use `with camera:`")
-        return self._next
+        return opened(self._next, self)
 
     def _frame(self, number: int, start: float, end: float) -> Frame:
         image = self._render(self._board.exposure(start, end), self._settings)

@@ -15,6 +15,8 @@ from drivers.errors import CameraBackendMissing, CameraNotFound
 API = "0.8"
 # Location of `gi` in Debian and Ubuntu, which is not visible in a virtual environment.
 SYSTEM_PACKAGES = ("/usr/lib/python3/dist-packages",)
+# Aravis's names of the attributes of an `AravisDevice`.
+DEVICE_FIELDS = ("id", "vendor", "model", "serial_nbr", "address", "protocol")
 INSTALL = f"apt install gir1.2-aravis-{API} python3-gi"
 
 
@@ -91,14 +93,7 @@ def find_aravis_cameras() -> tuple[AravisDevice, ...]:
     aravis = load_aravis()
     aravis.update_device_list()
     return tuple(
-        AravisDevice(
-            name=aravis.get_device_id(number),
-            maker=aravis.get_device_vendor(number) or "",
-            model=aravis.get_device_model(number) or "",
-            serial=aravis.get_device_serial_nbr(number) or "",
-            address=aravis.get_device_address(number) or "",
-            protocol=aravis.get_device_protocol(number) or "",
-        )
+        AravisDevice(*(getattr(aravis, f"get_device_{field}")(number) or "" for field in DEVICE_FIELDS))
         for number in range(aravis.get_n_devices())
     )
 

@@ -124,7 +124,7 @@ def test_a_scan_pattern_off_the_area_gives_a_warning(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mended = load_robot(folder)
-    near, far = mended.section("grid")["footprint"]["x"]  # type: ignore[index]
+    near, far = mended.config.root.table("grid").table("footprint").pair("x")
     first, last = (plane_on_floor(0.600, 0.470, float(remedy[f"mirror_angle_{end}"])) for end in ("first", "last"))
     assert near - 0.01 < first <= near + 0.001 and far - 0.001 <= last < far + 0.01
 

@@ -61,7 +61,7 @@ def test_soles_stand_on_one_plane_in_every_posture(robot: RobotModel) -> None:
 def test_scan_posture_sees_the_area(robot: RobotModel) -> None:
     """From the scan posture every corner of the scanned area is before the camera and within a 75 degree picture."""
     pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs))
-    area = robot.section("grid")["footprint"]
+    area = robot.config.root.table("grid").table("footprint").values
     for x in area["x"]:  # type: ignore[index]
         for y in area["y"]:  # type: ignore[index]
             in_camera = np.linalg.solve(pose.transform_camera_to_footprint, [x, y, 0.0, 1.0])[:3]
@@ -74,8 +74,8 @@ def test_scan_pattern_covers_the_area(robot: RobotModel) -> None:
     state = robot.state(robot.posture(robot.config.scan_posture))
     mirror = state.position_in_base(robot.config.laser_frame)
     height = mirror[2] - state.soles_in_base()[:, 2].mean()
-    near, far = robot.section("grid")["footprint"]["x"]  # type: ignore[index]
-    scan = robot.section("scan")
+    near, far = robot.config.root.table("grid").table("footprint").pair("x")
+    scan = robot.config.root.table("scan").values
     # The laser plane turns by twice the mirror; zero falls along -z, positive goes forward.
     first = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_first"])  # type: ignore[operator]
     last = mirror[0] + height * math.tan(2.0 * scan["mirror_angle_last"])  # type: ignore[operator]

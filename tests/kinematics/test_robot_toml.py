@@ -121,31 +121,21 @@ def test_two_legs_are_refused(broken_folder: Callable[..., Path], guara: RobotMo
         load_robot(broken_folder("robot.toml", hind, ""))
 
 
-def test_sections_are_read_only_all_the_way_down(robot: RobotModel) -> None:
-    """A section comes out with nested tables and lists that cannot be changed."""
-    grid = robot.section("grid")
-    with pytest.raises(TypeError):
-        grid["resolution"] = 1.0  # type: ignore[index]
-    with pytest.raises(TypeError):
-        grid["footprint"]["x"] = 1.0  # type: ignore[index]
-    assert isinstance(grid["footprint"]["x"], tuple)  # type: ignore[index]
-
-
-def test_sections_for_readers_above_are_there(robot: RobotModel) -> None:
+def test_tables_for_readers_above_are_there(robot: RobotModel) -> None:
     """Every robot states its grid, height limits, scan pattern, limits and validity."""
     for name in ("grid", "heights", "scan", "traversability", "validity"):
-        assert len(robot.section(name)) > 0
-    scan = robot.section("scan")
+        assert len(robot.config.root.table(name).values) > 0
+    scan = robot.config.root.table("scan").values
     assert scan["mirror_angle_first"] < scan["mirror_angle_last"]  # type: ignore[operator]
 
 
-def test_missing_section_is_named_with_its_file(guara: RobotModel) -> None:
+def test_missing_table_is_named_with_its_file(guara: RobotModel) -> None:
     """Asking for a table that is not there names the file and the table."""
     with pytest.raises(RobotFileError, match=r"robot.toml: the table \[gait\] is missing"):
-        guara.section("gait")
+        guara.config.root.table("gait")
 
 
-def test_a_value_is_no_section(guara: RobotModel) -> None:
+def test_a_value_is_no_table(guara: RobotModel) -> None:
     """Asking for a single value as a table is refused."""
     with pytest.raises(RobotFileError, match=r"name is 'guara'; a table \[name\] is needed"):
-        guara.section("name")
+        guara.config.root.table("name")

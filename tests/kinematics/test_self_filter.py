@@ -131,7 +131,7 @@ def test_what_lies_on_the_robot_is_blocked(robot: RobotModel) -> None:
 def test_a_leg_before_the_camera_shadows_the_ground_behind(guara: RobotModel) -> None:
     """In the scan posture the area is in view; a fore leg swung forward hides ground on its own side."""
     joints = guara.posture("scan")
-    area = guara.section("grid")["footprint"]
+    area = guara.config.root.table("grid").table("footprint").values
     x, y = np.meshgrid(np.linspace(*area["x"], 40), np.linspace(*area["y"], 40))  # type: ignore[index]
     ground = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -0.36)])
     state = guara.state(joints)

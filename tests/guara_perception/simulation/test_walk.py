@@ -87,7 +87,7 @@ def test_known_ground_is_declared_once_around_the_first_stance(robot: RobotModel
     for sole in pauses[0].soles_in_world.values():
         assert (sole[:2] > low + 0.06).all()
         assert (sole[:2] < high - 0.06).all()
-    assert high[0] >= robot.section("grid")["footprint"]["x"][0]
+    assert high[0] >= robot.config.root.table("grid").table("footprint").pair("x")[0]
     assert ground.height == 0.0
 
 
