@@ -9,12 +9,13 @@ joint is the same at both ends and cancels.
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from kinematics.arrays import Float, Mask, read_only
+from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
@@ -51,7 +52,7 @@ class BodyPlace:
 
 
 class BodyTrack:
-    """Places of the body during one pause; samples are added in the order of their times."""
+    """Places of the body during one pause; samples are added in the order of their times, on any thread."""
 
     def __init__(
         self, robot: RobotModel, stance: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
@@ -74,9 +75,10 @@ class BodyTrack:
         self._feet: dict[tuple[str, ...], StandingFeet] = {}
         self._feet_of(stance.support_feet)
         self._begin = robot.state(stance.joint_positions)
-        self._times: Float = np.zeros(0)
-        self._joints: Float = np.zeros((0, len(self._begin.positions)))
-        self._supports: Mask = np.zeros((0, len(robot.legs)), dtype=bool)
+        # Rows of time, joints and supports; `_end` of them are filled, and the rest has room for more.
+        self._rows: Float = np.zeros((0, 1 + len(self._begin.positions) + len(robot.legs)))
+        self._end = 0
+        self._lock = threading.Lock()
 
     def add(self, times: npt.ArrayLike, joint_positions: npt.ArrayLike, supports: npt.ArrayLike) -> None:
         """Add n samples.
@@ -91,20 +93,27 @@ class BodyTrack:
         """
         times, joints = np.array(times, dtype=np.float64), np.array(joint_positions, dtype=np.float64)
         carry = np.array(supports, dtype=bool)
-        wanted = (len(times), self._joints.shape[1]), (len(times), self._supports.shape[1])
+        wanted = (len(times), len(self._begin.positions)), (len(times), len(self._robot.legs))
         if times.ndim != 1 or (joints.shape, carry.shape) != wanted:
             raise ArgumentError(f"joints and supports have shapes {joints.shape}, {carry.shape}; allowed: {wanted}")
         if not (np.isfinite(times).all() and np.isfinite(joints).all()):
             raise ArgumentError("times and joint_positions must be finite")
-        if (np.diff(np.append(self._times[-1:], times)) <= 0.0).any():
-            raise ArgumentError("times must ascend: each sample is later than the one before")
-        self._times = np.append(self._times, times)[-MOST_SAMPLES:]
-        self._joints = np.concatenate((self._joints, joints))[-MOST_SAMPLES:]
-        self._supports = np.concatenate((self._supports, carry))[-MOST_SAMPLES:]
+        with self._lock:
+            if (np.diff(np.append(self._rows[: self._end, 0][-1:], times)) <= 0.0).any():
+                raise ArgumentError("times must ascend: each sample is later than the one before")
+            end = self._end + len(times)
+            if end > len(self._rows):
+                kept = self._rows[: self._end][-MOST_SAMPLES:]
+                end = len(kept) + len(times)
+                # Twice the room, so that each sample is copied once on average.
+                self._rows = np.concatenate((kept, np.empty((end + len(times), self._rows.shape[1]))))
+            self._rows[end - len(times) : end] = np.column_stack((times, joints, carry))
+            self._end = end
 
     def covers(self, time: float) -> bool:
         """True once no later sample changes the place at a time [s]."""
-        return bool(self._times.size and self._times[-1] >= time + HALF_WINDOW)
+        with self._lock:
+            return bool(self._end and self._rows[self._end - 1, 0] >= time + HALF_WINDOW)
 
     def at(self, time: float, time_sigma: float = 0.0) -> BodyPlace | None:
         """Place of the body at a time.
@@ -117,24 +126,20 @@ class BodyTrack:
             The place; None where samples are missing about it, where fewer than three feet of BEGIN stand, where they
             moved against each other, and where the joints move faster than the samples tell.
         """
-        first, end = np.searchsorted(self._times, (time - HALF_WINDOW, time + HALF_WINDOW))
-        after = int(np.searchsorted(self._times, time))
-        if end - first < LEAST_SAMPLES or not first < after < end:
+        samples = self._window(time)
+        if samples is None:
             return None
-        if self._times[after] - self._times[after - 1] > LONGEST_GAP:
-            return None
-        since = self._times[first:end] - time
+        since, joints = samples[:, 0] - time, samples[:, 1 : 1 + len(self._begin.positions)]
         weights = (1.0 - np.abs(since / HALF_WINDOW) ** 3) ** 3
         parabola = np.stack((np.ones_like(since), since, since**2), axis=1)
         gains: Float = np.asarray(
             np.linalg.solve(parabola.T @ (weights[:, None] * parabola), parabola.T * weights), np.float64
         )
-        joints = self._joints[first:end]
         smoothed, rates, bends = gains @ joints
         residual = joints - parabola @ (smoothed, rates, bends)
         stated = self._robot.noise.encoder_noise**2
         noise = float(np.sum(weights[:, None] * residual**2)) / (joints.shape[1] * _freedom(parabola, weights, gains))
-        carries = np.logical_and.reduce(self._supports[first:end]).tolist()
+        carries: list[bool] = np.all(samples[:, 1 + joints.shape[1] :], axis=0).tolist()
         standing = dict(zip(self._robot.legs, carries, strict=True))
         names = tuple(foot for foot in self._stance.support_feet if standing[foot])
         if noise > MOST_NOISE**2 * stated or len(names) < 3:
@@ -152,6 +157,15 @@ class BodyTrack:
         rate = feet.motion @ rates
         covariance = variance * share * feet.covariance + time_sigma**2 * np.outer(rate, rate)
         return BodyPlace(read_only(transform), read_only(covariance), state)
+
+    def _window(self, time: float) -> Float | None:
+        """Samples about a time, a row each; None where they are missing."""
+        with self._lock:
+            rows = self._rows[: self._end]
+        first, after, end = np.searchsorted(rows[:, 0], (time - HALF_WINDOW, time, time + HALF_WINDOW)).tolist()
+        if end - first < LEAST_SAMPLES or not first < after < end:
+            return None
+        return None if rows[after, 0] - rows[after - 1, 0] > LONGEST_GAP else rows[first:end]
 
     def _feet_of(self, names: tuple[str, ...]) -> StandingFeet:
         if names not in self._feet:

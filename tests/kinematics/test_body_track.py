@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError
+from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError, body_track
 from testbed.swaying_robot import Sway, stream_of
 
 GROUND = np.array([(x, y, -0.36) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
@@ -100,6 +100,24 @@ def test_no_place_where_the_samples_do_not_tell_it(robot: RobotModel) -> None:
     assert at(0.5, slipped) is not None and at(1.0, slipped) is None
     kicked = readings + 0.02 * np.sin(2 * np.pi * 40.0 * times)[:, None]
     assert at(1.0, kicked) is None
+
+
+def test_batches_place_the_body_as_one_and_the_oldest_go(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four samples at a time, 16 s of them, of which at least the last second is kept."""
+    monkeypatch.setattr(body_track, "MOST_SAMPLES", 200)
+    times = np.arange(0.0, 16.0, 0.005)
+    readings, begin = stream_of(robot, SWAY, times[-400:], np.random.default_rng(2))
+    readings = np.tile(readings, (8, 1))
+    supports = np.ones((len(times), len(robot.legs)))
+    track, whole = BodyTrack(robot, begin), BodyTrack(robot, begin)
+    for rows in np.split(np.arange(len(times)), len(times) // 4):
+        track.add(times[rows], readings[rows], supports[rows])
+    whole.add(times[-400:], readings[-400:], supports[-400:])
+    for time in (15.1, 15.5, 15.9):
+        one, other = track.at(time), whole.at(time)
+        assert one is not None and other is not None
+        np.testing.assert_array_equal(one.transform_base_to_begin, other.transform_base_to_begin)
+    assert track.at(1.0) is None and track.covers(15.9) and not track.covers(15.95)
 
 
 def test_what_is_no_track_is_refused(robot: RobotModel) -> None:
