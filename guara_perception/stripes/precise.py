@@ -11,8 +11,14 @@ from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
 from guara_perception.stripes.band import Band, StripeProfile, bad_frame, has_colour
 from guara_perception.stripes.kernel.library import addresses, kernel
 from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, judge, pictures_of
-from guara_perception.stripes.measure import DetectedStripe, measure, sigma_of_filter
-from guara_perception.stripes.peaks import ROW_MEAN_PX, noise_gain, responses
+from guara_perception.stripes.measure import (
+    ROW_MEAN_PX,
+    DetectedStripe,
+    measure,
+    noise_gain,
+    responses,
+    sigma_of_filter,
+)
 
 
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:

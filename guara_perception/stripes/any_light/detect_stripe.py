@@ -11,19 +11,16 @@ from guara_perception.arrays import Float32, Index, Mask
 from guara_perception.stripes.any_light.stripe_path import StripePath, find_path
 from guara_perception.stripes.band import Band
 from guara_perception.stripes.laser_light import clipped_columns, opening
-from guara_perception.stripes.measure import DetectedStripe, sigma_of_filter
-from guara_perception.stripes.peaks import (
+from guara_perception.stripes.measure import (
     ROW_MEAN_PX,
     ROW_SMOOTHING_SIGMA_PX,
     SHIFTS,
-    WIDE_SIGMA_PX,
+    DetectedStripe,
     noise_gain,
-    noise_of_columns,
     responses,
-    smooth_light,
-    smooth_wide,
-    stripe_sigma,
+    sigma_of_filter,
 )
+from guara_perception.stripes.peaks import WIDE_SIGMA_PX, noise_of_columns, smooth_light, smooth_wide, stripe_sigma
 
 # Distance of the columns in which the stripe's width is measured.
 WIDTH_COLUMNS = 8

@@ -9,8 +9,8 @@ import pytest
 import guara_perception as gp
 from guara_perception.stripes import precise
 from guara_perception.stripes.band import Band, clipped_from
-from guara_perception.stripes.measure import DetectedStripe, sigma_of_filter
-from guara_perception.stripes.peaks import noise_gain, noise_of_columns, robust_sigma, smooth_light, smooth_wide
+from guara_perception.stripes.measure import DetectedStripe, noise_gain, sigma_of_filter
+from guara_perception.stripes.peaks import noise_of_columns, robust_sigma, smooth_light, smooth_wide
 
 KINDS = [np.uint8, np.uint16]
 

@@ -8,16 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.kernel.library import address, kernel
-from guara_perception.stripes.peaks import (
-    SCALE,
-    noise_gain,
-    noise_of_columns,
-    responses,
-    robust_sigma,
-    smooth_light,
-    smooth_wide,
-    stripe_sigma,
-)
+from guara_perception.stripes.measure import SCALE, noise_gain, responses
+from guara_perception.stripes.peaks import noise_of_columns, robust_sigma, smooth_light, smooth_wide, stripe_sigma
 from tests.thorough import examples
 
 
