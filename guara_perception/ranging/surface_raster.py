@@ -49,7 +49,7 @@ class SurfaceRaster:
         self._to_make: set[Key] = set()
         self._to_merge = np.zeros(geometry.shape[1], dtype=bool)
         self._raster = merge((), geometry)
-        self._out_of_range, self._too_high, self._doubtful = (np.zeros(geometry.shape, dtype=bool) for _ in range(3))
+        self._out_of_range, self._too_high = (np.zeros(geometry.shape, dtype=bool) for _ in range(2))
 
     @property
     def stripes(self) -> dict[int, StripePoints]:
@@ -60,9 +60,9 @@ class SurfaceRaster:
         """Add stripes by index; several in one call are faster, with the same result."""
         for group in in_groups(list(stripes)):
             self._stripes.update((index, stripes[index]) for index in group)
-            self._mark(group)
             self._to_make.update(key for index in group for key in self._touched(index) if self._is_there(key))
             self._make([key for key in self._to_make if self._is_settled(key)])
+            self._mark_out_of_range(group)
 
     def raster(self) -> Raster:
         """Heights of all stripes added so far; a cell with a return above the height limits is unknown.
@@ -83,7 +83,10 @@ class SurfaceRaster:
 
     def marks(self) -> Flags:
         """Flags of the cells with unusable returns."""
-        return self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE) | self._doubtful * np.uint16(Hazard.AMBIGUOUS)
+        flags = self._out_of_range * np.uint16(Hazard.OUT_OF_RANGE)
+        doubtful = np.concatenate([np.empty((0, 3)), *(each.doubtful.points for each in self._stripes.values())])
+        flags.ravel()[cells_of(doubtful, self._geometry)[0]] |= np.uint16(Hazard.AMBIGUOUS)
+        return flags
 
     def _touched(self, index: int) -> list[Key]:
         """Stripes and pairs whose surface depends on a stripe."""
@@ -117,10 +120,8 @@ class SurfaceRaster:
                 self._swaths[key] = columns, swath
         self._to_make.difference_update(keys)
 
-    def _mark(self, group: list[int]) -> None:
-        """Mark the cells of doubtful returns, of returns from beyond the height limits, and those between two such."""
-        doubtful = np.concatenate([self._stripes[index].doubtful.points for index in group])
-        self._doubtful.ravel()[cells_of(doubtful, self._geometry)[0]] = True
+    def _mark_out_of_range(self, group: list[int]) -> None:
+        """Mark the cells of returns from beyond the height limits, and those between two such returns."""
         beyond = [index for index in group if self._stripes[index].out_of_range.columns.size]
         if not beyond:
             return
