@@ -17,10 +17,13 @@ from guara_perception.fields import Fields, parse_json
 from guara_perception.files import existing_file, read_arrays, whole_file
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
+from guara_perception.terrain.map.registration import SeenGround
 from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
+# Names in files of the arrays of SeenGround.
+SEEN = {"layers": "seen", "origin": "seen_origin"}
 # Largest size of all arrays together [byte]: those of a map of 4 m with cells of 1 mm take 1.6 GB.
 LARGEST_MAP = 2 * 1024**3
 
@@ -35,6 +38,7 @@ class MapState:
         step, time: step and time [ns] of the newest scan.
         drift, sideways: drift of odometry since the start, and sideways drift by pause.
         anchor, walk: height and planar correction of odometry.
+        seen: ground as the newest scan saw it, for registered walks.
         ground: declared patches of known ground, as in the map's record.
         scans: number of scans fused.
         reasons: faults of the map for the health of its grids.
@@ -48,6 +52,7 @@ class MapState:
     sideways: SidewaysDrift = field(default_factory=SidewaysDrift)
     anchor: HeightAnchor = HeightAnchor()
     walk: WalkCorrection = field(default_factory=WalkCorrection)
+    seen: SeenGround | None = None
     ground: tuple[Mapping[str, Any], ...] = ()
     scans: int = 0
     reasons: tuple[str, ...] = ()
@@ -82,10 +87,17 @@ def write_map(path: str | Path, robot: str, cells: OdomCells, state: MapState) -
     """
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = dataclasses.asdict(state)
+    seen = fields.pop("seen") or {}
     fields["walk"] = {FILE_KEYS.get(name, name): value for name, value in fields["walk"].items()}
     text = json.dumps({**header, "first": cells.first, **fields}, default=np.ndarray.tolist)
     with whole_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, state=np.array(text), **cells.memory)
+        np.savez_compressed(
+            stream,
+            allow_pickle=False,
+            state=np.array(text),
+            **cells.memory,
+            **{SEEN[name]: array for name, array in seen.items()},
+        )
 
 
 def read_map(path: str | Path) -> SavedMap:
@@ -96,7 +108,7 @@ def read_map(path: str | Path) -> SavedMap:
         FileFormatError: not such a file, or one whose contents are inconsistent.
     """
     path = existing_file(path)
-    data = read_arrays(path, ("state", *MEMORY), "map", LARGEST_MAP)
+    data = read_arrays(path, ("state", *MEMORY, *SEEN.values()), "map", LARGEST_MAP)
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a map file")
@@ -111,11 +123,23 @@ def read_map(path: str | Path) -> SavedMap:
         side=side,
         first=None if first is None else (first[0], first[1]),
         memory={name: data[name] for name in MEMORY},
-        state=_state(fields),
+        state=_state(fields, _seen(path, data)),
     )
 
 
-def _state(fields: Fields) -> MapState:
+def _seen(path: Path, data: Mapping[str, Array]) -> SeenGround | None:
+    layers, origin = (data.get(key) for key in SEEN.values())
+    if layers is None or origin is None:
+        # A walk without registration, or a file of an earlier version.
+        return None
+    if layers.dtype != np.float32 or layers.ndim != 3 or len(layers) != 2 or layers.size < 2:
+        raise FileFormatError(f"{path}: seen is {layers.dtype} of shape {layers.shape}, it must be float32 (2, ny, nx)")
+    if origin.dtype != np.float64 or origin.shape != (2,) or not np.isfinite(origin).all():
+        raise FileFormatError(f"{path}: seen_origin is not two finite numbers, the file is damaged")
+    return SeenGround(layers, origin)
+
+
+def _state(fields: Fields, seen: SeenGround | None) -> MapState:
     drift, anchor = fields.sub("drift"), fields.sub("anchor")
     return MapState(
         centre=fields.array("centre", (2,)) if fields.has("centre") else None,
@@ -130,6 +154,7 @@ def _state(fields: Fields) -> MapState:
             rejected=tuple(str(leg) for leg in anchor.sequence("rejected")),
         ),
         walk=WalkCorrection.of_fields(fields.sub("walk")),
+        seen=seen,
         ground=tuple(dict(patch.data) for patch in fields.items("ground")),
         scans=fields.integer("scans", 0),
         reasons=tuple(str(reason) for reason in fields.sequence("reasons")),

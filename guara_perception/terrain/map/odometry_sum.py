@@ -1,14 +1,21 @@
-"""Comparison of the corrections of a walk with the sum of odometry's own drift.
+"""Comparison of what scans show of a walk with the sum of odometry's own drift.
 
 A registration is compared with odometry's error of one motion. Ground that moves by less at each pause passes, pause by
 pause, and takes the map along. Over several pauses the ground's motions add up, and odometry's errors grow with the
-square root only. For the pauses since each earlier pause j, with T the correction of the drift,
+square root only. So for the pauses since each earlier pause j two sums are compared with odometry's drift since:
 
-    d = T_j^-1 T  (x, y, yaw about the robot),    S = F P_j F' + drift of odometry since + s^2 w w',
+    d = T_j^-1 T                        corrections of the map, T the correction of the drift
+    d = sum of the motions from scan to scan, less those of odometry
 
-where P_j is the filter's covariance at j, and s the share of the way w by which odometry may err along the way, always
-with the same sign: feet that all slide back keep their distances. If d' S^-1 d exceeds a bound for any j, either the
-ground moved or odometry is worse than it says. It cannot be told which, so nothing of d is kept.
+The second finds slow ground first: where few heights show the motion, a correction follows it by a small part only.
+With w the way since j, s the share of it by which odometry may err along the way, always with the same sign (feet that
+all slide back keep their distances), P_j the covariance of drift or noise at j, and N that of the heights and the noise
+now, the second alone:
+
+    S = F P_j F' + drift of odometry since + N + s^2 w w'
+
+If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it says. It cannot be told
+which, so no correction of the pauses in memory is kept: the ground may have moved before a sum shows it.
 """
 
 from __future__ import annotations
@@ -35,77 +42,119 @@ class Contradiction:
     Attributes:
         transform: (4, 4) correction before them.
         covariance: (3, 3) covariance of the drift without them.
-        taken_back: (3,) x, y, yaw that they moved the robot by [m, m, rad].
+        moved_by: (2, 3) x, y, yaw that they moved the robot by, and that scans contradict odometry by [m, m, rad].
         reason: sentence that says so.
     """
 
     transform: Float
     covariance: Float
-    taken_back: Float
+    moved_by: Float
     reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometrySum(FrozenArrays):
-    """Corrections at earlier pauses, the newest last, and odometry's drift since.
+    """Corrections and motions of scans since earlier pauses, the newest last, and odometry's drift since.
 
     Attributes:
         transforms: (k, 4, 4) corrections of the drift.
         positions: (k, 2) of the robot by odometry [m].
         covariances: (k, 3, 3) of the drift at the pause and since, about the present robot.
+        seen: (k, 3) x, y, yaw by which scans show more motion since than odometry, about the present robot.
+        seen_covariances: (k, 3, 3) of their difference.
     """
 
     transforms: Float = field(default_factory=partial(np.empty, (0, 4, 4)))
     positions: Float = field(default_factory=partial(np.empty, (0, 2)))
     covariances: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
+    seen: Float = field(default_factory=partial(np.empty, (0, 3)))
+    seen_covariances: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
 
-    def started(self, transform: Float, odometry: Float, covariance: Float) -> OdometrySum:
+    def started(self, transform: Float, odometry: Float, covariance: Float, noise: Float) -> OdometrySum:
         """Add a pause.
 
         Args:
             transform: (4, 4) correction of the drift there.
             odometry: (4, 4) transform_footprint_to_odom by odometry.
             covariance: (3, 3) covariance of the drift there.
+            noise: (3, 3) covariance of the noise of this pause alone.
         """
+        added = (transform, odometry[:2, 3], covariance, np.zeros(3), noise)
+        before = (self.transforms, self.positions, self.covariances, self.seen, self.seen_covariances)
         return OdometrySum(
-            np.concatenate((self.transforms, transform[None]))[-EARLIER_PAUSES:],
-            np.concatenate((self.positions, odometry[None, :2, 3]))[-EARLIER_PAUSES:],
-            np.concatenate((self.covariances, covariance[None]))[-EARLIER_PAUSES:],
+            *(np.concatenate((old, new[None]))[-EARLIER_PAUSES:] for old, new in zip(before, added, strict=True))
         )
 
-    def grown(self, transition: Float, drift: Float) -> OdometrySum:
-        """Add one motion's drift (3, 3) to each sum; `transition` (3, 3) is that of `transition_between`."""
-        return OdometrySum(self.transforms, self.positions, transition @ self.covariances @ transition.T + drift)
+    def grown(self, transition: Float, drift: Float, seen: Float, seen_covariance: Float) -> OdometrySum:
+        """Add one motion to each sum.
 
-    def contradiction(self, transform: Float, odometry: Float, slip_share: float) -> Contradiction | None:
-        """Corrections since the first pause from which their sum contradicts odometry's; None if none does.
+        Args:
+            transition: (3, 3) that of `transition_between`.
+            drift: (3, 3) covariance of odometry's drift in it.
+            seen: (3,) x, y, yaw by which scans show more motion than odometry.
+            seen_covariance: (3, 3) its covariance by the heights alone.
+        """
+        return OdometrySum(
+            self.transforms,
+            self.positions,
+            transition @ self.covariances @ transition.T + drift,
+            self.seen @ transition.T + seen,
+            transition @ self.seen_covariances @ transition.T + drift + seen_covariance,
+        )
+
+    def contradiction(self, transform: Float, odometry: Float, noise: Float, slip_share: float) -> Contradiction | None:
+        """Corrections of the pauses in memory if either sum contradicts odometry's since any of them; None if not.
 
         Args:
             transform: (4, 4) present correction of the drift.
             odometry: (4, 4) present transform_footprint_to_odom by odometry.
+            noise: (3, 3) covariance of the noise of the present pause alone.
             slip_share: sigma of odometry in the direction of the way, as a share of it.
         """
         if not len(self.transforms):
             return None
-        position = odometry[:2, 3]
-        since = np.linalg.inv(self.transforms) @ transform
-        aside = since[:, :2, :2] @ position + since[:, :2, 3] - position
-        moved_by = np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
-        way = position - self.positions
-        covariances = self.covariances.copy()
-        covariances[:, :2, :2] += slip_share**2 * way[:, :, None] * way[:, None, :]
-        squares = np.einsum("ki,ki->k", moved_by, np.linalg.solve(covariances, moved_by[:, :, None])[:, :, 0])
-        over = np.flatnonzero(squares > MOST_SIGMAS**2)
+        corrected, slip = self._corrected(transform, odometry), self._slip(odometry, slip_share)
+        covariances = self.covariances + slip
+        sums = np.stack((corrected, self.seen))
+        squares = np.stack((_squares(corrected, covariances), self._seen_squares(odometry, noise, slip_share)))
+        over = np.flatnonzero((squares > MOST_SIGMAS**2).any(axis=0))
         if not over.size:
             return None
         first = int(over[0])
-        x, y, yaw = moved_by[first].tolist()
+        kind = int(np.argmax(squares[:, first]))
+        x, y, yaw = sums[kind, first].tolist()
         reason = (
-            f"registration has moved the walk by {1e3 * np.hypot(x, y):.0f} mm and {1e3 * yaw:+.0f} mrad in "
-            f"{len(self.transforms) - first} pauses, {np.sqrt(squares[first]):.1f} sigma of what odometry adds up to: "
-            "ground that is seen may move, so it is not used"
+            f"{('registration has moved the walk', 'scans show that the ground moved')[kind]} by "
+            f"{1e3 * np.hypot(x, y):.0f} mm and {1e3 * yaw:+.0f} mrad in "
+            f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of what odometry adds "
+            "up to: ground that is seen may move, so it is not used"
         )
-        return Contradiction(self.transforms[first], covariances[first], moved_by[first], reason)
+        moved_by = np.stack((corrected[0], self.seen[first]))
+        return Contradiction(self.transforms[0], covariances[0], moved_by, reason)
+
+    def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
+        """Largest contradiction between the motions of scans and odometry since any pause [sigmas].
+
+        Arguments are those of `contradiction`.
+        """
+        return float(np.sqrt(self._seen_squares(odometry, noise, slip_share).max(initial=0.0)))
+
+    def _seen_squares(self, odometry: Float, noise: Float, slip_share: float) -> Float:
+        return _squares(self.seen, self.seen_covariances + noise + self._slip(odometry, slip_share))
+
+    def _corrected(self, transform: Float, odometry: Float) -> Float:
+        """Corrections (k, 3) since each pause, about the present robot."""
+        position = odometry[:2, 3]
+        since = np.linalg.inv(self.transforms) @ transform
+        aside = since[:, :2, :2] @ position + since[:, :2, 3] - position
+        return np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
+
+    def _slip(self, odometry: Float, slip_share: float) -> Float:
+        """Covariances (k, 3, 3) of what odometry may err by along the way since each pause."""
+        way = odometry[:2, 3] - self.positions
+        slip = np.zeros_like(self.covariances)
+        slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]
+        return slip
 
     @staticmethod
     def of_fields(fields: Fields) -> OdometrySum:
@@ -115,12 +164,24 @@ class OdometrySum(FrozenArrays):
             FileFormatError: a value is missing or impossible.
         """
         count = len(fields.sequence("positions"))
-        shapes = {"transforms": (count, 4, 4), "positions": (count, 2), "covariances": (count, 3, 3)}
+        shapes = {
+            "transforms": (count, 4, 4),
+            "positions": (count, 2),
+            "covariances": (count, 3, 3),
+            "seen": (count, 3),
+            "seen_covariances": (count, 3, 3),
+        }
+        # Files of earlier versions hold no motions of scans: their sums begin anew.
         return (
             OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
-            if count
+            if count and fields.has("seen")
             else OdometrySum()
         )
+
+
+def _squares(sums: Float, covariances: Float) -> Float:
+    """Squares (k,) of sums (k, 3) in units of their covariances (k, 3, 3)."""
+    return np.asarray(np.vecdot(sums, np.linalg.solve(covariances, sums[:, :, None])[:, :, 0]))
 
 
 def transition_between(before: Float, here: Float) -> Float:

@@ -1,4 +1,4 @@
-"""Registration of a scan to the map: the error of odometry, with a covariance, from their common cells.
+"""Registration of a scan to the map, or to the scan before: the error of odometry, from their common cells.
 
 Gauss-Newton on heights. With the scan's points q in odom about the footprint, and the map's height H,
 
@@ -18,6 +18,8 @@ off by a millimetre over areas as large as a ramp, which on a ramp of slope 0.05
 Across its stripes a laser scan has an edge at the first stripe beyond the true one: off by up to the spacing of the
 stripes, which grows with the distance, and with the same sign for all edges that face the robot. Registration by such
 edges would drift, so for a scan of stripes only slopes along the stripes are used.
+
+The motion between two scans is found in the same way, with a prior that leaves x, y and yaw to the heights.
 """
 
 from __future__ import annotations
@@ -27,9 +29,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Mask
+from guara_perception.arrays import Float, Float32, Mask
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
+from kinematics.arrays import FrozenArrays
 
 ROUNDS = 8
 # Step [m, rad] below which the iteration ends.
@@ -39,6 +42,10 @@ HUBER_SIGMAS = 2.0
 SLOPE_SIGMAS = 6.0
 # Number n of neighbouring cells that count as one: their heights come from the same stripes and poses.
 CELLS_THAT_COUNT_AS_ONE = 32.0
+# The same between two scans, which share no pose: chi-square per freedom of still walks is then 0.2 to 0.7.
+CELLS_OF_TWO_SCANS = 8.0
+# Prior sigmas of x, y [m] and yaw between two scans: the heights alone decide.
+OPEN_SIGMA = 0.05
 # Additional sigma of the difference of two heights.
 FLOOR_SIGMA_M = 0.0007
 # Least sigma of independent errors of heights.
@@ -48,6 +55,8 @@ ASIDE_SIGMA_M = 0.004
 # Heights that differ by more belong to another object, or to its edge.
 LARGEST_DIFFERENCE_M = 0.05
 LEAST_CELLS = 50
+# Rows of x, y and yaw in REP-103 order.
+PLANAR = [0, 1, 5]
 # A registration is refused if more than this fraction of its cells differs by more than Huber's limit, or if its motion
 # is more than this many sigmas from the prior, in directions in which it shrinks the prior's variance by this fraction.
 MOST_CONTRADICTING = 0.3
@@ -90,23 +99,76 @@ def register(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom
     base = transform_footprint_to_odom[:3, 3]
     seen = _Scan.of(terrain, transform_footprint_to_odom)
     ground = _Ground.around(cells, seen.about[:, :2] + base[:2])
-    information = np.asarray(np.linalg.inv(prior), dtype=np.float64)
-    motion = np.zeros(6)
-    for _ in range(ROUNDS):
-        step, hessian, weights = _step(ground, seen, base, motion, information)
-        if weights.size < LEAST_CELLS:
-            return _refused(prior, weights, f"{weights.size} cells of the scan lie on known ground")
-        motion = motion + step
-        if np.abs(step).max() < SMALLEST_STEP:
-            break
+    motion, covariance, weights = _fit(ground, seen, base, prior, CELLS_THAT_COUNT_AS_ONE)
+    if weights.size < LEAST_CELLS:
+        return _refused(prior, weights, f"{weights.size} cells of the scan lie on known ground")
     contradicting = float((weights < 1).mean())
     if contradicting > MOST_CONTRADICTING:
         return _refused(prior, weights, f"{100 * contradicting:.0f} % of {weights.size} cells differ from the map")
-    covariance = np.asarray(np.linalg.inv(hessian))
     sigmas = _surprise(motion, prior, covariance)
     if sigmas > MOST_SIGMAS:
         return _refused(prior, weights, f"map and odometry contradict each other by {sigmas:.1f} sigma of both")
     return Registration(motion, covariance, weights.size, None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenGround(FrozenArrays):
+    """Ground as the last scan saw it, in its footprint.
+
+    Attributes:
+        layers: (2, ny, nx) elevation [m] and its variance [m^2], NaN where unknown; float32.
+        origin: (2,) lowest corner [m].
+    """
+
+    layers: Float32
+    origin: Float
+
+    @staticmethod
+    def of(terrain: TerrainGrid) -> SeenGround:
+        """Ground of a scan."""
+        return SeenGround(np.stack((terrain.elevation, terrain.variance)), np.array(terrain.geometry.origin))
+
+
+def motion_between(
+    before: SeenGround, terrain: TerrainGrid, transform_to_last: Float, prior: Float
+) -> tuple[Float, Float]:
+    """Estimate the motion that the ground shows from the scan before to this one, beyond that of odometry.
+
+    Args:
+        before: ground of the scan before.
+        terrain: the scan.
+        transform_to_last: (4, 4) from its footprint to that of the scan before, by odometry.
+        prior: (6, 6) covariance of height and tilts between them; its x, y and yaw are not used.
+
+    Returns:
+        (3,) x, y [m] and yaw about this footprint, along the axes of the last one, and their covariance (3, 3).
+    """
+    prior = prior.copy()
+    prior[PLANAR] = prior[:, PLANAR] = 0.0
+    prior[PLANAR, PLANAR] = OPEN_SIGMA**2
+    elevation, variance = before.layers.astype(np.float64)
+    resolution = terrain.resolution
+    first = (float(before.origin[1]) / resolution, float(before.origin[0]) / resolution)
+    ground = _Ground(np.stack((*_smooth(elevation, resolution), variance)), first, resolution)
+    seen = _Scan.of(terrain, transform_to_last)
+    motion, covariance, weights = _fit(ground, seen, transform_to_last[:3, 3], prior, CELLS_OF_TWO_SCANS)
+    if weights.size < LEAST_CELLS:
+        motion, covariance = np.zeros(6), prior
+    return motion[PLANAR], covariance[np.ix_(PLANAR, PLANAR)]
+
+
+def _fit(ground: _Ground, seen: _Scan, base: Float, prior: Float, count_as_one: float) -> tuple[Float, Float, Float]:
+    """Motion (6,), its covariance (6, 6) and Huber's weights of the compared cells."""
+    information = np.asarray(np.linalg.inv(prior), dtype=np.float64)
+    motion = np.zeros(6)
+    for _ in range(ROUNDS):
+        step, hessian, weights = _step(ground, seen, base, motion, information, count_as_one)
+        if weights.size < LEAST_CELLS:
+            break
+        motion = motion + step
+        if np.abs(step).max() < SMALLEST_STEP:
+            break
+    return motion, np.asarray(np.linalg.inv(hessian)), weights
 
 
 def _refused(prior: Float, weights: Float, reason: str) -> Registration:
@@ -173,7 +235,7 @@ class _Ground:
     """
 
     layers: Float
-    first: tuple[int, int]
+    first: tuple[float, float]
     resolution: float
 
     @staticmethod
@@ -202,7 +264,9 @@ class _Ground:
         return np.asarray(np.where(inside, (1 - b) * low + b * high, np.nan))
 
 
-def _step(ground: _Ground, seen: _Scan, base: Float, motion: Float, information: Float) -> tuple[Float, Float, Float]:
+def _step(
+    ground: _Ground, seen: _Scan, base: Float, motion: Float, information: Float, count_as_one: float
+) -> tuple[Float, Float, Float]:
     """One Gauss-Newton step: the change (6,), the Hessian (6, 6) and Huber's weights of the compared cells."""
     cosine, sine = np.cos(motion[5]), np.sin(motion[5])
     px, py, pz = seen.about.T
@@ -225,7 +289,7 @@ def _step(ground: _Ground, seen: _Scan, base: Float, motion: Float, information:
     by_x, by_y = slope.T
     size = np.abs(difference) / sigma
     weights = np.minimum(1.0, HUBER_SIGMAS / np.maximum(size, HUBER_SIGMAS))
-    trust = weights / sigma**2 / CELLS_THAT_COUNT_AS_ONE
+    trust = weights / sigma**2 / count_as_one
     one = np.ones(px.size)
     turned_x, turned_y = -(sine * px + cosine * py), cosine * px - sine * py
     jacobian = np.column_stack((by_x, by_y, -one, -py, px, by_x * turned_x + by_y * turned_y))

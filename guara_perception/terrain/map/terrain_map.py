@@ -21,6 +21,7 @@ from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.registration import SeenGround
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
@@ -127,7 +128,7 @@ class TerrainMap:
         if since_last is not None:
             slip_share = self._robot.odometry_limits.slip_share
             walk = walk.after(
-                self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise, slip_share
+                self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise, state.seen, slip_share
             )
         transform = walk.pause_transform @ transform
         clock, reasons = _clock(terrain, time), state.reasons
@@ -174,6 +175,7 @@ class TerrainMap:
             sideways=now.sideways,
             anchor=anchor,
             walk=walk,
+            seen=None if since_last is None else SeenGround.of(terrain),
             ground=tuple(ground),
             scans=state.scans + 1,
             reasons=reasons,

@@ -27,7 +27,7 @@ from guara_perception.fields import Fields
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES, OdometrySum, moved, transition_between
-from guara_perception.terrain.map.registration import Registration, register
+from guara_perception.terrain.map.registration import OPEN_SIGMA, Registration, SeenGround, motion_between, register
 from kinematics.arrays import FrozenArrays
 
 SIDEWAYS = [0, 1, 5]
@@ -36,6 +36,12 @@ HEIGHT_SIGMA_M = 0.003
 TILT_SIGMA = 0.001
 # Lower bounds of the sigmas of a motion; they keep the covariances positive definite.
 LEAST_SIGMA_M, LEAST_SIGMA_RAD = 1e-4, 3e-5
+# Where few things show the motion, they may be what moves: ribs over the whole way show it to 0.8 to 1.2 mm, a board or
+# a door mostly to 2 mm or worse. Then a correction is not used while the motions from scan to scan contradict odometry.
+FEW_THINGS_SIGMA_M = 0.0015
+SUSPICIOUS_SIGMAS = 1.0
+# Distance to the middle of the scanned area, the lever arm of yaw.
+LEVER_M = 0.6
 # Pauses in memory. A cell seen before the first of them counts as seen then; it has long been stale.
 MOST_PAUSES = 256
 # Names in files of the attributes whose names differ there.
@@ -115,6 +121,7 @@ class WalkCorrection:
         rise: float,
         since_last: Float,
         noise: Float,
+        before_this: SeenGround | None = None,
         slip_share: float = 0.0,
     ) -> WalkCorrection:
         """Predict the drift at the next pause and update it by registration of its scan.
@@ -126,11 +133,13 @@ class WalkCorrection:
             rise: correction of its z [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             noise: (6, 6) pose noise of the pause, along the axes of odom.
+            before_this: ground as the scan before saw it, None if it is not known.
             slip_share: sigma of what odometry errs by in the direction of the way, as a share of it.
         """
         if self.last is None:
             # The map begins at the pose of the first pause: the motion to it adds no drift.
-            return replace(self, last=odometry.copy(), sum=self.sum.started(self.transform, odometry, self.covariance))
+            sums = self.sum.started(self.transform, odometry, self.covariance, self.noise)
+            return replace(self, last=odometry.copy(), sum=sums)
         here, before = self.transform @ odometry, self.transform @ self.last
         rotation = np.kron(np.eye(2), before[:3, :3])
         motion = rotation @ since_last @ rotation.T
@@ -148,26 +157,34 @@ class WalkCorrection:
         if tilt is not None:
             prior[3:5, 3:5] += tilt[3:5, 3:5]
         prior[np.ix_(SIDEWAYS, SIDEWAYS)] = predicted
+        seen, seen_covariance = np.zeros(3), OPEN_SIGMA**2 * np.eye(3)
+        if before_this is not None:
+            seen, seen_covariance = motion_between(before_this, terrain, np.linalg.inv(self.last) @ odometry, 2 * prior)
+            seen, seen_covariance = before[:3, :3] @ seen, before[:3, :3] @ seen_covariance @ before[:3, :3].T
         here[2, 3] += rise
+        earlier = self.sum.grown(transition, added, seen, seen_covariance)
         if self.distrusted:
             found = Registration(np.zeros(6), prior, 0, self.refused)
         else:
             found = register(cells, terrain, here, prior)
+            suspicion = earlier.suspicion(odometry, noise, slip_share)
+            if suspicion > SUSPICIOUS_SIGMAS and _shown_sigma(prior, found.covariance) > FEW_THINGS_SIGMA_M:
+                reason = f"few things show the motion, and they contradict odometry by {suspicion:.1f} sigma"
+                found = Registration(np.zeros(6), prior, found.cells, found.refused or reason)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
         kept = kept_growth(growth, predicted, posterior)
         gain = np.linalg.solve(predicted, drift).T
         transform = moved(gain @ found.motion[SIDEWAYS], here) @ self.transform
         pause_transform = moved(found.motion[SIDEWAYS], here) @ self.transform
         covariance = drift - gain @ (predicted - posterior) @ gain.T
-        earlier = self.sum.grown(transition, added)
         distrusted, refused = max(self.distrusted - 1, 0), found.refused
-        contradiction = earlier.contradiction(transform, odometry, slip_share)
+        contradiction = earlier.contradiction(transform, odometry, noise, slip_share)
         if contradiction is not None:
             # What was seen in these pauses lies aside by what is taken back, and by what odometry erred in them.
             transform = pause_transform = contradiction.transform
             covariance, distrusted, refused = contradiction.covariance, EARLIER_PAUSES, contradiction.reason
             posterior = covariance + noise
-            kept = growth + covariance + np.outer(contradiction.taken_back, contradiction.taken_back)
+            kept = growth + covariance + contradiction.moved_by.T @ contradiction.moved_by
             earlier = OdometrySum()
         return WalkCorrection(
             transform=transform,
@@ -180,9 +197,16 @@ class WalkCorrection:
             shift=self.shift + float(np.linalg.eigvalsh(kept[:2, :2])[-1]),
             turn=self.turn + float(kept[2, 2]),
             refused=refused,
-            sum=earlier.started(transform, odometry, covariance),
+            sum=earlier.started(transform, odometry, covariance, noise),
             distrusted=distrusted,
         )
+
+
+def _shown_sigma(prior: Float, posterior: Float) -> float:
+    """Sigma of a place LEVER_M ahead as the heights alone show it, along the axis that they show best [m]."""
+    scale = np.diag([1.0, 1.0, 1.0 / LEVER_M])
+    before, after = (np.linalg.inv(each[np.ix_(SIDEWAYS, SIDEWAYS)]) for each in (prior, posterior))
+    return float(1.0 / np.sqrt(max(float(np.linalg.eigvalsh(scale @ (after - before) @ scale)[-1]), 1e-6)))
 
 
 def _without(growth: Float, noise: Float) -> Float:

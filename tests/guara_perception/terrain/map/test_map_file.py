@@ -15,7 +15,12 @@ from kinematics import PoseInOdom, RobotModel
 MakeScan = Callable[..., gp.TerrainGrid]
 
 
-def add_pause(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.TerrainGrid:
+MOTION = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
+
+
+def add_pause(
+    terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int, *, registered: bool = False
+) -> gp.TerrainGrid:
     """One pause of a walk over rough ground with an unknown patch, half a cycle further each time."""
     rng = np.random.default_rng(step)
     transform = np.eye(4)
@@ -24,20 +29,26 @@ def add_pause(terrain_map: gp.TerrainMap, make_scan: MakeScan, step: int) -> gp.
     flags[40:44, 30:50] = gp.Hazard.DROPOUT
     scan = make_scan(rng.normal(0, 0.0005, (108, 90)), flags=flags, step=step)
     ground = [gp.KnownGround([[-0.4, -0.3], [0.5, -0.3], [0.5, 0.3], [-0.4, 0.3]], 0.0, 0.001)] if step == 0 else []
-    return terrain_map.update(scan, PoseInOdom(transform, step * 1e-6 * np.eye(6)), known_ground=ground)
+    covariance = step * (MOTION if registered else 1e-6 * np.eye(6))
+    return terrain_map.update(
+        scan, PoseInOdom(transform, covariance, MOTION if registered else None), known_ground=ground
+    )
 
 
 @pytest.mark.slow
-def test_a_loaded_map_goes_on_bit_for_bit(robot: RobotModel, make_scan: MakeScan, tmp_path: Path) -> None:
+@pytest.mark.parametrize("registered", [False, True])
+def test_a_loaded_map_goes_on_bit_for_bit(
+    robot: RobotModel, make_scan: MakeScan, tmp_path: Path, registered: bool
+) -> None:
     """Four pauses, saved, loaded, four more: the same bytes and metadata as eight pauses without a break."""
     whole, first = gp.TerrainMap(robot), gp.TerrainMap(robot)
     for step in range(4):
-        add_pause(whole, make_scan, step)
-        add_pause(first, make_scan, step)
+        add_pause(whole, make_scan, step, registered=registered)
+        add_pause(first, make_scan, step, registered=registered)
     first.save(tmp_path / "map.npz")
     again = gp.TerrainMap.load(tmp_path / "map.npz")
     for step in range(4, 8):
-        expected, found = add_pause(whole, make_scan, step), add_pause(again, make_scan, step)
+        expected, found = (add_pause(each, make_scan, step, registered=registered) for each in (whole, again))
         for name, layer in expected.layers.items():
             np.testing.assert_array_equal(layer, found.layer(name), err_msg=name)
         assert dict(expected.metadata) == dict(found.metadata)
@@ -93,5 +104,27 @@ def test_a_damaged_map_is_refused(
         data = {key: content[key] for key in content.files}
     data[name] = change(data[name])
     np.savez(path, **data)
+    with pytest.raises(gp.FileFormatError, match=message):
+        gp.TerrainMap.load(path, robot)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seen", "origin", "message"),
+    [
+        (np.zeros((3, 4, 5), np.float32), np.zeros(2), "seen is float32 of shape"),
+        (np.zeros((2, 4, 5)), np.zeros(2), "seen is float64 of shape"),
+        (np.zeros((2, 4, 5), np.float32), np.array([0.0, np.nan]), "seen_origin is not two finite numbers"),
+    ],
+)
+def test_a_damaged_scan_in_a_map_is_refused(
+    robot: RobotModel, tmp_path: Path, seen: np.ndarray, origin: np.ndarray, message: str
+) -> None:
+    """The ground of the last scan has its shape, or the file is refused."""
+    path = tmp_path / "map.npz"
+    gp.TerrainMap(robot).save(path)
+    with np.load(path) as content:
+        data = {key: content[key] for key in content.files}
+    np.savez(path, **data, seen=seen, seen_origin=origin)
     with pytest.raises(gp.FileFormatError, match=message):
         gp.TerrainMap.load(path, robot)
