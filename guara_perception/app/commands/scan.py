@@ -102,11 +102,7 @@ def command(
                 if capture.is_dark_due:
                     dark_after.append(capture.index)
                 if capture.on is not None:
-                    writer.add(
-                        *(capture.index, capture.mirror_angle, capture.on, capture.off),
-                        off_key=id(capture.off),
-                        dark=capture.dark,
-                    )
+                    writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, dark=capture.dark)
 
             scan = live_scan(rig.rangefinder, processor, firing_order, should_stop=lambda: False, on_stripe=keep)
         for problem in scan.problems:

@@ -139,6 +139,8 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         self._staging = Path(tempfile.mkdtemp(prefix=f".{self.folder.name}-", dir=self.folder.parent))
         self._stripes: list[dict[str, object]] = []
         self._offs: dict[object, str] = {}
+        self._off: Image | None = None
+        self._alone: object = None
 
     def __exit__(self, *error: object) -> None:
         """Remove an unfinished folder."""
@@ -162,7 +164,8 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             mirror_angle: commanded mirror angle [rad].
             on: laser-on frame.
             off: laser-off frame, or None.
-            off_key: stripes with the same key share one laser-off file; None = a file for this stripe alone.
+            off_key: stripes with the same key share one laser-off file; None = shared with the stripe before if `off`
+                is the same array, else a file for this stripe alone.
             stamp: stamp of the laser-on frame [ns since the epoch].
             dark: frame of the dark flash after the stripe, or None.
 
@@ -173,7 +176,10 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
         self._write(str(entry["on"]), on)
         entry["off"] = None
         if off is not None:
-            key = ("alone", index) if off_key is None else off_key
+            # The array is held until the next one comes: the id of a freed array may be another's.
+            if off is not self._off:
+                self._off, self._alone = off, ("alone", index)
+            key = self._alone if off_key is None else off_key
             if key not in self._offs:
                 self._offs[key] = f"off_{len(self._offs):03d}.png"
                 self._write(self._offs[key], off)

@@ -82,11 +82,7 @@ def scan_uncalibrated(
                             f"{folder.name}: stripe {capture.index}: frame {capture.verdict.value}; scan it again"
                         )
                     light.look(capture, (0, rows))
-                    writer.add(
-                        *(capture.index, capture.mirror_angle, capture.on, capture.off),
-                        off_key=id(capture.off),
-                        dark=capture.dark,
-                    )
+                    writer.add(capture.index, capture.mirror_angle, capture.on, capture.off, dark=capture.dark)
                     done += 1
                     if on_stripe is not None:
                         on_stripe(capture.on, done, len(order))

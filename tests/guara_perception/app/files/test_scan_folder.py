@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.app.files.scan_folder import open_scan_folder, read_picture
+from guara_perception.app.files.scan_folder import ScanFolderWriter, open_scan_folder, read_picture
 
 
 def test_good_folder_says_what_was_recorded(data: Path):
@@ -211,3 +211,20 @@ def test_frames_outside_the_folder_are_refused(edited_scan, name: str):
 
     with pytest.raises(gp.FileFormatError, match=r"stripe index \d+ names frame .*; allowed: a path inside the folder"):
         gp.open_scan(edited_scan(change))
+
+
+def test_each_laser_off_array_has_its_file(tmp_path: Path, data: Path):
+    """Arrays that are freed in between, whose ids come again, and one array that two stripes share."""
+    stance = gp.open_scan(data / "scans" / "paper").stance
+    on, shared = np.zeros((8, 8), np.uint8), np.full((8, 8), 200, np.uint8)
+    with ScanFolderWriter(tmp_path / "scan") as writer:
+        for index in range(20):
+            writer.add(index, 0.0, on, np.full((8, 8), index, np.uint8))
+        for index in (20, 21):
+            writer.add(index, 0.0, on, shared)
+        writer.finish(robot="guara", mode="standard", stamp=1, step=0, stance=stance)
+    stripes = open_scan_folder(tmp_path / "scan").stripes
+    for stripe in stripes[:20]:
+        assert stripe.off is not None
+        assert read_picture(tmp_path / "scan" / stripe.off)[0, 0] == stripe.index
+    assert len({stripe.off for stripe in stripes}) == 21 and stripes[20].off == stripes[21].off
