@@ -126,14 +126,16 @@ def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Im
     brightness = float(picture.mean()) / np.iinfo(picture.dtype).max
     identity, locked = rangefinder.board.identity, rangefinder.settings
     settings = asdict(locked).items() if locked is not None else ()
-    held = ", ".join(f"{name} {value:g}" for name, value in settings if isinstance(value, float))
+    held = ", ".join(
+        f"{name} {value:g}{' s' * (name == 'exposure')}" for name, value in settings if isinstance(value, float)
+    )
     size, quality = calibration.camera.size, calibration.quality
     return {
         "camera": f"{rangefinder.camera.name}, {size[0]} x {size[1]} px; {held or 'no setting is locked'}",
         "laser board": f"firmware {'.'.join(map(str, identity.firmware))}, protocol "
         f"{'.'.join(map(str, identity.protocol))}, serial {getattr(rangefinder.board, 'serial', '') or 'none'}",
-        "calibration": f"{calibration.hash}, of {calibration.created}, verdict {quality.get('verdict')}, "
-        f"{len(calibration.stripes)} stripes",
+        "calibration": f"{calibration.hash or 'of no file'}, of {calibration.created}, verdict "
+        f"{quality.get('verdict')}, {len(calibration.stripes)} stripes",
         "light": f"the picture without the laser is at {100 * brightness:.0f} % of full scale",
         "programs": f"guara-perception {version('guara-perception')}, numpy {np.__version__}, OpenCV "
         f"{cv2.__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}",

@@ -42,7 +42,15 @@ def test_report_states_error_repeatability_known_light_calibration_and_versions(
     assert errors.shape == (3, 3) and np.abs(errors).max() < 1e-4 and data["is_held"] and data["is_simulated"]
     assert len(set(errors[:, 0])) == 3, "the noise of each scan is its own"
     page = (accepted / "report.html").read_text()
-    for part in ("repeatability", "known: 9", "A simulated device", "test &lt;b&gt;", *data["device"]):
+    for part in (
+        "repeatability",
+        "known: 9",
+        "exposure 0.008 s",
+        "of no file, of simulated",
+        "A simulated device",
+        "test &lt;b&gt;",
+        *data["device"],
+    ):
         assert part in page
     assert set(data["device"]) == {"camera", "laser board", "calibration", "light", "programs"}
     assert gp.load_terrain(accepted / "scan_01.npz").record.calibration_hash in data["device"]["calibration"]
