@@ -26,7 +26,7 @@ PROGRAMS = {
     "strange_light": "light that is not ours, frames of another instant, two robots: free cells that are wrong",
     "sway": "heights of a body that sways while it is scanned, with a stream of its joints and without",
     "sweeps": "triggered and free-running sweeps against the bound of the motion, and faults of the trigger",
-    "transport": "messages, viewers, announcements, fleet, compact: delays, faults, floods, many robots, encodings",
+    "transport": "viewers, announcements, fleet, compact: slow links, floods, many robots, encodings",
     "usable_ground": "ground that a planner may use and bounds of unknown ground, beside the truth",
     "walks": "drift, cost, modes: maps of walks beside the true ground, what they cost, coarse scans refined",
 }

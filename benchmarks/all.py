@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from benchmarks import memory, scans, stripes, sweeps, transport
+from benchmarks import memory, scans, stripes, sweeps
 from benchmarks.command import options
 from benchmarks.report import machine, to_terminal, write_page
 from benchmarks.section import FULL, QUICK, Effort, Section
@@ -36,7 +36,6 @@ def measure(effort: Effort, folders: list[Path], say: Callable[[str], object] = 
         lambda: stripes.frames_of_scans(all_scans, effort),
         lambda: scans.whole_scans(all_scans, effort),
         lambda: scans.stages(standard, effort),
-        lambda: transport.messaging(effort),
         lambda: memory.memory(standard),
         lambda: sweeps.section(effort.faulty_sweeps),
     ]

@@ -1,7 +1,7 @@
 """Processes that benchmarks of the transport start, and the lines of JSON between them.
 
 `python -m benchmarks.peers MODULE ROLE ARGUMENT ...` is one of them. The module `peers` has a router, a node that
-publishes on command, a node that answers scan requests, planners, and a raw TCP echo.
+answers scan requests, and a planner that waits for a step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import os
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +23,6 @@ import numpy as np
 
 import transport
 from testbed.terrain_message import make_terrain
-from transport import keys
 
 ROOT = Path(__file__).resolve().parents[1]
 SHAPE = (108, 90)
@@ -140,38 +138,6 @@ def run_router(endpoint: str) -> None:
         sys.stdin.read()
 
 
-def run_node(endpoint: str, mode: str) -> None:
-    """A node; takes {"publish": n} and {"stream": n, "period": s, "rows": n}."""
-    options: dict[str, Any] = {mode: endpoint, "timeout": PATIENCE}
-    with transport.open_node(**options) as session:
-        outbox = transport.Outbox()
-        publisher = transport.Publisher(session, keys.terrain_key())
-        token = transport.AliveToken(session, keys.alive_key())
-        say(ready=True)
-        for line in sys.stdin:
-            command = json.loads(line)
-            if "publish" in command:
-                publisher.put(transport.encode_terrain(make_terrain(command["publish"], stamp=time.time_ns())))
-            else:
-                _stream(publisher, outbox, command)
-        outbox.close()
-        token.close()
-
-
-def _stream(publisher: transport.Publisher, outbox: transport.Outbox, command: dict[str, Any]) -> None:
-    shape = (int(command["rows"]), 400) if command.get("rows") else SHAPE
-    templates = [make_terrain(n, shape=shape, stamp=time.time_ns()) for n in range(1, min(command["stream"], 20) + 1)]
-    # The number goes into the step, so that many grids share the arrays of few.
-    grids = [dataclasses.replace(templates[n % len(templates)], step=n + 1) for n in range(command["stream"])]
-    times: dict[int, int] = {}
-    for grid in grids[command.get("first", 1) - 1 :]:
-        times[grid.step] = time.monotonic_ns()
-        outbox.post("grid", lambda grid=grid: publisher.put(transport.encode_terrain(grid)))  # type: ignore[misc]
-        time.sleep(command["period"])
-    outbox.flush(PATIENCE)
-    say(times=times, longest_ms=1e3 * outbox.longest)
-
-
 def run_scanner(endpoint: str, mode: str, rows: str, columns: str, security: str = "") -> None:
     """A node that answers scan requests with grids of both extents, the map of this shape."""
     options: dict[str, Any] = {mode: endpoint, "timeout": PATIENCE, "security": security or None}
@@ -181,48 +147,6 @@ def run_scanner(endpoint: str, mode: str, rows: str, columns: str, security: str
         server.serve_scans(lambda _: pauses.publish(server))
         say(ready=True)
         sys.stdin.read()
-
-
-def run_planner(endpoint: str, period: str) -> None:
-    """A planner that takes the newest grid every `period` seconds (0: each one); reports when it got each."""
-    got: dict[int, int] = {}
-    client = transport.PerceptionClient(transport.open_client(endpoint, timeout=30.0))
-    receiver = client.receiver()
-    stop = threading.Event()
-
-    def take(terrain: transport.TerrainMessage) -> None:
-        got.setdefault(terrain.step, time.monotonic_ns())
-
-    def take_slowly() -> None:
-        while not stop.wait(float(period)):
-            received = receiver.latest()
-            if received is not None:
-                take(received.message)
-
-    if float(period) == 0.0:
-        client.on_terrain(take)
-    else:
-        threading.Thread(target=take_slowly, daemon=True).start()
-    say(ready=True)
-    for _ in sys.stdin:
-        say(got=got, received=receiver.received, superseded=receiver.superseded)
-    stop.set()
-    client.close()
-
-
-def run_tcp(port: str) -> None:
-    """Receives blocks over raw TCP into arrays and sends them back."""
-    with socket.create_server(("127.0.0.1", int(port))) as server:
-        say(ready=True)
-        connection, _ = server.accept()
-        with connection:
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            while header := connection.recv(8, socket.MSG_WAITALL):
-                buffer = bytearray(int.from_bytes(header, "little"))
-                view, done = memoryview(buffer), 0
-                while done < len(buffer):
-                    done += connection.recv_into(view[done:])
-                connection.sendall(buffer)
 
 
 def run_waiter(endpoint: str) -> None:

@@ -36,7 +36,6 @@ class Effort:
         slow_rounds: number of rounds for contenders that take seconds.
         size, stripes: picture size and number of stripes of the simulated scan.
         synthetic_stripes: number of synthetic stripes per kind of light.
-        pings: messages per kind of transport.
         faulty_sweeps: number of sweeps with faulty triggers.
     """
 
@@ -45,9 +44,8 @@ class Effort:
     size: tuple[int, int]
     stripes: int
     synthetic_stripes: int
-    pings: int
     faulty_sweeps: int
 
 
-FULL = Effort(9, 3, (1280, 1024), 70, 70, 400, 200)
-QUICK = Effort(3, 1, (1280, 1024), 70, 10, 60, 20)
+FULL = Effort(9, 3, (1280, 1024), 70, 70, 200)
+QUICK = Effort(3, 1, (1280, 1024), 70, 10, 20)
