@@ -100,7 +100,7 @@ def record_session(
 
     for name, plate in zip(writer.plate_names, plan.plates, strict=True):
         if not writer.has(name):
-            task = f"the plate of {1e3 * plate:g} mm" if plate else "the bare floor, scanned"
+            task = f"the plate of {1e3 * plate:g} mm" if plate else "the bare floor"
             tell(task)
             look = area_look(lens, to_footprint, settings, plate)
             show_while(partial(operator.lay_plate, plate), lambda: _picture(rangefinder), look, watch)
