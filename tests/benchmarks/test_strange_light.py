@@ -1,17 +1,16 @@
-"""The cost of dark flashes in clean scans, of a small one."""
+"""The cost of dark flashes in clean scans."""
 
 import pytest
 
-from benchmarks.strange_light import FLOOR, SMALL, Cost, clean_cost
-from testbed.scenes import simulated
+from benchmarks.strange_light import Cost, clean_cost
+from testbed.scenes import OWN_DATA, recorded
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("triggered", [True, False])
 def test_dark_flashes_cost_frames_and_no_cells(triggered: bool) -> None:
     """Two flashes in a sweep of 35 stripes: two frames."""
-    scan = simulated(SMALL, 35, world=FLOOR, is_uncertain=False)
-    cost = clean_cost(scan, triggered=triggered, pairs=1)
+    cost = clean_cost(recorded(OWN_DATA / "scans" / "paper"), triggered=triggered, pairs=1)
     assert cost.frames == 2 and cost.time > 0 and cost.is_met
 
 
