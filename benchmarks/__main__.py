@@ -16,7 +16,7 @@ PROGRAMS = {
     "node": "a running node: sweep, latency, processor time",
     "passive": "stereo and optical flow by OpenCV beside the laser, on the same simulated scene",
     "pauses": "scans confirmed of 20 pauses by announced time, HOLD and lateness of END; a robot that moves",
-    "photographs": "stripes on photographs of real laser lines beside peers, and drawn",
+    "photographs": "stripes on photographs of real laser lines beside peers",
     "record_restarts": "nodes that record, killed again and again: how many come up, which files open",
     "restarts": "grids handed out against the truth, over restarts of node, router and links",
     "scan_cost": "processor time of a scan on this checkout beside another, and by path of its stripes",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -55,7 +54,6 @@ def main() -> None:
         __doc__,
         quick=(False, "fewer rounds, under a minute; writes no documents"),
         scans=([OWN_DATA / "scans" / "paper"], "DATA/scans/NAME"),
-        json=(Path, "file for all figures as numbers"),
         docs=(Path, "folder for performance.md; default: docs, quick: none"),
     )
     start = time.monotonic()
@@ -64,9 +62,6 @@ def main() -> None:
     docs = asked.docs or (None if asked.quick else ROOT / "docs")
     if docs is not None:
         write_page(docs / "performance.md", list(sections.values()), described)
-    if asked.json is not None:
-        figures = {name: section.figures for name, section in sections.items()}
-        asked.json.write_text(json.dumps({"machine": described, **figures}, indent=1))
     print(f"\n{time.monotonic() - start:.0f} s")
 
 

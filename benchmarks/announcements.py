@@ -21,17 +21,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.command import options
+from benchmarks.node import listening
 from benchmarks.peers import Peer, free_endpoint, peers, say
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.simulation.walk import fresh_reading
-from transport import PausePhase, StancePause, encode_stance_pause, open_client, open_node
+from transport import PausePhase, StancePause, encode_stance_pause, open_client
 from transport.keys import stance_key
 from transport.links.publisher import Publisher
-from transport.server import PerceptionServer
-from transport.stance_link import StancePublisher, StanceReceiver
+from transport.stance_link import StancePublisher
 
 # Kind of message, and how many are sent per second. Floods come last: a message that cannot be read ends the pause.
 HOLDS = (("hold", 100.0), ("hold", 500.0))
@@ -108,19 +107,15 @@ def run_gait(endpoint: str) -> None:
 @contextmanager
 def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
     """A gait process and the status of a node whose robot stands in a pause that was scanned."""
-    simulated = SimulatedRobot()
-    endpoint = free_endpoint()
-    with simulated.rangefinder, open_node(listen=endpoint) as session, peers() as start:
-        status = NodeStatus(simulated.calibration)
-        server = PerceptionServer(session, collect_status=status.items)
-        with PerceptionNode(
-            simulated.robot, simulated.calibration, simulated.rangefinder, server, mode="coarse", status=status
-        ) as node:
-            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
-            gait = start("gait", endpoint, module="announcements")
-            if not node.wait_for_step(0, TIMEOUT):
-                raise SystemExit(f"step 0 gave no grid within {TIMEOUT:.0f} s")
-            yield gait, status
+    simulated, endpoint = SimulatedRobot(), free_endpoint()
+    with (
+        listening(simulated.robot, simulated.calibration, simulated.rangefinder, "coarse", endpoint) as (node, status),
+        peers() as start,
+    ):
+        gait = start("gait", endpoint, module="announcements")
+        if not node.wait_for_step(0, TIMEOUT):
+            raise SystemExit(f"step 0 gave no grid within {TIMEOUT:.0f} s")
+        yield gait, status
 
 
 def measure(seconds: float) -> dict[str, Cost]:

@@ -92,13 +92,8 @@ def truth() -> None:
 
 def main() -> None:
     """Command line."""
-    parts = {
-        "drift": drift_check.main,
-        "crosses": misplaced_crosses.main,
-        "mirrored": mirrored.main,
-        "mount": mounting.main,
-    }
-    run_part("calibration", {"errors": errors, **parts, "truth": truth})
+    parts = {"errors": errors, "drift": drift_check.main, "crosses": misplaced_crosses.main, "truth": truth}
+    run_part("calibration", {**parts, "mirrored": mirrored.main, "mount": mounting.main})
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -108,6 +109,16 @@ def extractors() -> dict[str, Extract]:
     for name, method in OURS.items():
         found[name] = lambda on, off, method=method: gp.extract_stripe(on, off, method=method).position_px  # type: ignore[misc]
     return found | {LITERAL: literal, USER: opencv_user}
+
+
+def over(extract: Callable[..., object], pairs: Sequence[tuple[Any, ...]]) -> Callable[[], None]:
+    """A function that extracts from each pair (laser on, laser off); what follows in a tuple is left out."""
+
+    def run() -> None:
+        for on, off, *_ in pairs:
+            extract(on, off)
+
+    return run
 
 
 def touch(*arrays: Image) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,7 @@ from drivers.emulator import (
     ExposureView,
     emulated_backend,
 )
+from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
 # How long the laser is on for a stripe [s].
@@ -64,6 +65,18 @@ class Picture:
             self._number += starts.index(view.start)
             image[0, :2, 0] = divmod(self._number, 256)
         return image
+
+
+def view_of(scan: ScanInMemory) -> Callable[[ExposureView, CameraSettings], Image]:
+    """What a camera sees of a scan in memory: the frame of the mirror's nearest angle, or the one without laser."""
+    angles = {stripe.index: stripe.mirror_angle for stripe in scan.calibration.stripes}
+    mirror_angles = np.array([angles[index] for index, _, _ in scan.frames])
+
+    def render(view: ExposureView, settings: CameraSettings) -> Image:
+        _, on, off = scan.frames[int(np.argmin(np.abs(mirror_angles - view.mirror_angle)))]
+        return on if view.laser_fraction > 0.5 else off
+
+    return render
 
 
 @contextmanager

@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from pathlib import Path
 
 import guara_perception as gp
 from benchmarks.command import options
-from benchmarks.peers import PATIENCE, ROOT, free_endpoint, free_port, say
+from benchmarks.peers import PATIENCE, ROOT, ended, free_endpoint, free_port, say
 from benchmarks.rounds import resident_mb
 from benchmarks.soak import Child
 from transport import PausePhase, StancePause, open_client
@@ -90,13 +89,7 @@ def run_planner(endpoint: str) -> None:
             heard.append((time.monotonic(), pause.epoch, pause.step))
             del heard[:-20]
 
-    stop = threading.Event()
-
-    def listen() -> None:
-        sys.stdin.read()
-        stop.set()
-
-    threading.Thread(target=listen, daemon=True).start()
+    stop = ended()
     with open_client(endpoint, timeout=PATIENCE) as session, gp.TerrainClient(endpoint, timeout=PATIENCE) as client:
         StanceReceiver(session, robot="guara", on_pause=on_pause, on_refused=lambda _: None)
         say(ready=True)

@@ -20,6 +20,7 @@ import tempfile
 import threading
 import time
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,7 @@ class Fleet:
             held: robots of one process.
         """
         self.names = [f"r{number}" for number in range(size)]
-        self._start = stack.enter_context(peers())
+        self._peer = partial(stack.enter_context(peers()), module="fleet")
         endpoint, folder = free_endpoint(), ""
         self._router_arguments = ["router", endpoint]
         if keys is not None:
@@ -151,10 +152,6 @@ class Fleet:
         self.robots = [self._peer("robots", endpoint, folder, *group) for group in groups]
         self.planners = [self._peer("planners", endpoint, folder, *group) for group in groups]
         self._counts = dict.fromkeys(COUNTS, 0)
-
-    def _peer(self, *arguments: str) -> Peer:
-        peer: Peer = self._start(*arguments, module="fleet")
-        return peer
 
     def publish(self, seconds: float = 0.0) -> int:
         """Let all robots publish for this long, at once and once if 0; return the number of pauses."""

@@ -21,7 +21,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import mosaics
 from benchmarks.command import Table, options, run_part
-from benchmarks.contenders import REFERENCE, reference
+from benchmarks.contenders import REFERENCE, over, reference
 from benchmarks.photographs import RIGHT_PX, Counts
 from benchmarks.rounds import alternate
 from guara_perception.arrays import Float
@@ -137,16 +137,10 @@ def cost() -> None:
     table = Table("effect:<8 | columns:7d | rows:4d | ours / reference:<18")
     for name, size in itertools.product(("clean", *HARD), ((1280, 1024), SIZE)):
         scan = simulated(size, COST_STRIPES, real_light({} if name == "clean" else {name: 1.0}))
-        bands = [Band(*pair) for pair in scan.bands()[::2]]
-        ours, theirs = partial(extract_precise, bands), partial(_reference_of, bands)
+        pairs = scan.bands()[::2]
+        ours, theirs = partial(extract_precise, [Band(*pair) for pair in pairs]), over(reference, pairs)
         timings = alternate({"ours": ours, REFERENCE: theirs}, asked.rounds)
         table.row(name, *size, str(timings.ratio("ours", REFERENCE)))
-
-
-def _reference_of(bands: Sequence[Band]) -> None:
-    for band in bands:
-        assert band.off is not None
-        reference(band.on, band.off)
 
 
 def main() -> None:

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import tempfile
+import ctypes
+import gc
+import multiprocessing
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rounds import resident_mb
 from benchmarks.section import Section
+from guara_perception import FramePair, ScanProcessor
 from guara_perception.app.node.rangefinder import STRIPES_TOGETHER
-from testbed.scenes import ROBOTS, ScanInMemory
-
-ROOT = ROBOTS.parent
+from guara_perception.arrays import Image
+from guara_perception.simulation.specimen import specimen
+from testbed.scenes import ScanInMemory, robot_with, scan_stance, with_covariance
 
 
 def memory(scan: ScanInMemory) -> Section:
     """Peak memory of a process that scans, above what it held before."""
-    with tempfile.TemporaryDirectory() as folder:
-        _write_bands(scan, Path(folder))
-        first, second, frames = _growth(folder, scan, 1)
-        node, _, _ = _growth(folder, scan, STRIPES_TOGETHER)
-    figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": frames, "node_mb": node}
-    rows: list[tuple[str, ...]] = [
-        ("one pair of frames, for comparison", f"{frames:.1f}"),
-        ("a scan stripe by stripe, its frame pair included", f"{first:.1f}"),
-        ("the next scan, above the peak of the first", f"{second:.1f}"),
-        (f"a scan by {STRIPES_TOGETHER} stripes at once as in a node, their frames included", f"{node:.1f}"),
-    ]
+    off, bands = scan.frames[0][2], []
+    processor = scan.processor()
+    for index, on, _ in scan.frames:
+        first_row, end = processor.band(index)
+        bands.append((first_row, on[first_row:end].copy()))
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        first, second = pool.apply(growth, (off, bands, 1))
+        node, _ = pool.apply(growth, (off, bands, STRIPES_TOGETHER))
+    figures = {"first_mb": first, "second_mb": second, "frame_pair_mb": 2 * off.nbytes / 1e6, "node_mb": node}
+    names = (
+        "a scan stripe by stripe, its frame pair included",
+        "the next scan, above the peak of the first",
+        "one pair of frames, for comparison",
+        f"a scan by {STRIPES_TOGETHER} stripes at once as in a node, their frames included",
+    )
     return Section(
         "memory",
         f"Memory of a scan ({scan.name})",
@@ -36,25 +42,47 @@ def memory(scan: ScanInMemory) -> Section:
         f"A node holds more than one frame: up to {STRIPES_TOGETHER} that it processes at once for a third less "
         "processor time, and one laser-off picture; the target is for what is scanned stripe by stripe.",
         ("what", "MB"),
-        rows,
+        [(name, f"{megabytes:.1f}") for name, megabytes in zip(names, figures.values(), strict=True)],
         figures,
     )
 
 
-def _growth(folder: str, scan: ScanInMemory, together: int) -> tuple[float, float, float]:
-    """Output of `memory_peer` in a process of its own [MB]."""
-    code = f"from benchmarks.memory_peer import main; main({folder!r}, {len(scan.frames)}, {together})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    first, second, frames = (float(word) for word in done.stdout.split())
-    return first, second, frames
+def growth(off: Image, bands: list[tuple[int, Image]], together: int) -> tuple[float, float]:
+    """Growth of this process in the first of two scans, and of the second above it [MB].
 
+    Args:
+        off: laser-off picture.
+        bands: first row and laser-on picture of the band of each stripe.
+        together: stripes that are processed at once. One: a camera that waits for its reader fills the same two
+            buffers again. Several: each comes with a frame of its own, and they share the laser-off picture.
+    """
+    robot, (height, width) = robot_with(len(bands)), off.shape[:2]
+    calibration, stance = with_covariance(specimen(robot, (width, height))), scan_stance(robot)
 
-def _write_bands(scan: ScanInMemory, folder: Path) -> None:
-    """Write what the measured process makes its frames from, one by one: one off frame and the bands of the stripes."""
-    processor = scan.processor()
-    np.save(folder / "off.npy", scan.frames[0][2])
-    for index, on, _ in scan.frames:
-        first, end = processor.band(index)
-        (folder / f"{index}.band").write_bytes(on[first:end].tobytes())
-    width, height = scan.calibration.camera.size
-    (folder / "scan.txt").write_text(f"{width} {height} {len(scan.frames)}")
+    def scan(count: int) -> None:
+        processor = ScanProcessor(calibration, robot, stance, "standard")
+        # The frames count as part of the scan.
+        on_buffers, off_buffer = [np.empty_like(off) for _ in range(min(together, count))], off.copy()
+        for first in range(0, count, together):
+            pairs = []
+            for index, on in zip(range(first, min(first + together, count)), on_buffers, strict=False):
+                top, band = bands[index]
+                np.copyto(on, off)
+                on[top : top + len(band)] = band
+                pairs.append(FramePair(index, on, off_buffer))
+            processor.add_all(pairs)
+        processor.finish()
+
+    scan(1)
+    gc.collect()
+    # What the first scan has freed must not pass for the program's own size.
+    release = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if release is not None:
+        release(0)
+    # Linux then counts the peak anew.
+    Path("/proc/self/clear_refs").write_text("5")
+    peaks = [resident_mb()]
+    for _ in range(2):
+        scan(len(bands))
+        peaks.append(resident_mb(field="VmHWM"))
+    return peaks[1] - peaks[0], peaks[2] - peaks[1]

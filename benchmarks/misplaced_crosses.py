@@ -1,6 +1,6 @@
 """Effect of misplaced crosses on the grid: a session calibrated with wrong positions, one scan with each result.
 
-`python -m benchmarks calibration crosses [SESSION SCAN]`; without arguments: the session and the scan of the tests.
+`python -m benchmarks calibration crosses`, on the session and a scan of the tests.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import Table, options
+from benchmarks.command import Table
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
 from guara_perception.calibration.calibration_input import CalibrationSession
@@ -98,14 +98,9 @@ def effect(
 
 
 def main() -> None:
-    """Effect of misplaced crosses on the grid [SESSION SCAN]."""
-    asked = options(
-        __doc__,
-        SESSION=(DATA / "calibration", "folder of the session", {"nargs": "?"}),
-        SCAN=(DATA / "scans" / "paper", "folder of the scan", {"nargs": "?"}),
-    )
+    """Effect of misplaced crosses on the grid."""
     robot = load_robot("guara")
-    session, scan = open_session(asked.session), gp.open_scan(asked.scan)
+    session, scan = open_session(DATA / "calibration"), gp.open_scan(DATA / "scans" / "paper")
     known = calibrate_session(session, robot).calibration
     head = "crosses: | near edge moves mm:.1f | far corner moves mm:.1f | floor's height mm:+.1f | over the area mm:.1f"
     table = Table(f"{head} | verdict:", markdown=True)

@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
+from benchmarks.scanned_walk import WalkedPause, drift_aside, fused_pauses
 from guara_perception.arrays import Float, Float32
-from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
+from kinematics import RobotModel, load_robot
 from kinematics.transforms import transform_points
 from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, scan, seen_height, walk
 from testbed.moving_ground import STANDING, WORLDS, MovingGround
 
-# From the near edge of the scanned area to the hind feet, and a place there on either side.
-PAUSES_BETWEEN = 21
-SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
 # A free cell whose ground is further from its height was taken for other ground.
 WRONG_M = 0.015
 EXCEEDED_M = 0.017
@@ -26,12 +24,9 @@ BOUNDS_EVERY = 4
 
 
 @dataclass(frozen=True)
-class MovingPause:
-    """A pause: the stance as reported, its scan, where the scan's footprint truly was, and the ground at that time."""
+class MovingPause(WalkedPause):
+    """A pause on ground that moves."""
 
-    stance: Stance
-    scan: gp.TerrainGrid
-    to_world: Float
     ground: MovingGround
 
 
@@ -70,16 +65,12 @@ def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[
 
 def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> MovingFigures:
     """Figures of a walk without or with registration."""
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    terrain_map = gp.TerrainMap(robot)
     sight = gp.LinesOfSight(terrain_map)
     poses: list[Float] = []
     sigmas: list[float] = []
     unsafe = bounds = exceeded = refused = conflicts = 0
-    for pause in pauses:
-        pose: PoseInOdom = odometry.update(pause.stance)
-        if not registered:
-            pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
-        fused = terrain_map.update(pause.scan, pose)
+    for pause, fused in fused_pauses(terrain_map, robot, pauses, registered=registered):
         sight.add(pause.scan, fused)
         record = fused.record
         assert isinstance(record, gp.MapRecord)
@@ -92,12 +83,7 @@ def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -
         if pause.scan.step % BOUNDS_EVERY == 0:
             above, count = broken_bounds(sight.ceiling(fused).height, fused, pause)
             exceeded, bounds = exceeded + above, bounds + count
-    aside = []
-    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
-        found = np.linalg.inv(poses[now]) @ poses[before]
-        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
-        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
-    x, y = 1e3 * np.sqrt(np.mean(np.array(aside) ** 2, axis=0))
+    x, y = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
     claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
     return MovingFigures(float(x), float(y), claimed, unsafe, bounds, exceeded, refused, conflicts)
 
@@ -137,9 +123,7 @@ def main() -> None:
     )
     robot = load_robot("guara")
     print("each without registration -> with it; x, y and claimed sigma of y: rms [mm]")
-    print(
-        f"{'world':<24} {'x':>12} {'y':>12} {'claimed':>12} {'unsafe':>12} {'bounds over':>12} {'unused':>8} conflicts"
-    )
+    table = Table("world:<24 | x:>12 | y:>12 | claimed:>12 | unsafe:>12 | bounds over:>12 | unused:8 | conflicts:d")
     for name in asked.world:
         for seed in range(asked.first, asked.first + asked.walks):
             pauses = list(pauses_of(robot, name, seed, asked.cycles))
@@ -148,4 +132,4 @@ def main() -> None:
                 *(f"{getattr(off, key):.1f} -> {getattr(on, key):.1f}" for key in ("x", "y", "claimed")),
                 *(f"{getattr(off, key)} -> {getattr(on, key)}" for key in ("unsafe", "exceeded")),
             )
-            print(f"{name:<24}", *(f"{pair:>12}" for pair in pairs), f"{on.refused:>8} {on.conflicts}", flush=True)
+            table.row(name, *pairs, on.refused, on.conflicts)

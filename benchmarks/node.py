@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,20 +15,30 @@ import guara_perception as gp
 from benchmarks.command import options
 from benchmarks.peers import free_endpoint, peers
 from benchmarks.yardstick import Yardstick, beside
-from drivers import LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
+from drivers import CameraSettings, Image, LaserBoard
+from drivers.emulator import EmulatedBoard, EmulatedCamera, ExposureView, emulated_backend
 from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.simulation.walk import fresh_reading
-from kinematics import load_robot
+from kinematics import RobotModel, load_robot
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
-from transport import PausePhase, StancePause, StancePublisher, decode_terrain, encode_terrain, open_node
+from transport import (
+    PausePhase,
+    StancePause,
+    StancePublisher,
+    StanceReceiver,
+    decode_terrain,
+    encode_terrain,
+    open_client,
+    open_node,
+)
 from transport.server import PerceptionServer
 
 TIMEOUT_S = 120.0
+FPS = 30.0
 
 # Noise of the joints, fresh in every message.
 RNG = np.random.default_rng(0)
@@ -41,7 +51,6 @@ class Bench:
     scan: gp.Scan
     node: PerceptionNode
     status: NodeStatus
-    fps: float
     endpoint: str
 
     def pause(self, step: int) -> tuple[float, float, float]:
@@ -60,23 +69,38 @@ class Bench:
         self.node.on_pause(StancePause(robot="guara", step=step, phase=phase, stamp=time.time_ns(), stance=message))
 
 
-@contextmanager
-def running(data: Path, scan: Path, fps: float) -> Iterator[Bench]:
-    """A node whose camera shows a recorded scan, at `fps` frames per second."""
-    calibration, recorded = truth_calibration(data), gp.open_scan(scan)
-    robot = load_robot("guara")
+def showing(render: Callable[[ExposureView, CameraSettings], Image], *, exposure: float, latency: float) -> Rangefinder:
+    """Emulated board and camera in real time, which sees what `render` gives; times in seconds."""
     board = EmulatedBoard()
-    exposure = min(0.008, 0.4 / fps)
-    camera = EmulatedCamera(board, RecordedView(recorded).render, fps=fps, exposure=exposure, latency=exposure)
-    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
-    endpoint = free_endpoint()
+    camera = EmulatedCamera(board, render, fps=FPS, exposure=exposure, latency=latency)
+    return Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+
+
+@contextmanager
+def listening(
+    robot: RobotModel, calibration: gp.Calibration, rangefinder: Rangefinder, mode: str, endpoint: str
+) -> Iterator[tuple[PerceptionNode, NodeStatus]]:
+    """A node, its own router, that hears announcements."""
     with rangefinder, open_node(listen=endpoint) as session:
         status = NodeStatus(calibration)
         server = PerceptionServer(session, collect_status=status.items)
+        with PerceptionNode(robot, calibration, rangefinder, server, mode=mode, status=status) as node:
+            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
+            yield node, status
+
+
+@contextmanager
+def running(data: Path, scan: Path) -> Iterator[Bench]:
+    """A node whose camera shows a recorded scan."""
+    calibration, recorded, endpoint = truth_calibration(data), gp.open_scan(scan), free_endpoint()
+    rangefinder = showing(RecordedView(recorded).render, exposure=0.008, latency=0.008)
+    with (
+        listening(load_robot("guara"), calibration, rangefinder, recorded.mode, endpoint) as (node, status),
+        open_client(endpoint, timeout=TIMEOUT_S) as session,
+    ):
         # Tells the clock of the stamps.
         StancePublisher(session)
-        with PerceptionNode(robot, calibration, rangefinder, server, mode=recorded.mode, status=status) as node:
-            yield Bench(recorded, node, status, fps, endpoint)
+        yield Bench(recorded, node, status, endpoint)
 
 
 def print_way_to_planner(bench: Bench, first: int, scans: int) -> None:
@@ -121,7 +145,7 @@ def main() -> None:
         scans=(7, "timed scans at 30 frames per second"),
     )
     folder = asked.data / "scans" / "paper"
-    with running(asked.data, folder, 30.0) as bench:
+    with running(asked.data, folder) as bench:
         yardstick = Yardstick(folder)
         # Not timed: both make things at their first use.
         bench.pause(0), yardstick.seconds()
@@ -131,8 +155,8 @@ def main() -> None:
             references.append(yardstick.seconds())
         rows = np.array(pauses)
         frames = len(bench.scan.stripes) + 1
-        needed = frames / bench.fps
-        print(f"{frames - 1} stripes and one off frame at {bench.fps:.0f} frames per second; {len(rows)} scans")
+        needed = frames / FPS
+        print(f"{frames - 1} stripes and one off frame at {FPS:.0f} frames per second; {len(rows)} scans")
         print(f"sweep        {np.median(rows[:, 0]):7.3f} s   frames need {needed:.3f} s: {_over(rows[:, 0], needed)}")
         print(
             f"last frame -> grid handed over   median {np.median(rows[:, 1]):5.1f} ms, worst {rows[:, 1].max():5.1f} ms"

@@ -1,6 +1,6 @@
 """Stereo and optical flow by OpenCV beside the laser stripe, on the same simulated scene of five boxes.
 
-`python -m benchmarks passive [--pictures FOLDER]`. The stereo pair is exactly rectified, the flow is between pictures
+`python -m benchmarks passive [--small]`. The stereo pair is exactly rectified, the flow is between pictures
 of two pauses 35 mm apart, with the true poses: what a real pair or odometry adds is left out. Error is that of 5 mm
 cells away from edges; known counts these cells. Memory is what the process grew by at its peak.
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
+from benchmarks.rounds import resident_mb
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Array, Float, Image, Mask
 from guara_perception.settings import Settings
@@ -167,15 +168,9 @@ def measured(way: str, size: tuple[int, int]) -> tuple[Float, float, float]:
     compute = WAYS[way](Scene(size))
     # Linux then counts the peak anew.
     Path("/proc/self/clear_refs").write_text("5")
-    before, start = peak_mb(), time.process_time()
+    before, start = resident_mb(field="VmHWM"), time.process_time()
     heights = compute()
-    return heights, 1e3 * (time.process_time() - start), peak_mb() - before
-
-
-def peak_mb() -> float:
-    """Peak of the memory that this process held."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
+    return heights, 1e3 * (time.process_time() - start), resident_mb(field="VmHWM") - before
 
 
 def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
@@ -188,14 +183,9 @@ def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
 
 def main() -> None:
     """Command line."""
-    asked = options(
-        __doc__,
-        pictures=(Path, "folder for a picture of the heights by each way"),
-        small=(False, "only pictures of 640 x 512"),
-    )
+    asked = options(__doc__, small=(False, "only pictures of 640 x 512"))
     head = "picture: | way: | mean mm:.2f | 95 % mm:.1f | known %:.1f | processor ms:.0f | memory MB:.0f"
     table = Table(head, markdown=True)
-    drawn: dict[str, Float] = {}
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
         for size in list(SIZES)[: 1 if asked.small else None]:
             true, flat = truth(Scene(size))
@@ -205,24 +195,6 @@ def main() -> None:
                 error = 1e3 * np.abs(heights - true.elevation)[known]
                 errors = error.mean(), np.percentile(error, 95), 100 * known.sum() / flat.sum()
                 table.row(f"{size[0]} x {size[1]}", way, *errors, milliseconds, megabytes)
-                drawn.setdefault(way, heights)
-    if asked.pictures:
-        asked.pictures.mkdir(parents=True, exist_ok=True)
-        draw(asked.pictures / "paper-ways.png", drawn)
-
-
-def draw(path: Path, heights: dict[str, Float]) -> None:
-    """Heights by each way side by side, x up, y left; unknown grey."""
-    tiles = []
-    for name, each in heights.items():
-        level = np.clip(255 * (np.nan_to_num(each) + 0.01) / 0.1, 0, 255).astype(np.uint8)
-        colours = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)
-        colours[np.isnan(each)] = 128
-        tile = cv2.resize(colours[::-1].transpose(1, 0, 2)[::-1], None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
-        tile = cv2.copyMakeBorder(tile, 24, 4, 4, 4, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-        cv2.putText(tile, name, (6, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-        tiles.append(tile)
-    cv2.imwrite(str(path), np.hstack(tiles))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Scans that a gait gets confirmed in the time it announces, on a loaded machine; and none that it should not.
 
-Usage: python -m benchmarks pauses [--pauses 20] [--quick] [--json]
+Usage: python -m benchmarks pauses [--pauses 20] [--quick]
 
 Node (emulated board and camera in real time, adaptive), gait and planner are a process each, two more keep the machine
 busy. The joints have the noise of robot.toml in every message. `example` is examples/gait_side.py; the other gaits say
@@ -9,8 +9,6 @@ HOLD at 50 Hz or never, and END so much later than announced.
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import statistics
 import subprocess
 import sys
@@ -24,23 +22,16 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import options
+from benchmarks.command import Table, options
+from benchmarks.emulated_sweeps import view_of
+from benchmarks.node import listening, showing
 from benchmarks.peers import Peer, free_endpoint, peers, say
-from drivers import CameraSettings, Image, LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.messages import stance_to_message
-from guara_perception.app.node.node import PerceptionNode
-from guara_perception.app.node.node_status import NodeStatus
-from guara_perception.app.node.rangefinder import Rangefinder
-from guara_perception.simulation.features import Box
-from guara_perception.simulation.rangefinder import SimulatedRangefinder
-from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import fresh_reading
-from guara_perception.simulation.world import World
 from kinematics import Stance, load_robot
 from testbed.moved_robot import WRONG_M, scan_of_a_moved_robot
-from transport import PausePhase, StancePause, StancePublisher, StanceReceiver, open_client, open_node
-from transport.server import PerceptionServer
+from testbed.scenes import simulated
+from transport import PausePhase, StancePause, StancePublisher, open_client
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "gait_side.py"
 TIMEOUT = 60.0
@@ -49,12 +40,7 @@ HOLD_PERIOD = 0.02
 CASES = (
     (4.0, "example", 0.0),
     (3.0, "example", 0.0),
-    (4.0, "no HOLD", 0.0),
-    (3.0, "no HOLD", 0.0),
-    (4.0, "no HOLD", 0.02),
-    (3.0, "no HOLD", 0.02),
-    (4.0, "no HOLD", 0.4),
-    (3.0, "no HOLD", 0.4),
+    *((announced, "no HOLD", late) for late in (0.0, 0.02, 0.4) for announced in (4.0, 3.0)),
     (4.0, "HOLD", 0.02),
     (4.0, "HOLD", 0.4),
     (3.0, "HOLD", 0.4),
@@ -66,32 +52,11 @@ SWING = 2.0
 
 def run_node(endpoint: str) -> None:
     """Node over emulated devices that keep real time; each picture is rendered once."""
-    robot = load_robot("guara")
-    truth = specimen(robot, (640, 512))
-    places = ((0.60, 0.18, 0.02), (0.60, 0.0, 0.03), (0.60, -0.18, 0.04), (0.80, 0.10, 0.06), (0.80, -0.10, 0.08))
-    boxes = tuple(Box(x=x, y=y, size=(0.05, 0.05), height=height) for x, y, height in places)
-    view = SimulatedRangefinder(World(features=boxes), truth, robot, seed=3)
-    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
-    view.set_pose(robot.stance_pose(stance).transform_base_to_footprint, stance.joint_positions)
-    pictures: dict[int, Image] = {-1: view.frame(laser=0.0)}
-    for stripe in truth.stripes:
-        pictures[stripe.index] = view.frame(mirror_angle=stripe.mirror_angle)
-    angles = np.array([stripe.mirror_angle for stripe in truth.stripes])
-
-    def render(seen: Any, settings: CameraSettings) -> Image:
-        lit = truth.stripes[int(np.abs(angles - seen.mirror_angle).argmin())].index
-        return pictures[lit if seen.laser_fraction > 0.5 else -1]
-
-    board = EmulatedBoard()
-    camera = EmulatedCamera(board, render, fps=30.0, exposure=0.004, latency=0.002)
-    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
-    with rangefinder, open_node(listen=endpoint) as session:
-        status = NodeStatus(truth)
-        server = PerceptionServer(session, collect_status=status.items)
-        with PerceptionNode(robot, truth, rangefinder, server, mode="adaptive", status=status) as node:
-            StanceReceiver(session, on_pause=node.on_pause, on_refused=node.on_refused)
-            say(ready=True)
-            sys.stdin.read()
+    scan = simulated((640, 512), 70, is_uncertain=False)
+    rangefinder = showing(view_of(scan), exposure=0.004, latency=0.002)
+    with listening(scan.robot, scan.calibration, rangefinder, "adaptive", endpoint):
+        say(ready=True)
+        sys.stdin.read()
 
 
 def run_planner(endpoint: str) -> None:
@@ -156,9 +121,10 @@ def run_holding_gait(*arguments: str) -> None:
     run_gait(*arguments, holds=True)
 
 
-def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[dict[str, Any]]:
-    """Pauses of each case with one node, one planner and two busy processes beside them."""
-    rows: list[dict[str, Any]] = []
+def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> None:
+    """Print the pauses of each case, with one node, one planner and two busy processes beside them."""
+    head = "announced s:g | gait:<8 | END late ms:.0f | pauses:d | confirmed:d | arrived:d | coarse first:d"
+    table = Table(f"{head} | withdrawn:d | stripes:g")
     heard: list[dict[str, Any]] = []
     endpoint = free_endpoint()
     with ExitStack() as stack:
@@ -181,9 +147,8 @@ def measure(pauses: int, cases: tuple[tuple[float, str, float], ...]) -> list[di
             else:
                 role = "holding_gait" if gait == "HOLD" else "gait"
                 start(role, endpoint, str(pauses), str(announced), str(late), module="pauses").popen.wait(limit)
-            rows.append(_row((announced, gait, late), [grid for grid in heard if grid["epoch"] not in known]))
-            print(_line(rows[-1], pauses), flush=True)
-    return rows
+            found = _figures([grid for grid in heard if grid["epoch"] not in known])
+            table.row(announced, gait, 1e3 * late, pauses, *found)
 
 
 def _listen(planner: Peer, heard: list[dict[str, Any]]) -> None:
@@ -191,32 +156,18 @@ def _listen(planner: Peer, heard: list[dict[str, Any]]) -> None:
         heard.append(grid)
 
 
-def _row(case: tuple[float, str, float], grids: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures of one case: numbers of pauses, and the median number of stripes of the confirmed grids.
+def _figures(grids: list[dict[str, Any]]) -> tuple[float, ...]:
+    """Numbers of pauses of one case, and the median number of stripes of the confirmed grids.
 
     A pause has arrived if a grid came before END, or confirmed after it; coarse first if a coarse grid came before its
     refinement.
     """
     good = [grid for grid in grids if not grid["withdrawn"]]
     confirmed = [grid for grid in good if grid["confirmed"]]
-    pauses = {
-        "arrived": good,
-        "coarse_first": [grid for grid in good if grid["follows"]],
-        "confirmed": confirmed,
-        "withdrawn": [grid for grid in grids if grid["withdrawn"]],
-    }
-    return {
-        **dict(zip(("announced", "gait", "late"), case, strict=True)),
-        **{name: len({grid["step"] for grid in those}) for name, those in pauses.items()},
-        "stripes": statistics.median([grid["stripes"] for grid in confirmed] or [0]),
-    }
-
-
-def _line(row: dict[str, Any], pauses: int) -> str:
-    return (
-        "announced {announced:g} s, {gait:<8} END {late_ms:3.0f} ms late: {confirmed:2d} of {pauses} confirmed, "
-        "{arrived:2d} arrived, {coarse_first:2d} coarse first, {withdrawn:2d} withdrawn, {stripes:g} stripes"
-    ).format(**row, late_ms=1e3 * row["late"], pauses=pauses)
+    coarse_first = [grid for grid in good if grid["follows"]]
+    withdrawn = [grid for grid in grids if grid["withdrawn"]]
+    counts = (len({grid["step"] for grid in each}) for each in (confirmed, good, coarse_first, withdrawn))
+    return *counts, statistics.median([grid["stripes"] for grid in confirmed] or [0])
 
 
 def main() -> None:
@@ -225,7 +176,6 @@ def main() -> None:
         __doc__,
         pauses=(20, "pauses of each case; at most 100"),
         quick=(False, "three of the cases"),
-        json=(False, "end with a line of JSON"),
     )
     moved = scan_of_a_moved_robot(free_endpoint())
     print(
@@ -234,9 +184,7 @@ def main() -> None:
         f"grid ({moved.confirmed} known cells), {moved.map_wrong} in the map",
         flush=True,
     )
-    rows = measure(min(asked.pauses, 100), QUICK if asked.quick else CASES)
-    if asked.json:
-        print(json.dumps({"moved": dataclasses.asdict(moved), "rows": rows}))
+    measure(min(asked.pauses, 100), QUICK if asked.quick else CASES)
 
 
 if __name__ == "__main__":

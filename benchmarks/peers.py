@@ -13,6 +13,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -129,6 +130,18 @@ class Pauses:
 def say(**reply: Any) -> None:
     """A line of JSON to the benchmark."""
     print(json.dumps(reply), flush=True)
+
+
+def ended() -> threading.Event:
+    """An event that is set when the benchmark ends the standard input."""
+    event = threading.Event()
+
+    def listen() -> None:
+        sys.stdin.read()
+        event.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+    return event
 
 
 def run_router(endpoint: str) -> None:

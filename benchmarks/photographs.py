@@ -1,8 +1,8 @@
 """Stripe extraction on photographs of real laser lines, beside what a user would write instead.
 
-`python -m benchmarks.photographs FOLDER [--pictures OUT]`: FOLDER holds index.json (set, name, on, off,
-along, colour) and truth.npz, per picture where a stripe is seen (must), where one may be returned (may) and where none
-may be (gap). Families of one camera, laser and scene count alike, whatever their number of pictures.
+`python -m benchmarks.photographs FOLDER`: FOLDER holds index.json (set, name, on, off, along, colour) and truth.npz,
+per picture where a stripe is seen (must), where one may be returned (may) and where none may be (gap). Families of one
+camera, laser and scene count alike, whatever their number of pictures.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks import stripe_pictures
 from benchmarks.command import options
 from benchmarks.photograph_peers import PEERS, read
 from guara_perception.arrays import Float, Image
@@ -144,15 +143,9 @@ def report(folder: Path) -> None:
 
 def main() -> None:
     """Command line."""
-    asked = options(
-        __doc__,
-        FOLDER=(Path, "folder with index.json, truth.npz and the pictures"),
-        pictures=(Path, "draw found stripes into this folder instead"),
-    )
+    asked = options(__doc__, FOLDER=(Path, "folder with index.json, truth.npz and the pictures"))
     cv2.setNumThreads(1)
-    if asked.pictures is not None:
-        stripe_pictures.write(asked.folder, asked.pictures)
-    elif (asked.folder / "index.json").is_file():
+    if (asked.folder / "index.json").is_file():
         report(asked.folder)
     else:
         missing = "no index.json there; the photographs are not part of the repository, nothing was measured"

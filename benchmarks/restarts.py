@@ -79,12 +79,9 @@ def _lost(seconds: float) -> tuple[Act, float, Act]:
     return World.cut, seconds, World.heal
 
 
-def _again(**health: bool) -> Act:
-    def act(world: World) -> None:
-        world.kill()
-        world.start(**health)
-
-    return act
+def _restart(world: World) -> None:
+    world.kill()
+    world.start(is_healthy=True)
 
 
 def _slow(world: World) -> None:
@@ -105,7 +102,7 @@ EVENTS: dict[str, tuple[Act, float, Act]] = {
     "node dead, the next scans": (World.kill, 3.0, lambda world: world.start(is_healthy=True)),
     "node dead, the next cannot scan": (World.kill, 3.0, lambda world: world.start(is_healthy=False)),
     "node dead, the next scans late": (World.kill, 3.0, _slow),
-    "node restarted at once": (_again(is_healthy=True), 0.0, _nothing),
+    "node restarted at once": (_restart, 0.0, _nothing),
     "node hangs for 10 s": (World.hang, 10.0, World.wake),
     "node says no more": (World.mute, 4.0, World.kill),
     "grids lost on the way": (World.lose, 1.0, _nothing),

@@ -7,7 +7,6 @@ the other one begins in every second round. Both use the packages installed in t
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.command import options
 from benchmarks.peers import Peer
 from benchmarks.rounds import Timings
 
@@ -118,12 +118,12 @@ def _cost(scan_ms: float, scans: list[dict[str, Any]]) -> Cost:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.scan_cost", description=__doc__)
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="root of a checkout of another revision")
-    default = [ROOT / "tests" / "data" / "scans" / "paper"]
-    parser.add_argument("--scans", type=Path, nargs="+", default=default, metavar="DATA/scans/NAME")
-    parser.add_argument("--rounds", type=int, default=11)
-    asked = parser.parse_args()
+    asked = options(
+        __doc__,
+        against=(Path, "root of a checkout of another revision"),
+        scans=([ROOT / "tests" / "data" / "scans" / "paper"], "DATA/scans/NAME"),
+        rounds=(11, "scans of each checkout"),
+    )
     folders = {HERE: ROOT} | ({} if asked.against is None else {THERE: asked.against})
     for scan in asked.scans:
         costs, timings = measure(folders, scan, max(asked.rounds, 1))

@@ -1,12 +1,13 @@
-"""Walks over random worlds, scanned by the simulated rangefinder frame by frame, and on request kept in files."""
+"""Walks: maps of their pauses, and those over random worlds, scanned frame by frame and on request kept in files."""
 
 from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -20,11 +21,61 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import LegOdometry, RobotModel
+from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance
+from testbed.analytic_walk import Ground
 from testbed.random_world import random_world
 
 # The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
 FIRST_JUDGED_STEP = 4
+# From the near edge of the scanned area to the hind feet, and a place there on either side.
+PAUSES_BETWEEN = 21
+SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class WalkedPause:
+    """One pause of a walk.
+
+    Attributes:
+        stance: stance as the robot reports it.
+        scan: grid of the scan taken there.
+        to_world: (4, 4), where the scan's footprint truly was.
+        ground: analytic ground at that time; None in simulated frames.
+        known_ground: what the gait declared.
+        feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
+    """
+
+    stance: Stance
+    scan: gp.TerrainGrid
+    to_world: Float
+    ground: Ground | None
+    known_ground: tuple[gp.KnownGround, ...] = ()
+    feet: Float = field(default_factory=lambda: np.empty((0, 3)))
+
+
+Pause = TypeVar("Pause", bound=WalkedPause)
+
+
+def fused_pauses(
+    terrain_map: gp.TerrainMap, robot: RobotModel, pauses: Sequence[Pause], *, registered: bool
+) -> Iterator[tuple[Pause, gp.TerrainGrid]]:
+    """Pauses with their maps; without registration of the scans the map follows odometry alone."""
+    odometry = LegOdometry(robot)
+    for pause in pauses:
+        pose: PoseInOdom = odometry.update(pause.stance)
+        if not registered:
+            pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
+        yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground)
+
+
+def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float]) -> Float:
+    """Drift (n, 2) of a map's poses along x and y while ground seen at the near edge comes to the hind feet [mm]."""
+    aside = []
+    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
+        found = np.linalg.inv(poses[now]) @ poses[before]
+        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
+        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
+    return 1e3 * np.array(aside)
 
 
 @dataclass(frozen=True)

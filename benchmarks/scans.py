@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 import guara_perception as gp
-from benchmarks.contenders import OURS, USER, Extract, opencv_user, reference
-from benchmarks.rounds import Ratio, alternate, number
+from benchmarks.contenders import OURS, USER, Extract, opencv_user, over, reference
+from benchmarks.rounds import Timings, alternate, number
 from benchmarks.section import Effort, Section
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from guara_perception.arrays import Float
@@ -24,6 +24,7 @@ REFERENCE = "reference extraction of the same frames"
 CELL_M = 0.005
 # Window of slope and step height, as the grids of this project have it: 30 mm.
 WINDOW_CELLS = 7
+OVERALL, LATENCY, FRAME = "whole scan", "last frame to grid", "reference extraction of one frame"
 STAGES = ("prepare", "extract", "triangulate", "raster", "finish")
 
 
@@ -85,7 +86,7 @@ def area(scan: ScanInMemory) -> tuple[tuple[float, float], tuple[float, float]]:
 def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:
     """Whole scans by name; the reference extracts only."""
     bands = scan.bands()
-    found: dict[str, Callable[[], Any]] = {REFERENCE: lambda: [reference(on, off) for on, off, _ in bands]}
+    found: dict[str, Callable[[], Any]] = {REFERENCE: over(reference, bands)}
     for name, method in OURS.items():
         found[name] = lambda method=method: process(scan, method).elevation  # type: ignore[misc]
     found[USER] = lambda: by_opencv_user(scan)
@@ -98,12 +99,7 @@ def whole_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     figures: dict[str, dict[str, dict[str, float]]] = {}
     for scan in all_scans:
         runs = contenders(scan)
-        timings = alternate(
-            runs,
-            effort.rounds,
-            slow=[USER],
-            slow_rounds=effort.slow_rounds,
-        )
+        timings = alternate(runs, effort.rounds, slow=[USER], slow_rounds=effort.slow_rounds)
         precise = next(iter(OURS))
         figures[scan.name] = {}
         for name in runs:
@@ -143,35 +139,20 @@ def grid_errors(elevation: npt.NDArray[Any], truth: Truth) -> dict[str, float]:
 
 def stages(scan: ScanInMemory, effort: Effort) -> Section:
     """Wall time of each stage of a scan, and from the last frame to the grid."""
-    bands = scan.bands()
-    seconds: dict[str, list[float]] = {stage: [] for stage in (*STAGES, "last frame to grid")}
-    references, lasts = [], []
-    for round_number in range(effort.rounds + 1):
-        start = time.perf_counter()
-        for on, off, _ in bands:
-            reference(on, off)
-        whole = time.perf_counter() - start
-        taken = _one_scan(scan)
-        if round_number == 0:
-            continue
-        references.append(whole)
-        lasts.append(whole / len(bands))
-        for stage, value in taken.items():
-            seconds[stage].append(value)
+    bands, taken = scan.bands(), list[dict[str, float]]()
+    runs = {REFERENCE: over(reference, bands), OVERALL: lambda: taken.append(_one_scan(scan))}
+    whole = alternate(runs, effort.rounds, clock=time.perf_counter).seconds[REFERENCE]
+    # The first one warmed up.
+    seconds = {name: {n: each[name] for n, each in enumerate(taken[1:])} for name in (*STAGES, LATENCY)}
+    seconds |= {OVERALL: {n: sum(each[stage] for stage in STAGES) for n, each in enumerate(taken[1:])}}
+    timings = Timings({**seconds, REFERENCE: whole, FRAME: {n: each / len(bands) for n, each in whole.items()}})
+    figures: dict[str, Any] = {"latency": timings.ratio(LATENCY, FRAME).figures}
     rows: list[tuple[str, ...]] = []
-    figures: dict[str, Any] = {}
-    total = np.sum([seconds[stage] for stage in STAGES], axis=0)
     for stage in STAGES:
-        times = np.array(seconds[stage])
-        ratio = _ratio(times / references)
-        figures[stage] = {"ratio": ratio.median, "share": float(np.median(times / total))}
-        rows.append((stage, f"{np.median(times) * 1e3:.1f}", str(ratio), f"{np.median(times / total):.0%}"))
-    latency = _ratio(np.array(seconds["last frame to grid"]) / lasts)
-    figures["latency"] = latency.figures
-    rows.append(
-        ("last frame to grid", f"{np.median(seconds['last frame to grid']) * 1e3:.1f}")
-        + (f"{latency} of one frame", "")
-    )
+        ratio, share = timings.ratio(stage, REFERENCE), timings.ratio(stage, OVERALL).median
+        figures[stage] = {"ratio": ratio.median, "share": share}
+        rows.append((stage, f"{timings.milliseconds(stage):.1f}", str(ratio), f"{share:.0%}"))
+    rows.append((LATENCY, f"{timings.milliseconds(LATENCY):.1f}", f"{timings.ratio(LATENCY, FRAME)} of one frame", ""))
     return Section(
         "stages",
         f"Stages of a scan ({scan.name})",
@@ -197,8 +178,4 @@ def _one_scan(scan: ScanInMemory) -> dict[str, float]:
     processor.add(*scan.frames[-1])
     terrain = processor.finish()
     latency = time.perf_counter() - start
-    return {"prepare": prepared, **terrain.metadata["seconds"], "last frame to grid": latency}
-
-
-def _ratio(values: npt.NDArray[np.float64]) -> Ratio:
-    return Ratio(float(np.median(values)), float(values.min()), float(values.max()))
+    return {"prepare": prepared, **terrain.metadata["seconds"], LATENCY: latency}

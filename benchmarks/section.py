@@ -11,7 +11,7 @@ class Section:
     """One comparison of the suite.
 
     Attributes:
-        name: short, for the JSON file.
+        name: short, by which the targets find it.
         title: heading.
         description: what is compared with what, and in which clock.
         header: names of the columns.

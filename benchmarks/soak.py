@@ -15,7 +15,7 @@ from typing import Any
 
 import transport
 from benchmarks.command import options
-from benchmarks.peers import PATIENCE, SHAPE, Peer, free_endpoint, is_whole, peer_command, say
+from benchmarks.peers import PATIENCE, SHAPE, Peer, ended, free_endpoint, is_whole, peer_command, say
 from benchmarks.rounds import resident_mb
 
 
@@ -36,13 +36,7 @@ def run_planner(endpoint: str) -> None:
         for extent in ("footprint", "map"):
             client.on_terrain(take, extent=extent)
         say(ready=True)
-        stop = threading.Event()
-
-        def listen() -> None:
-            sys.stdin.read()
-            stop.set()
-
-        threading.Thread(target=listen, daemon=True).start()
+        stop = ended()
         while not stop.wait(0.5):
             try:
                 client.request_scan(timeout=5.0)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from benchmarks.contenders import LITERAL, REFERENCE, USER, extractors, touch
+from benchmarks.contenders import LITERAL, REFERENCE, USER, extractors, over, touch
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
-from guara_perception.arrays import Image
 from testbed.scenes import ScanInMemory
 from testbed.synthetic_stripes import CASES, stripe_errors, stripes
 
@@ -22,7 +19,7 @@ def synthetic(effort: Effort) -> Section:
         frames = list(stripes(case, count=effort.synthetic_stripes))
         pairs = [(on, off) for on, off, _ in frames]
         timings = alternate(
-            {name: _over(extract, pairs) for name, extract in extractors().items()} | {FLOOR: _over(touch, pairs)},
+            {name: over(extract, pairs) for name, extract in extractors().items()} | {FLOOR: over(touch, pairs)},
             effort.rounds,
         )
         figures[case.name] = {}
@@ -55,11 +52,11 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     for scan in all_scans:
         bands, whole = [(on, off) for on, off, _ in scan.bands()], [(on, off) for _, on, off in scan.frames]
         contenders = {
-            name: _over(extract, whole if name.startswith((LITERAL, USER)) else bands)
+            name: over(extract, whole if name.startswith((LITERAL, USER)) else bands)
             for name, extract in extractors().items()
         }
         timings = alternate(
-            contenders | {FLOOR: _over(touch, bands)}, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds
+            contenders | {FLOOR: over(touch, bands)}, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds
         )
         figures[scan.name] = {}
         for name in timings.seconds:
@@ -78,11 +75,3 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
         rows,
         figures,
     )
-
-
-def _over(extract: Callable[..., object], pairs: list[tuple[Image, Image]]) -> Callable[[], None]:
-    def run() -> None:
-        for on, off in pairs:
-            extract(on, off)
-
-    return run

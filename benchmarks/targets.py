@@ -17,16 +17,14 @@ class Target:
 
     Attributes:
         what: text that says what is measured.
-        must, goal: limits; the value may not be larger (smaller when `at_least`).
+        must, goal: limits; the value may not be larger.
         path: section, and keys of its figures; SCAN stands for the name of the standard scan.
-        at_least: whether more is better.
     """
 
     what: str
     must: float
-    goal: float | None
+    goal: float
     path: tuple[str, ...]
-    at_least: bool = False
 
     def value(self, sections: Mapping[str, Section], scan: str) -> float:
         """The measured figure."""
@@ -53,11 +51,9 @@ def judged(sections: Mapping[str, Section], scan: str) -> Section:
     figures: dict[str, Any] = {}
     for target in TARGETS:
         value = target.value(sections, scan)
-        sign = ">=" if target.at_least else "<="
-        is_met = value >= target.must if target.at_least else value <= target.must
-        goal = "" if target.goal is None else f"{sign} {target.goal:g}"
+        is_met, limits = value <= target.must, (f"<= {target.must:g}", f"<= {target.goal:g}")
         figures[target.what] = {"value": value, "must": target.must, "met": is_met}
-        rows.append((target.what, f"{value:.2f}", f"{sign} {target.must:g}", goal, "reached" if is_met else "not yet"))
+        rows.append((target.what, f"{value:.2f}", *limits, "reached" if is_met else "not yet"))
     return Section(
         "targets",
         "Targets",

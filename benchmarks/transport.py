@@ -11,13 +11,8 @@ from benchmarks.command import run_part
 
 def main() -> None:
     """Command line."""
-    parts = {
-        "viewers": viewers.main,
-        "announcements": announcements.main,
-        "fleet": fleet.main,
-        "compact": compact.main,
-    }
-    run_part("transport", parts)
+    parts = {"viewers": viewers.main, "announcements": announcements.main, "fleet": fleet.main}
+    run_part("transport", {**parts, "compact": compact.main})
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import transport
-from benchmarks.command import options
+from benchmarks.command import Table, options
 from benchmarks.peers import free_endpoint, peers, say
 from testbed.slow_link import SlowLink
 from transport.security.folder import init_security
@@ -138,9 +138,8 @@ def main() -> None:
     """Delays of a local planner beside a viewer on a slow link [--scans N]."""
     asked = options(__doc__, scans=(50, "number of scans beside each kind of viewer; at most 1000"))
     is_met = True
-    print(
-        "[ms]  beside        failed     footprint: p50    p95  worst       added p95    map: p50    p95  worst  viewed"
-    )
+    head = "link:<4 | beside:<11 | failed:>9 | footprint p50 ms:.1f | p95:6.1f | worst:6.1f | added p95:+.1f"
+    table = Table(f"{head} | map p50:.1f | p95:6.1f | worst:6.1f | viewed:<")
     for link in ("tcp", "tls"):
         with tempfile.TemporaryDirectory() as folder:
             keys = init_security(Path(folder) / "keys") if link == "tls" else None
@@ -152,11 +151,7 @@ def main() -> None:
             is_met = is_met and not row["failed"] and above <= ALLOWED_MS
             got = "{received}, missed {missed}".format(**seen[rate]) if rate else ""
             beside = f"{rate:g} Mbit/s" if rate else "no viewer"
-            print(
-                f"{link:<5} {beside:<11} {row['failed']:>3.0f} of {asked.scans:<5}"
-                f"{row['footprint_p50_ms']:>17.1f} {row['footprint_p95_ms']:>6.1f} {row['footprint_worst_ms']:>6.1f}"
-                f"{above:>+16.1f} {row['map_p50_ms']:>11.1f} {row['map_p95_ms']:>6.1f} {row['map_worst_ms']:>6.1f}"
-                f"  {got}"
-            )
+            local, fused = ([row[f"{extent}_{name}_ms"] for name in ("p50", "p95", "worst")] for extent in EXTENTS)
+            table.row(link, beside, f"{row['failed']:.0f} of {asked.scans}", *local, above, *fused, got)
     print(f"{'ok  ' if is_met else 'FAIL'} no request fails, p95 at most {ALLOWED_MS:g} ms above that without a viewer")
     sys.exit(not is_met)

@@ -9,7 +9,6 @@ the area, when the hind feet come to it.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,42 +17,18 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks import map_cost, moving_ground, scan_modes
-from benchmarks.command import run_part
-from benchmarks.scanned_walk import scanned_walk
+from benchmarks.command import options, run_part
+from benchmarks.scanned_walk import PAUSES_BETWEEN, WalkedPause, drift_aside, fused_pauses, scanned_walk
 from guara_perception.arrays import Float
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
-from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance, load_robot
+from kinematics import RobotModel, load_robot
 from testbed.analytic_walk import Ground, LevelGround, scan, seen_height, walk
 
-# From the near edge of the scanned area to the hind feet.
-PAUSES_BETWEEN = 21
 # A hind foot reaches ground that was scanned before the walk began only after this number of pauses.
 FIRST_HIND_PAUSE = 24
-SEEN_AT_M = ((0.50, -0.18), (0.50, 0.18))
 FOOT_HALF = (0.035, 0.025)
 # Pauses after which cells hidden in a scan are counted in the map.
 HIDDEN_AFTER = (0, 4, 8, 12)
-
-
-@dataclass(frozen=True)
-class WalkedPause:
-    """One pause of a walk.
-
-    Attributes:
-        stance: stance as the robot reports it.
-        scan: grid of the scan taken there.
-        to_world: (4, 4), where the scan's footprint truly was.
-        known_ground: what the gait declared.
-        feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
-        ground: analytic ground; None in simulated frames.
-    """
-
-    stance: Stance
-    scan: gp.TerrainGrid
-    to_world: Float
-    known_ground: tuple[gp.KnownGround, ...]
-    feet: Float
-    ground: Ground | None
 
 
 @dataclass(frozen=True)
@@ -87,14 +62,15 @@ class WalkFigures:
 
 def drift() -> None:
     """Drift of the map and heights under the hind feet [--first, --walks, --flat, --frames, --cycles, --kept]."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=20, help="first seed; the settings were chosen on 0 to 9")
-    parser.add_argument("--walks", type=int, default=10, help="over mixed analytic ground")
-    parser.add_argument("--flat", type=int, default=3, help="over level ground")
-    parser.add_argument("--frames", type=int, default=0, help="through simulated frames; slow where no file is kept")
-    parser.add_argument("--cycles", type=int, default=10)
-    parser.add_argument("--kept", type=Path, help="folder that keeps the scans of frames from run to run")
-    arguments = parser.parse_args()
+    arguments = options(
+        __doc__,
+        first=(20, "first seed; the settings were chosen on 0 to 9"),
+        walks=(10, "over mixed analytic ground"),
+        flat=(3, "over level ground"),
+        frames=(0, "through simulated frames; slow where no file is kept"),
+        cycles=(10, "cycles of each walk"),
+        kept=(Path, "folder that keeps the scans of frames from run to run"),
+    )
     robot, cycles, kept = load_robot("guara"), arguments.cycles, arguments.kept
     kinds: tuple[tuple[str, int, int, Callable[[int], Iterator[WalkedPause]]], ...] = (
         ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic(robot, seed, cycles)),
@@ -137,16 +113,12 @@ def _rms_aside(walks: list[WalkFigures]) -> float:
 
 def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bool) -> WalkFigures:
     """Figures of a walk without or with registration."""
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     poses: list[Float] = []
     errors: list[Float] = []
     sigmas: list[Float] = []
     hidden: list[tuple[Float, list[float]]] = []
     refused = unknown = dark = 0
-    for pause in pauses:
-        pose = odometry.update(pause.stance)
-        unregistered = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
-        fused = terrain_map.update(pause.scan, pose if registered else unregistered, known_ground=pause.known_ground)
+    for pause, fused in fused_pauses(gp.TerrainMap(robot), robot, pauses, registered=registered):
         refused += registered and fused.metadata["registration_refused"] is not None
         poses.append(np.array(fused.metadata["transform_footprint_to_odom"]))
         unknown += int((((fused.hazard & UNKNOWN_MASK) != 0) & (fused.traversability > 0)).sum())
@@ -160,12 +132,7 @@ def walk_figures(robot: RobotModel, pauses: list[WalkedPause], *, registered: bo
             errors.append(error[known])
             sigmas.append(np.sqrt(fused.variance[iy, ix].astype(np.float64)))
         follow_hidden(hidden, pause.scan, fused, poses[-1])
-    aside = []
-    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
-        found = np.linalg.inv(poses[now]) @ poses[before]
-        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
-        aside += [((found - truly) @ (*point, 0.0, 1.0))[:2] for point in SEEN_AT_M]
-    sideways = 1e3 * np.array(aside)
+    sideways = drift_aside(pauses, poses)
     heights, claimed = 1e3 * np.concatenate(errors), 1e3 * np.concatenate(sigmas)
     seen = [shares for _, shares in hidden if len(shares) > max(HIDDEN_AFTER)]
     x_rms, y_rms = np.sqrt(np.mean(sideways**2, axis=0)).tolist()
@@ -214,7 +181,7 @@ def analytic(robot: RobotModel, seed: int, cycles: int, *, level: bool = False) 
         to_world = _to_world(pause.transform_base_to_world, terrain)
         under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
         height = ground.height_at(under[:, 0], under[:, 1])
-        yield WalkedPause(pause.stance, terrain, to_world, (), _in_footprint(to_world, under, height), ground)
+        yield WalkedPause(pause.stance, terrain, to_world, ground, feet=_in_footprint(to_world, under, height))
 
 
 def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
@@ -224,7 +191,7 @@ def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iter
         pause, to_world = item.pause, _to_world(item.pause.transform_base_to_world, item.scan)
         under = _sole(np.array(pause.to_world(*pause.nominal))) if pause.nominal[0] < 0 else np.empty((0, 2))
         feet = _in_footprint(to_world, under, world.height(under[:, 0], under[:, 1]))
-        yield WalkedPause(pause.stance, item.scan, to_world, pause.known_ground, feet, None)
+        yield WalkedPause(pause.stance, item.scan, to_world, None, pause.known_ground, feet)
 
 
 def _to_world(base_to_world: Float, terrain: gp.TerrainGrid) -> Float:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import cv2
 import numpy as np
 import pytest
 
-from benchmarks.passive import WAYS, Scene, draw, measured, truth
+from benchmarks.passive import Scene, measured, truth
 
 
 @pytest.mark.heavy
-def test_each_way_sees_the_boxes(tmp_path: Path) -> None:
+def test_each_way_sees_the_boxes() -> None:
     """Mean errors of some millimetres by pictures alone, below one by the laser; every way finds most of the ground."""
     size = (640, 512)
     true, flat = truth(Scene(size))
@@ -24,5 +21,3 @@ def test_each_way_sees_the_boxes(tmp_path: Path) -> None:
         means[way] = float(np.abs(heights[way] - true.elevation)[known].mean())
     assert means["precise"] < means["paper"] < 0.001
     assert 0.001 < means["stereo, SGBM, 60 mm"] < 0.004 and 0.001 < means["flow, DIS, 35 mm"] < 0.004
-    draw(tmp_path / "ways.png", {name: heights.get(name, heights["paper"]) for name in WAYS})
-    assert cv2.imread(str(tmp_path / "ways.png")).shape == (208, 1120, 3)
