@@ -23,9 +23,13 @@ CYCLES = (4, 8)
 
 @dataclass(slots=True)
 class Told:
-    """Of one joint: sigma of its zero after each of `CYCLES` [rad], jumps and zeros told, and tried."""
+    """Of one joint after each of `CYCLES`: sigma of its zero, and the least wrong zero told on each walk [rad].
+
+    Jumps and zeros are those told, and tried.
+    """
 
     sigmas: tuple[float, ...] = ()
+    bars: dict[int, list[float]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
     jumps: list[bool] = field(default_factory=list)
     zeros: dict[int, list[bool]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
 
@@ -61,12 +65,14 @@ def measured(robot: RobotModel, *, has_imu: bool, walks: int) -> dict[str, Told]
         pauses = walk(robot, 13, 100 + seed, has_imu=has_imu)
         jumps_told(robot, pauses[:9], found)
         zeros_told(robot, pauses, found)
-    check = JointCheck(robot)
-    for pause in pauses:
-        check.update(pause.stance)
-        if pause.step in CYCLES:
-            for joint, sigma in check.sigmas.items():
-                found[joint].sigmas += (sigma,)
+        check = JointCheck(robot)
+        for pause in pauses[: CYCLES[-1] + 1]:
+            check.update(pause.stance)
+            if pause.step in CYCLES:
+                for joint, bar in check.bars.items():
+                    found[joint].bars[pause.step].append(bar)
+                    if seed == walks - 1:
+                        found[joint].sigmas += (check.sigmas[joint],)
     return found
 
 
@@ -85,11 +91,13 @@ def main() -> None:
             clean = walk(robot, asked.pauses, 0, has_imu=has_imu)
             given = "IMU" if has_imu else "no IMU"
             print(f"{name}, {given}: {alarms(robot, clean)} alarms in {len(clean)} clean pauses")
-            table = Table("joint:<16 | sigma of zero [rad], 1 and 2 cycles:36 | jumps:8 | zeros, 1 and 2 cycles:20")
+            print("sigma of a zero, least zero told on the walks (both rad), and zeros told, after 1 and 2 cycles:")
+            table = Table("joint:<16 | sigma:<12 | told from:<32 | jumps:8 | zeros:10")
             for joint, told in measured(robot, has_imu=has_imu, walks=asked.walks).items():
                 sigmas = " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in told.sigmas)
                 zeros = " ".join(f"{sum(each)}/{len(each)}" for each in told.zeros.values())
-                table.row(joint, sigmas, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)
+                bars = ", ".join(f"{min(each):.3f} to {max(each):.3f}" for each in told.bars.values())
+                table.row(joint, sigmas, bars, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)
 
 
 if __name__ == "__main__":

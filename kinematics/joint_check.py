@@ -42,7 +42,8 @@ SLIP_SIGMA = 0.0015
 SINK_SIGMA = 0.0005
 # Errors below either limit are not reported: [rad], and in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
-# Largest jump that is sought [rad]: a foot swung along its leg's arc looks like a larger one.
+# Largest jump that is sought [rad], and largest uncertain zero that is named: a foot swung along its leg's arc looks
+# like a larger jump.
 LARGEST_JUMP = 0.35
 # A foot that moved by more than this many `swing_least` was lifted, if the other feet are consistent without it.
 MOST_SWING = 1.25
@@ -242,6 +243,17 @@ class JointCheck:
         _, sigma = _Chains(self._robot, self._pauses).errors(since_last=False)
         return dict(zip(self._robot.joint_names, sigma.tolist(), strict=True))
 
+    @property
+    def bars(self) -> dict[str, float]:
+        """Least zero error of each joint that is told at the noise of the pauses so far [rad]; inf if none is."""
+        if len(self._pauses) < SHORTEST:
+            return dict.fromkeys(self._robot.joint_names, math.inf)
+        zeros = self._zeros(_Chains(self._robot, self._pauses))
+        return {
+            name: max(LEAST_ERROR, LEAST_SIGMAS * scaled) if scaled < LARGEST_SIGMA else math.inf
+            for name, (_, _, scaled) in zeros.items()
+        }
+
     def update(self, stance: Stance) -> JointReport:
         """Check the joints at a new pause.
 
@@ -286,16 +298,27 @@ class JointCheck:
         return (_Placed(reading, transform[:3, :3], transform[:3, 3], dict.fromkeys(reading.legs, self._count)),)
 
     def _offsets(self, chains: _Chains) -> list[JointFault]:
-        """Find a joint with a wrong zero; its sigma is scaled by the residuals that remain without that error."""
+        """Find a joint with a wrong zero.
+
+        Once an error is certain, less observable joints that explain it about as well are named too.
+        """
+        found, is_told = {}, False
+        for name, (left, error, scaled) in self._zeros(chains).items():
+            is_certain = scaled < LARGEST_SIGMA and _is_error(error, scaled)
+            is_told |= is_certain
+            if is_certain or LEAST_ERROR < abs(error) < LARGEST_JUMP:
+                found[name] = left, error, scaled
+        fault = _likeliest(found, "offset") if is_told else None
+        return [] if fault is None else [fault]
+
+    def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float]]:
+        """By joint chi^2 without its zero error, that error, and its standard deviation at the noise that remains."""
         found = {}
         errors, sigmas = chains.errors(since_last=False)
         for name, error, sigma in zip(self._robot.joint_names, errors.tolist(), sigmas.tolist(), strict=True):
             left = chains.chi2 - (error / sigma) ** 2
-            scaled = sigma * math.sqrt(max(left / chains.degrees, LEAST_SCALE))
-            if scaled < LARGEST_SIGMA and _is_error(error, scaled):
-                found[name] = left, error, scaled
-        fault = _likeliest(found, "offset")
-        return [] if fault is None else [fault]
+            found[name] = left, error, sigma * math.sqrt(max(left / chains.degrees, LEAST_SCALE))
+        return found
 
     def _since_last(self, reading: _Reading) -> tuple[tuple[str, ...], float, JointFault | None]:
         """Feet that stayed since the last pause, residual of their chains, and the fault of a joint that jumped."""

@@ -65,6 +65,16 @@ def test_a_wrong_zero_is_told_within_a_cycle(walker: RobotModel) -> None:
 
 
 @pytest.mark.slow
+def test_a_zero_that_explains_it_as_well_is_named_too(guara: RobotModel) -> None:
+    """An ankle, less observable than the knee of its leg, which its wrong zero looks like."""
+    check = JointCheck(guara)
+    for pause in walk(guara, 5, 104, has_imu=True):
+        faults = check.update(misread(pause.stance, "rh_afe_joint", -ERROR)).faults
+    assert faults[0].joints == ("rh_kfe_joint", "rh_afe_joint")
+    assert check.bars["rh_kfe_joint"] < ERROR < check.bars["rh_haa_joint"] == math.inf
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("has_imu", [True, *further(False)])
 def test_clean_walks_raise_no_alarm(walker: RobotModel, has_imu: bool) -> None:
     """Noise of the joints fresh in every pause, soles set down beside their place, standing feet that creep."""
