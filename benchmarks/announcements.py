@@ -16,7 +16,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,21 +38,6 @@ ROUNDS = 3
 TIMEOUT = 60.0
 # Lines that the log may get per second, whatever is sent.
 ALLOWED_LINES = 1.0
-
-
-@dataclass(slots=True)
-class Cost:
-    """Cost of one kind of message for the node.
-
-    Attributes:
-        sent: number of messages sent, in all rounds.
-        spent_ms: processor time of one message beyond that of silence, median of the rounds [ms].
-        lines: lines of the log in a second, largest of the rounds.
-    """
-
-    sent: int
-    spent_ms: float
-    lines: float
 
 
 class _Counter(logging.Handler):
@@ -118,8 +102,11 @@ def standing_node() -> Iterator[tuple[Peer, NodeStatus]]:
         yield gait, status
 
 
-def measure(seconds: float) -> dict[str, Cost]:
-    """Cost by kind and rate, such as "hold at 100 Hz".
+def measure(seconds: float) -> dict[str, tuple[int, float, float]]:
+    """Cost of a kind of message for the node, by kind and rate, such as "hold at 100 Hz".
+
+    Number of messages sent in all rounds, processor time of one beyond that of silence (median of the rounds) [ms], and
+    lines of the log in a second (largest of the rounds).
 
     Args:
         seconds: how long each kind is sent in each round.
@@ -153,18 +140,13 @@ def measure(seconds: float) -> dict[str, Cost]:
         root.removeHandler(counter)
         root.setLevel(threshold)
     columns = {name: tuple(zip(*each, strict=True)) for name, each in rounds.items()}
-    return {
-        name: Cost(sum(sent), statistics.median(spent), max(lines)) for name, (sent, spent, lines) in columns.items()
-    }
+    return {name: (sum(sent), statistics.median(spent), max(lines)) for name, (sent, spent, lines) in columns.items()}
 
 
 def main() -> None:
     """Processor time and log lines that HOLD and floods cost a node [--seconds S]."""
     asked = options(__doc__, seconds=(5.0, "how long each kind is sent in each round; at most 60"))
     costs = measure(min(max(asked.seconds, 0.1), 60.0))
-    for name, cost in costs.items():
-        print(
-            f"{name:<28} {cost.sent:>6} sent, {cost.spent_ms:6.3f} ms of processor time each, "
-            f"{cost.lines:.1f} log lines per second"
-        )
-    sys.exit(any(cost.lines > ALLOWED_LINES for cost in costs.values()))
+    for name, (sent, spent_ms, lines) in costs.items():
+        print(f"{name:<28} {sent:>6} sent, {spent_ms:6.3f} ms of processor time each, {lines:.1f} log lines per second")
+    sys.exit(any(lines > ALLOWED_LINES for _, _, lines in costs.values()))

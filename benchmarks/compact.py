@@ -5,7 +5,6 @@ Recorded scans of the tests' data, and the map that one of them makes; processor
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.command import Table, options
+from benchmarks.command import Table
 from benchmarks.rounds import alternate
 from guara_perception.app.messages import terrain_to_message
 from kinematics import PoseInOdom, load_robot
@@ -27,26 +26,19 @@ ROUNDS = 30
 
 
 def main() -> None:
-    """Size and time of grids in both encodings [--data FOLDER, --json]."""
-    asked = options(
-        __doc__,
-        data=(DATA, "folder with calibration/ and scans/"),
-        json=(False, "the last line is one JSON object"),
-    )
+    """Size and time of grids in both encodings."""
     table = Table("grid:<18 | encoding:<9 | bytes:9d | of lossless:.3f | make ms:8.2f | read ms:8.2f")
-    rows = [row for name, grid in grids(asked.data) for row in measured(name, grid)]
-    for row in rows:
-        table.row(*row.values())
-    if asked.json:
-        print(json.dumps({"compact": rows}))
+    for name, grid in grids():
+        for row in measured(name, grid):
+            table.row(*row.values())
 
 
-def grids(data: Path) -> list[tuple[str, gp.TerrainGrid]]:
+def grids() -> list[tuple[str, gp.TerrainGrid]]:
     """Grids of recorded scans, and a fused map of the first."""
-    robot, calibration = load_robot("guara"), truth_calibration(data)
+    robot, calibration = load_robot("guara"), truth_calibration(DATA)
     found = []
     for name in SCANS:
-        grid = gp.process_scan(gp.open_scan(data / "scans" / name), calibration, robot)
+        grid = gp.process_scan(gp.open_scan(DATA / "scans" / name), calibration, robot)
         found.append((f"{name}, footprint", grid))
     walk = gp.TerrainMap(robot)
     found.append(("map of one scan", walk.update(found[0][1], PoseInOdom(np.eye(4), 1e-8 * np.eye(6)))))

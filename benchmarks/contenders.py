@@ -12,12 +12,10 @@ import numpy as np
 import guara_perception as gp
 from guara_perception.arrays import Float32, Image
 from guara_perception.stripes.extract import METHODS
-from guara_perception.stripes.paper import skeleton
 
 Extract = Callable[[Image, Image], Float32]
 
 REFERENCE = "reference: cv2 + numpy, band"
-LITERAL = "paper taken literally"
 USER = "OpenCV user"
 OURS = {f"ours: {name}": name for name in ("precise", "paper") if name in METHODS}
 # Half the window of the centre of gravity, and the least difference of grey levels that is a stripe to an OpenCV user.
@@ -82,16 +80,6 @@ def _reference(rows: int, columns: int) -> Reference:
     return Reference(rows, columns)
 
 
-def literal(on: Image, off: Image) -> Float32:
-    """The paper's way: Otsu on the red difference, this project's Zhang-Suen skeleton, mean row per column."""
-    light = cv2.subtract(on[:, :, 2], off[:, :, 2])
-    _, mask = cv2.threshold(light, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    thin = skeleton(np.asarray(mask) > 0)
-    count = thin.sum(axis=0)
-    rows = (thin * np.arange(thin.shape[0])[:, None]).sum(axis=0)
-    return np.where(count > 0, rows / np.maximum(count, 1), np.nan).astype(np.float32)
-
-
 def opencv_user(on: Image, off: Image) -> Float32:
     """Blurred red difference, its largest value per column, centre of gravity in a window around that."""
     light = cv2.GaussianBlur(cv2.subtract(cv2.extractChannel(on, 2), cv2.extractChannel(off, 2)), (5, 5), 0)
@@ -108,7 +96,7 @@ def extractors() -> dict[str, Extract]:
     found: dict[str, Extract] = {REFERENCE: reference}
     for name, method in OURS.items():
         found[name] = lambda on, off, method=method: gp.extract_stripe(on, off, method=method).position_px  # type: ignore[misc]
-    return found | {LITERAL: literal, USER: opencv_user}
+    return found | {USER: opencv_user}
 
 
 def over(extract: Callable[..., object], pairs: Sequence[tuple[Any, ...]]) -> Callable[[], None]:

@@ -30,20 +30,6 @@ class MovingPause(WalkedPause):
     ground: MovingGround
 
 
-@dataclass(frozen=True)
-class MovingFigures:
-    """Figures of a walk: drift by axis, rms, and the map's sigma of y, rms [mm]; cells; scans that were not used."""
-
-    x: float
-    y: float
-    claimed: float
-    unsafe: int
-    bounds: int
-    exceeded: int
-    refused: int
-    conflicts: int
-
-
 def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[MovingPause]:
     """A walk over one of the worlds."""
     ground = WORLDS[name](seed)
@@ -63,13 +49,13 @@ def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[
         )
 
 
-def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> MovingFigures:
-    """Figures of a walk without or with registration."""
+def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> dict[str, float]:
+    """Drift by axis and the map's sigma of y, rms [mm], and numbers of cells, with or without registration."""
     terrain_map = gp.TerrainMap(robot)
     sight = gp.LinesOfSight(terrain_map)
     poses: list[Float] = []
     sigmas: list[float] = []
-    unsafe = bounds = exceeded = refused = conflicts = 0
+    unsafe = exceeded = refused = conflicts = 0
     for pause, fused in fused_pauses(terrain_map, robot, pauses, registered=registered):
         sight.add(pause.scan, fused)
         record = fused.record
@@ -81,11 +67,11 @@ def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -
         conflicts += int(((fused.hazard & np.uint16(gp.Hazard.CONFLICT)) != 0).sum())
         unsafe += wrongly_free(fused, pause)
         if pause.scan.step % BOUNDS_EVERY == 0:
-            above, count = broken_bounds(sight.ceiling(fused).height, fused, pause)
-            exceeded, bounds = exceeded + above, bounds + count
+            exceeded += broken_bounds(sight.ceiling(fused).height, fused, pause)
     x, y = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
     claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
-    return MovingFigures(float(x), float(y), claimed, unsafe, bounds, exceeded, refused, conflicts)
+    counts = {"unsafe": unsafe, "exceeded": exceeded, "refused": refused, "conflicts": conflicts}
+    return {"x": float(x), "y": float(y), "claimed": claimed, **counts}
 
 
 def wrongly_free(fused: gp.TerrainGrid, pause: MovingPause) -> int:
@@ -102,14 +88,14 @@ def wrongly_free(fused: gp.TerrainGrid, pause: MovingPause) -> int:
     return count
 
 
-def broken_bounds(ceiling: Float32, fused: gp.TerrainGrid, pause: MovingPause) -> tuple[int, int]:
-    """Bounds that lie lower than the ground ever was there by more than EXCEEDED_M, and the number of bounds."""
+def broken_bounds(ceiling: Float32, fused: gp.TerrainGrid, pause: MovingPause) -> int:
+    """Number of bounds that lie lower than the ground ever was there by more than EXCEEDED_M."""
     iy, ix = np.nonzero(np.isfinite(ceiling))
     x, y = (axis[index] for axis, index in zip(fused.geometry.centres(), (ix, iy), strict=True))
     bound = np.asarray(ceiling[iy, ix], np.float64)
     world = transform_points(pause.to_world, np.column_stack((x, y, bound)))
     lowest = pause.ground.lowest_at(world[:, 0], world[:, 1])
-    return int((lowest > world[:, 2] + EXCEEDED_M).sum()), iy.size
+    return int((lowest > world[:, 2] + EXCEEDED_M).sum())
 
 
 def main() -> None:
@@ -123,13 +109,13 @@ def main() -> None:
     )
     robot = load_robot("guara")
     print("each without registration -> with it; x, y and claimed sigma of y: rms [mm]")
-    table = Table("world:<24 | x:>12 | y:>12 | claimed:>12 | unsafe:>12 | bounds over:>12 | unused:8 | conflicts:d")
+    table = Table("world:<24 | x:>12 | y:>12 | claimed:>12 | unsafe:>12 | bounds over:>12 | unused:8d | conflicts:d")
     for name in asked.world:
         for seed in range(asked.first, asked.first + asked.walks):
             pauses = list(pauses_of(robot, name, seed, asked.cycles))
             off, on = (figures(robot, pauses, registered=registered) for registered in (False, True))
             pairs = (
-                *(f"{getattr(off, key):.1f} -> {getattr(on, key):.1f}" for key in ("x", "y", "claimed")),
-                *(f"{getattr(off, key)} -> {getattr(on, key)}" for key in ("unsafe", "exceeded")),
+                *(f"{off[key]:.1f} -> {on[key]:.1f}" for key in ("x", "y", "claimed")),
+                *(f"{off[key]} -> {on[key]}" for key in ("unsafe", "exceeded")),
             )
-            table.row(name, *pairs, on.refused, on.conflicts)
+            table.row(name, *pairs, on["refused"], on["conflicts"])

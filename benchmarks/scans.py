@@ -40,8 +40,8 @@ def by_opencv_user(scan: ScanInMemory) -> Float:
     from scipy.interpolate import griddata
 
     points, _ = scan_points(scan, opencv_user)
-    x, y = area(scan)
-    cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (x, y))
+    settings = Settings.of(scan.robot)
+    cx, cy = (np.arange(low + CELL_M / 2, high, CELL_M) for low, high in (settings.footprint_x, settings.footprint_y))
     elevation = griddata(points[:, :2], points[:, 2], tuple(np.meshgrid(cx, cy)), method="linear")
     filled = np.nan_to_num(elevation).astype(np.float32)
     window = np.ones((WINDOW_CELLS, WINDOW_CELLS), np.uint8)
@@ -75,12 +75,6 @@ def scan_points(scan: ScanInMemory, extract: Extract) -> tuple[Float, Float]:
         clouds.append(points @ transform[:3, :3].T + transform[:3, 3])
     cloud = np.concatenate(clouds)
     return cloud[(cloud[:, 2] > settings.minimum_height) & (cloud[:, 2] < settings.maximum_height)], transform[:3, 3]
-
-
-def area(scan: ScanInMemory) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Range of x and range of y of the grid in base_footprint [m]."""
-    settings = Settings.of(scan.robot)
-    return settings.footprint_x, settings.footprint_y
 
 
 def contenders(scan: ScanInMemory) -> dict[str, Callable[[], Any]]:

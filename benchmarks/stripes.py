@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.contenders import LITERAL, REFERENCE, USER, extractors, over, touch
+from benchmarks.contenders import REFERENCE, USER, extractors, over, touch
 from benchmarks.rounds import alternate, number
 from benchmarks.section import Effort, Section
 from testbed.scenes import ScanInMemory
@@ -51,13 +51,8 @@ def frames_of_scans(all_scans: list[ScanInMemory], effort: Effort) -> Section:
     figures: dict[str, dict[str, float]] = {}
     for scan in all_scans:
         bands, whole = [(on, off) for on, off, _ in scan.bands()], [(on, off) for _, on, off in scan.frames]
-        contenders = {
-            name: over(extract, whole if name.startswith((LITERAL, USER)) else bands)
-            for name, extract in extractors().items()
-        }
-        timings = alternate(
-            contenders | {FLOOR: over(touch, bands)}, effort.rounds, slow=[LITERAL], slow_rounds=effort.slow_rounds
-        )
+        contenders = {name: over(extract, whole if name == USER else bands) for name, extract in extractors().items()}
+        timings = alternate(contenders | {FLOOR: over(touch, bands)}, effort.rounds)
         figures[scan.name] = {}
         for name in timings.seconds:
             ratio = timings.ratio(name, REFERENCE)
