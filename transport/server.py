@@ -52,7 +52,7 @@ class PerceptionServer(Resource):
         robot: instance name.
         run: identity of this run of the node, new at each start, contained in every grid and status.
         views: sender of messages for viewers.
-        follow_status, status_changed: `StatusReporter.follow` and `StatusReporter.changed`.
+        follow_status: `StatusReporter.follow`.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class PerceptionServer(Resource):
         self._gait: GaitClock | None = None
         self._failures = FailureLog(lambda: self._status.changed())
         self._status = StatusReporter(session, self.status_items, robot=robot)
-        self.follow_status, self.status_changed = self._status.follow, self._status.changed
+        self.follow_status = self._status.follow
         if self._bridge is not None:
             bridge = self._bridge
             self._status.follow(lambda payload: bridge.put("/diagnostics", STATUS, payload))
@@ -255,6 +255,10 @@ class PerceptionServer(Resource):
             is_news, self._standing = self._standing is not False, False
         if is_news:
             self._status.changed()
+
+    def status_changed(self) -> None:
+        """Send the status now; returns immediately."""
+        self._status.changed()
 
     def status_items(self) -> list[StatusItem]:
         """Current items of the status, in the order of sending."""

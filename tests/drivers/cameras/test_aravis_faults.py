@@ -21,7 +21,7 @@ def test_a_frame_whose_packets_were_lost_is_a_gap() -> None:
         for number in range(30):
             assert fake.expose(picture_of(number), float(number))
             try:
-                frame = camera.grab(0.25)
+                frame = camera.grab(1.0)
             except CameraTimeout:
                 continue
             counters.append(frame.counter)
