@@ -35,7 +35,7 @@ PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # Costs about 0.02 px.
 JPEG_QUALITY = 85
-# A pause takes 6 to 13 MB: the last ones of a long walk keep the recording below 60 MB. They follow one another, since
+# A pause takes 6 MB, besides the grids of all pauses: 70 MB with the last five. They follow one another, since
 # without the pauses between odometry would take a gait's next cycle for standing still.
 RECORDED_PAUSES = 5
 PAUSES_PER_CYCLE = 4

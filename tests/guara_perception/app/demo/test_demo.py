@@ -54,7 +54,7 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     assert f"recording: {demo[0] / 'walk.mcap'}, {size:.0f} MB, every pause" in demo[1].splitlines()
     moments = load_moments(demo[0] / "walk.mcap", gp.load_robot("guara"))
     assert len(moments) == 5 and not any(grid.is_provisional for item in moments[:-1] for grid in item.grids.values())
-    # As many are recorded of the longest walk, whose later pauses take up to twice as much.
+    # As many are recorded of the longest walk, besides the grids of all its pauses.
     assert RECORDED_PAUSES == 5 and size < 30
     assert [first_recorded(cycles) for cycles in (1, 2.5, 5, 10, 12)] == [0, 6, 16, 36, 44]
 
