@@ -35,9 +35,9 @@ PAUSE_S = 4 * GRID_TIMEOUT_S
 FPS = 120.0
 # Costs about 0.02 px.
 JPEG_QUALITY = 85
-# A pause takes 6 MB, besides the grids of all pauses: 70 MB with the last five. They follow one another, since
-# without the pauses between odometry would take a gait's next cycle for standing still.
-RECORDED_PAUSES = 5
+# The last two cycles, at 6 MB a pause. They follow one another, since without the pauses between odometry would take a
+# gait's next cycle for standing still.
+RECORDED_PAUSES = 8
 PAUSES_PER_CYCLE = 4
 START_TIMEOUT_S = 60.0
 # Longer than the planner itself waits for the two grids of a step, so that its own error is reported.

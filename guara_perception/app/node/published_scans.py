@@ -227,7 +227,7 @@ class PublishedScans:
         limit = pause.deadline - scan.last_frame if is_provisional else math.inf
         if terrain is published.terrain and not is_provisional:
             processor = published.swept.processor
-            self._send_images(lambda: with_pictures(terrain, processor))
+            self._send_images(pause.step, lambda: with_pictures(terrain, processor))
         return send_terrain(
             self._server,
             terrain,
@@ -238,10 +238,11 @@ class PublishedScans:
             stated=walk_of(pause, is_provisional=is_provisional) | {"refinement_follows": published.will_be_refined},
         )
 
-    def _send_images(self, make: Callable[[], TerrainGrid]) -> None:
+    def _send_images(self, step: int, make: Callable[[], TerrainGrid]) -> None:
         """Publish and record the range images of a grid: only if confirmed, since an image has no flag for it.
 
         Args:
+            step: step of the pause.
             make: function that returns the grid with its pictures; called if there is a subscriber or a recorder.
         """
         messages = functools.cache(lambda: range_image_messages(make()))
@@ -249,7 +250,7 @@ class PublishedScans:
         self._server.views.send_range_images(messages)
         self._server.mirror(lambda: messages().items(), lane="range images")
         if self._recorder is not None:
-            self._recorder.add_range_images(messages)
+            self._recorder.add_range_images(step, messages)
 
     def _why_not(self, pause: Pause) -> str:
         """Reason why a scan of an ended pause is not used."""
@@ -259,7 +260,7 @@ class PublishedScans:
         """Grid that withdraws another one: all unknown, with the reason; with range images if those were published."""
         nothing = self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
         if self._are_images_out:
-            self._send_images(lambda: with_pictures(nothing))
+            self._send_images(pause.step, lambda: with_pictures(nothing))
             self._are_images_out = False
         return nothing
 

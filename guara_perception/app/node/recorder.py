@@ -172,9 +172,9 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             kept = dict(points)
             self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
 
-    def add_range_images(self, make: Callable[[], Mapping[str, Any]]) -> None:
+    def add_range_images(self, step: int, make: Callable[[], Mapping[str, Any]]) -> None:
         """Add the range images of a scan by topic, which `make` gives on the recorder's thread; returns at once."""
-        if self._scene is not None:
+        if self._scene is not None and step >= self._first:
             self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
-from guara_perception.app.demo.walk import RECORDED_PAUSES, first_recorded
+from guara_perception.app.demo.walk import first_recorded
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.view_moments import load_moments
 
@@ -54,9 +54,18 @@ def test_pictures_and_recording_are_left(demo: tuple[Path, str]) -> None:
     assert f"recording: {demo[0] / 'walk.mcap'}, {size:.0f} MB, every pause" in demo[1].splitlines()
     moments = load_moments(demo[0] / "walk.mcap", gp.load_robot("guara"))
     assert len(moments) == 5 and not any(grid.is_provisional for item in moments[:-1] for grid in item.grids.values())
-    # As many are recorded of the longest walk, besides the grids of all its pauses.
-    assert RECORDED_PAUSES == 5 and size < 30
-    assert [first_recorded(cycles) for cycles in (1, 2.5, 5, 10, 12)] == [0, 6, 16, 36, 44]
+    assert [first_recorded(cycles) for cycles in (1, 2, 2.5, 10, 12)] == [0, 1, 3, 33, 41]
+
+
+@pytest.mark.heavy
+def test_the_recording_of_the_whole_walk_is_small(tmp_path: Path) -> None:
+    """The demo with its defaults leaves less than 60 MB."""
+    program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--out", str(tmp_path)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=3 * PATIENCE, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ", the last 8 of 41 pauses" in done.stdout
+    assert {scan.step for scan in open_scans(tmp_path / "walk.mcap")} == set(range(33, 41))
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 60e6
 
 
 @pytest.mark.heavy

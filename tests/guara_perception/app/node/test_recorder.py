@@ -215,16 +215,21 @@ def test_what_was_cut_stays_and_is_named(tmp_path: Path, calibration: gp.Calibra
             assert [(scan.step, scan.is_whole) for scan in recording.scans] == [(step, True)]
 
 
-def test_a_recording_may_begin_later(tmp_path: Path, calibration: gp.Calibration, paper_scan: gp.Scan) -> None:
-    """What is left out is not counted as lost."""
-    with ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration, first=6) as recorder:
+def test_a_recording_may_begin_later(
+    tmp_path: Path, calibration: gp.Calibration, robot: RobotModel, paper_scan: gp.Scan
+) -> None:
+    """Neither frames, grids nor range images of earlier pauses are written, and they are not counted as lost."""
+    scene = Scene(robot, calibration)
+    images: list[int] = []
+    with ScanRecorder(tmp_path / "w.mcap", robot="guara", calibration=calibration, scene=scene, first=6) as recorder:
         for step in range(9):
             scan = recorder.begin(step, "standard", paper_scan.stance)
             assert (scan is None) == (step < 6)
+            recorder.add_range_images(step, lambda step=step: images.append(step) or {})
             if scan is not None:
                 scan.add(_capture(0))
                 scan.finish((), None)
         assert recorder.flush(PATIENCE)
         assert recorder.status_item().values["recorded"] == "3" and recorder.status_item().values["lost"] == "0"
     with open_recording(tmp_path / "w.mcap") as recording:
-        assert [scan.step for scan in recording.scans] == [6, 7, 8]
+        assert [scan.step for scan in recording.scans] == [6, 7, 8] == images
