@@ -2,6 +2,7 @@
 
 `python -m benchmarks endurance [--minutes 240] [--period 20]`. Each is a process of its own over real Zenoh; the robot
 is simulated. Node and second planner are killed or stopped for some seconds; router, first planner and viewer live on.
+In the second half the node is only stopped, so that its own growth shows.
 A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 3 s.
 """
 
@@ -14,9 +15,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 
 import guara_perception as gp
 from benchmarks.command import options
@@ -30,8 +32,11 @@ from transport.stance_link import StanceReceiver
 GRACE_S = 3.0
 # [s] Between two looks of a planner; longest stop of a process, and of the wait for the first scan.
 LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
-# What a process that lives on may gain after the first third of the time; a viewer keeps 60 pauses of 1 to 2 MB.
-MOST_MB, VIEWER_MB, MOST_HANDLES, MOST_THREADS = 40.0, 150.0, 4, 4
+# Shares of the time: until the first the node is killed; from the second on its size counts, from the third others'.
+KILLS_END, NODE_WARM, WARM = 1 / 2, 2 / 3, 1 / 3
+# What a process that lives on may gain from the first third of its looks to the last, once it is warm: a viewer keeps
+# 60 pauses of 1 to 2 MB, and a node draws and keeps the pictures of a scan in some 200 MB that come and go.
+MOST_MB, MOST_HANDLES, MOST_THREADS = {"router": 40.0, "planner": 40.0, "viewer": 150.0, "node": 150.0}, 4, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,12 @@ class Size:
         """As in the report."""
         return f"{self.memory:.0f} MB, {self.handles} handles, {self.threads} threads"
 
+    @classmethod
+    def middle(cls, sizes: Sequence[Size]) -> Size:
+        """Median of each."""
+        memory, handles, threads = zip(*((each.memory, each.handles, each.threads) for each in sizes), strict=True)
+        return cls(median(memory), round(median(handles)), round(median(threads)))
+
     def is_flat_until(self, last: Size, most_mb: float) -> bool:
         """Whether a later size is no larger but for what caches take."""
         return (
@@ -63,20 +74,23 @@ class Size:
 
 @dataclass(slots=True)
 class Outcome:
-    """Result of a run: faults, counts of the planners, and sizes after a third of the time and at its end."""
+    """Result of a run: faults, counts of the planners, and sizes of processes that live on, once warm."""
 
     faults: Counter[str] = field(default_factory=Counter)
     counts: Counter[str] = field(default_factory=Counter)
     sizes: dict[str, list[Size]] = field(default_factory=dict)
     recorded: int = 0
 
+    def ends(self, name: str) -> tuple[Size, Size]:
+        """Median sizes of a process in the first and in the last third of its looks."""
+        sizes = self.sizes[name]
+        third = max(len(sizes) // 3, 1)
+        return Size.middle(sizes[:third]), Size.middle(sizes[-third:])
+
     @property
     def is_flat(self) -> bool:
         """Whether no process that lived on has grown."""
-        return all(
-            sizes[0].is_flat_until(sizes[-1], VIEWER_MB if name == "viewer" else MOST_MB)
-            for name, sizes in self.sizes.items()
-        )
+        return all(first.is_flat_until(last, MOST_MB[name]) for name in self.sizes for first, last in [self.ends(name)])
 
 
 def run_planner(endpoint: str) -> None:
@@ -145,8 +159,9 @@ class Machine:
         return Child("planner", self._endpoint, module="endurance")
 
     def sizes(self) -> dict[str, Size]:
-        """Sizes of the processes that live on."""
-        living = {"router": self.router.popen.pid, "planner": self.lasting.popen.pid, "viewer": self.viewer.pid}
+        """Sizes of the processes that live on, and of the node."""
+        router, planner = self.router.popen.pid, self.lasting.popen.pid
+        living = {"router": router, "planner": planner, "viewer": self.viewer.pid, "node": self.node.pid}
         return {name: Size.of(pid) for name, pid in living.items()}
 
     def close(self) -> None:
@@ -189,14 +204,11 @@ def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], N
             begin = time.monotonic()
             while (gone := time.monotonic() - begin) < 60.0 * minutes:
                 time.sleep(min(period * chance.uniform(0.5, 1.5), 60.0 * minutes - gone))
-                if time.monotonic() - begin > 20.0 * minutes or not outcome.sizes:
-                    for name, size in machine.sizes().items():
-                        taken = outcome.sizes.setdefault(name, [])
-                        # Before a third of the time is over everything still warms up.
-                        if gone < 20.0 * minutes:
-                            taken.clear()
-                        taken.append(size)
-                fault = chance.choice(FAULTS)
+                share = (time.monotonic() - begin) / (60.0 * minutes)
+                for name, size in machine.sizes().items():
+                    if share >= (NODE_WARM if name == "node" else WARM):
+                        outcome.sizes.setdefault(name, []).append(size)
+                fault = chance.choice(FAULTS if share < KILLS_END else FAULTS[1:])
                 outcome.faults[fault] += 1
                 _strike(machine, fault, chance, outcome.counts)
                 tell(f"{gone:6.0f} s  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in machine.sizes().items())}")
@@ -215,7 +227,9 @@ def main() -> None:
     print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings")
     print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
     for name, sizes in outcome.sizes.items():
-        print(f"{name}: {sizes[0]} after a third of the time, {sizes[-1]} at the end")
+        most = max(size.memory for size in sizes)
+        first, last = outcome.ends(name)
+        print(f"{name}: {first}, {last} in the first and last third of {len(sizes)} looks; at most {most:.0f} MB")
     print(f"contradictions: {outcome.counts['contradictions']}, out of order: {outcome.counts['out of order']}")
     is_sound = outcome.is_flat and not outcome.counts["contradictions"] and not outcome.counts["out of order"]
     sys.exit(0 if is_sound and outcome.counts["new maps"] else 1)

@@ -14,6 +14,7 @@ def test_nothing_grows_and_no_grid_is_contradicted() -> None:
     assert sum(outcome.faults.values()) >= 3
     assert outcome.counts["new maps"] > 0 and outcome.counts["footprint handed out"] > 0
     assert outcome.counts["contradictions"] == outcome.counts["out of order"] == 0
+    assert outcome.sizes.keys() == {"router", "planner", "viewer", "node"}
     assert outcome.is_flat, outcome.sizes
     assert outcome.recorded > 0
 
