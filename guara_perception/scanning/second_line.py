@@ -22,6 +22,9 @@ LEAST_ODD_SHARE, ODD = 0.2, 2.5
 # Gaussian, 1.7 and more for single lines of simulated and rendered scenes, 1.25 to 1.6 for two lines of which one is
 # 0.8 to 1.3 as bright as the other, half a stripe beside it; nearer ones move the row by less than 5 mm of height.
 LEAST_WIDTHS = 1.62
+# A line that is narrower than this at a quarter of the height is one: pixels flatten a thin line. In pictures of
+# 320 x 256 single ones are 1.7 to 2.5 px wide there, two of which one moves the row by 5 mm of height 2.2 px or more.
+LEAST_WIDE_PX = 2.0
 LEVELS = 0.25, 0.5, 0.75
 # Two lines that lie apart, but within the width of half the height: 3 times as wide there as at three quarters; 1.55
 # for a Gaussian, 1.3 to 1.6 for single lines of simulated and rendered scenes.
@@ -73,7 +76,7 @@ def second_line(pair: FramePair, profile: StripeProfile) -> float:
     distance = np.arange(-reach, reach + 1)[:, None] - (profile.position_px[columns] - tops)
     section = _section(distance[:, seen], light[:, seen] / level[seen])
     wide, middle, narrow = (_width(section, level) for level in LEVELS)
-    if wide < LEAST_WIDTHS * narrow or MOST_WIDTHS * narrow < middle < np.inf:
+    if LEAST_WIDE_PX / BIN_PX < wide < LEAST_WIDTHS * narrow or MOST_WIDTHS * narrow < middle < np.inf:
         return 1.0
     # The row found may lie between the two lines: the sides of the highest place.
     top = int(section.argmax())

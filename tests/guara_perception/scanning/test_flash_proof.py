@@ -17,8 +17,9 @@ from guara_perception.app.main import run
 from guara_perception.app.summary import summary
 from guara_perception.scanning.flash_proof import FlashProof, lit_pixels
 from guara_perception.scanning.second_line import doubled_stripes
+from guara_perception.simulation import World
 from kinematics import PoseInOdom
-from testbed.scenes import OWN_DATA, recorded
+from testbed.scenes import OWN_DATA, recorded, simulated
 from testbed.strange_cases import Case, cases, measure
 from testbed.strange_light import Fault, Scene, beside, ghost, take
 
@@ -182,6 +183,18 @@ def test_a_second_line_that_other_stripes_lack_spoils_its_stripe(usual: float) -
     shares = dict.fromkeys(range(20), usual) | {3: 0.3, 7: 0.5, 8: 1.0}
     assert doubled_stripes(shares) == ({3, 7, 8} if usual < 0.1 else {7, 8})
     assert doubled_stripes({}) == frozenset()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("second", [0.0, 1.0])
+def test_a_thin_line_is_not_two_lines(second: float) -> None:
+    """In pictures of 320 x 256 the stripe is 2 px wide; a reflection of it three quarters of a stripe aside is told."""
+    small = simulated((320, 256), 70, world=World(), is_uncertain=False)
+    extra = ghost(-0.75, second) if second else None
+    processor, _ = take(Scene(small), Fault("reflection", extra=extra), triggered=True)
+    health = processor.finish().record.health
+    assert health is not None and health.level == ("failed" if second else "ok")
+    assert ("two lines in one picture" in processor.refused) == bool(second)
 
 
 @pytest.mark.heavy
