@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import MODES
 from guara_perception.stripes.band import FramePair
-
-if TYPE_CHECKING:
-    from kinematics import Stance
+from kinematics import Stance
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.files.pair_pictures import PicturePair, names_of
@@ -20,10 +19,7 @@ from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PI
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
 from guara_perception.settings import MODES, Settings
-from kinematics import KinematicsError, Stance
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import KinematicsError, RobotModel, Stance
 
 # A revolute joint of a leg turns less than this [rad]: more are degrees.
 LARGEST_ANGLE = 2 * math.pi

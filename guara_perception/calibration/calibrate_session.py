@@ -6,7 +6,6 @@ import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -70,9 +69,7 @@ from guara_perception.calibration.sweep import line_points
 from guara_perception.exceptions import CalibrationMismatch, CalibrationRefused, InvalidInput
 from guara_perception.progress import Progress
 from guara_perception.settings import Settings
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel
 
 
 def calibrate_session(

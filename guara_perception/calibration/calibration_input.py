@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +12,8 @@ from guara_perception.calibration.board import CHARUCO, BoardSpec
 from guara_perception.calibration.charuco import marker_dictionary
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.scan import Scan
+from kinematics import Stance
 from kinematics.arrays import read_only
-
-if TYPE_CHECKING:
-    from kinematics import Stance
-
 
 # Smallest and largest edge of a board's squares [m].
 SQUARES = (0.001, 1.0)

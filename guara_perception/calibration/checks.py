@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from guara_perception.arrays import Float, Index
@@ -12,9 +10,7 @@ from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
 from guara_perception.calibration.mount import FloorPose
 from guara_perception.calibration.quality import Check
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, Stance
+from kinematics import RobotModel, Stance
 
 LEFT_OUT = "plate left out"
 MEASURE_MOUNT = (

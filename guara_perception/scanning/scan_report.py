@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,9 +20,7 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.layers.record_fields import Health
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, Stance, StancePose
+from kinematics import RobotModel, Stance, StancePose
 
 # Below this coverage the health names a cause and a remedy.
 LOW_COVERAGE = 0.5

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel
 
 # A body that cannot reach all footholds is lowered in steps of the first, by the second at most [m].
 CROUCH_STEP_M = 0.005

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.ceiling import Ceiling
+from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.leg_reach import standing_sole
-
-if TYPE_CHECKING:
-    from guara_perception.terrain.layers.ceiling import Ceiling
-    from guara_perception.terrain.questions.best_foothold import Foothold
-    from guara_perception.terrain.questions.reason import Reason
-    from guara_perception.terrain.questions.swing import Swing
-    from kinematics import RobotModel
+from guara_perception.terrain.questions.reason import Reason
+from guara_perception.terrain.questions.swing import Swing
+from kinematics import RobotModel
 
 # Search radii about the nominal foothold: first near, then as far as the wave gait allows.
 SEARCH_RADII_M = (0.03, 0.06)

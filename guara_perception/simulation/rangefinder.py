@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +18,8 @@ from guara_perception.simulation.relief import Relief
 from guara_perception.simulation.scene_view import Body, SceneView, view_scene
 from guara_perception.simulation.sensor import Sensor
 from guara_perception.simulation.world import World
+from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
 
 # Beyond this many sigmas the laser plane's light is below a hundredth of a level.
 REACH_SIGMAS = 4.5

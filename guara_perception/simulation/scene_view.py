@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -13,10 +12,8 @@ from guara_perception.arrays import Float, Float32, Mask
 from guara_perception.simulation.features import MATERIALS
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.relief import PolarView, Relief
+from kinematics import RobotState
 from kinematics.transforms import transform_points
-
-if TYPE_CHECKING:
-    from kinematics import RobotState
 
 # Range and resolution of the views of camera and laser: at most half a pixel's width on the ground.
 RADIUS_M = 1.3

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
@@ -11,10 +9,7 @@ from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import Settings
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
-
+from kinematics import RobotModel
 
 # A 3.2 mm lens on a sensor 3.5 mm wide: the area is in view with a margin of 5 % on each side.
 FOCAL_LENGTH_OF_WIDTH = 0.921

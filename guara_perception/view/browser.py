@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,9 @@ from guara_perception.view.controls import SHOWN, Controls, cell_text, legend_ht
 from guara_perception.view.moment import Moment, Timeline, no_stripes, pose_of
 from guara_perception.view.scene_drawing import SceneDrawing
 from guara_perception.view.terrain_mesh import met_by_ray, terrain_mesh
+from kinematics import RobotModel
 from kinematics.transforms import inverse, transform_points
 from transport.supervision import supervised
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
 
 # Initial camera position and target in base_footprint [m].
 VIEWPOINT, LOOKED_AT = np.array([1.20, -0.95, 0.80]), np.array([0.36, 0.02, 0.06])

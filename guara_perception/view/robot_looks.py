@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 
 from guara_perception.arrays import Float, Index
+from kinematics import RobotModel
 from kinematics.transforms import transform_points
 from kinematics.urdf import Shape, rotation_from_rpy
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
 
 Colour = tuple[float, float, float]
 BODY_COLOUR: Colour = (0.47, 0.51, 0.57)

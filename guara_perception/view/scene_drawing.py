@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.view.moment import Moment, pose_of
 from guara_perception.view.robot_looks import visual_shapes
 from guara_perception.view.terrain_mesh import TerrainMesh
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel
 
 STRIPE_COLOUR, FOOTHOLD_COLOUR, TRAIL_COLOUR, CELL_COLOUR = (230, 20, 60), (0, 114, 178), (120, 40, 120), (0, 0, 0)
 REGION_COLOUR = (0, 89, 61)

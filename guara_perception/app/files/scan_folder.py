@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Collection
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -25,9 +24,6 @@ from guara_perception.files import LARGEST_PICTURE, decode_picture, existing_fil
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.settings import MODES
 from kinematics import KinematicsError, Stance
-
-if TYPE_CHECKING:
-    from kinematics import Stance
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"

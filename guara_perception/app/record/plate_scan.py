@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +14,7 @@ from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.arrays import Image
 from guara_perception.exceptions import MirrorSlipped, PerceptionError
 from guara_perception.settings import Settings
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel, Stance
-
+from kinematics import RobotModel, Stance
 
 # [s] Time that a camera has to deliver a frame.
 FRAME_SECONDS = 2.0

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -26,9 +26,7 @@ from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import MOUNTS, check_extent, locate_camera
 from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError
 from guara_perception.settings import Settings
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel
 
 DEVICES_FILE: Final = "devices.toml"
 FIRST_EXPOSURE_S: Final = 0.008

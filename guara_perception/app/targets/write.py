@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from guara_perception.app.targets.drawings import calibration_board, crosses, labels, mat, ruler
 from guara_perception.app.targets.sheet import Page, figure_of, pages_of
 from guara_perception.calibration.board import BoardSpec
 from guara_perception.files import check_target, whole_file
-
-if TYPE_CHECKING:
-    from kinematics import RobotModel
+from kinematics import RobotModel
 
 DEFAULT_BOARD = BoardSpec(columns=9, rows=7, square=0.030)
 DEFAULT_PLATES = (0.0, 0.040, 0.080)

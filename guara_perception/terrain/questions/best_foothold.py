@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up
 from guara_perception.terrain.questions.foothold import (
     FootholdVerdict,
@@ -18,10 +18,6 @@ from guara_perception.terrain.questions.foothold import (
 )
 from guara_perception.terrain.questions.normal import normal_at
 from kinematics.arrays import FrozenArrays
-
-if TYPE_CHECKING:
-    from guara_perception.settings import RobotLike
-
 
 # Factor at the rim of the search: the nearer the nominal position, the more the body moves as the gait planned.
 VALUE_AT_RIM = 0.5

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Index, Mask
-from guara_perception.settings import TraversabilityLimits
+from guara_perception.settings import RobotLike, TraversabilityLimits
 from guara_perception.terrain.assessment.disc import disc_kernel, widest_window
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, names
@@ -19,9 +19,6 @@ from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coo
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
-
-if TYPE_CHECKING:
-    from guara_perception.settings import RobotLike
 
 # Positions per block; bounds the memory for whole grids of positions.
 CHUNK = 4096

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
-
-if TYPE_CHECKING:
-    from guara_perception.settings import RobotLike
 
 # Largest distance of the ground of a region from its plane.
 PLANE_TOLERANCE_M = 0.006

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
+from guara_perception.settings import RobotLike
 from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
@@ -26,10 +26,6 @@ from guara_perception.terrain.questions.path import (
 )
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics.arrays import FrozenArrays
-
-if TYPE_CHECKING:
-    from guara_perception.settings import RobotLike
-
 
 # Corners of detours around a blocked straight path: fractions of its length, and distances beside it [m].
 CORNER_SHARES = (0.25, 0.5, 0.75)
