@@ -10,6 +10,7 @@ import math
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from pathlib import Path
 from xml.parsers import expat
 
@@ -110,13 +111,20 @@ def parse_toml(text: str) -> dict[str, object]:
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Dotted name of each table and key -> line of its first occurrence, for messages."""
+    """Dotted name of each table and key -> line of its first occurrence, for messages; see `table_name`."""
     lines: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     table = ""
     for number, line in enumerate(text.splitlines(), 1):
         if header := HEADER.match(line):
-            table = header.group(1)
+            counts[header.group(1)] += 1
+            table = table_name(header.group(1), counts[header.group(1)])
             lines.setdefault(table, number)
         elif key := KEY.match(line):
             lines.setdefault(f"{table}.{key.group(1)}" if table else key.group(1), number)
     return lines
+
+
+def table_name(name: str, number: int) -> str:
+    """Name in `key_lines` of the first, second ... of the tables [[name]]."""
+    return name if number == 1 else f"{name}#{number}"

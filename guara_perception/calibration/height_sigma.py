@@ -11,6 +11,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import FileFormatError
+from guara_perception.fields import Fields
 from kinematics.arrays import read_only
 
 # Monomials of the height field, in the offset from its origin.
@@ -48,24 +49,14 @@ class HeightUncertainty:
         Raises:
             FileFormatError: the stored covariance does not follow docs/calibration.md.
         """
-        stored = calibration.covariance
-        if not stored:
+        if not calibration.covariance:
             return None
-        try:
-            planes = {
-                int(item["index"]): _matrix(item["plane"], (4, 4), f"stripes[{i}].plane")
-                for i, item in enumerate(stored["stripes"])
-            }
-            field = stored["height_field"]
-            if tuple(field["terms"]) != FIELD_TERMS:
-                raise FileFormatError(f"covariance.height_field.terms must be {', '.join(FIELD_TERMS)}")
-            origin = _matrix(field["origin_in_base"], (3,), "height_field.origin_in_base")
-            matrix = _matrix(field["matrix"], (10, 10), "height_field.matrix")
-        except (KeyError, TypeError, ValueError) as error:
-            if isinstance(error, FileFormatError):
-                raise
-            raise FileFormatError(f"covariance of the calibration is not as documented: {error!r}") from None
-        return HeightUncertainty(planes, origin, matrix)
+        stored = Fields(calibration.covariance, "calibration", "covariance")
+        planes = {item.integer("index"): item.array("plane", (4, 4)) for item in stored.items("stripes")}
+        field = stored.sub("height_field")
+        if tuple(field.sequence("terms")) != FIELD_TERMS:
+            raise FileFormatError(f"{field.path_to('terms')} must be {', '.join(FIELD_TERMS)}")
+        return HeightUncertainty(planes, field.array("origin_in_base", (3,)), field.array("matrix", (10, 10)))
 
     def variance(
         self,
@@ -137,10 +128,3 @@ def field_covariance(offsets: Float, errors: Sequence[Float], parameters: Float)
 def _quadratic_form(vectors: Float, matrix: Float) -> Float:
     """Quadratic form v . M v (..., n) of vectors (..., k, n)."""
     return np.einsum("...kn,...kn->...n", vectors, matrix @ vectors)
-
-
-def _matrix(value: Any, shape: tuple[int, ...], name: str) -> Float:
-    matrix = np.array(value, dtype=np.float64)
-    if matrix.shape != shape or not np.isfinite(matrix).all():
-        raise FileFormatError(f"covariance.{name} has shape {matrix.shape}, it must be {shape} and finite")
-    return matrix

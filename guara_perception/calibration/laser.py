@@ -143,7 +143,7 @@ def height_sigmas(
 
 def _in_camera(planes: Float, transform_camera_to_footprint: Float) -> Float:
     to_camera = np.asarray(np.linalg.inv(transform_camera_to_footprint), dtype=np.float64)
-    moved = np.array([plane_in_frame(plane, to_camera) for plane in planes])
+    moved = plane_in_frame(planes, to_camera)
     return np.asarray(moved / np.linalg.norm(moved[:, :3], axis=1, keepdims=True))
 
 
@@ -189,10 +189,8 @@ def _uncertainty(
 ) -> HeightUncertainty:
     """Plane covariances, and the height field by refitting the laser with each camera parameter moved."""
     to_camera = np.asarray(np.linalg.inv(fit.transform_camera_to_footprint), dtype=np.float64)
-    planes = {}
-    for k, index in enumerate(stripes.indices):
-        bases = np.array([plane_in_frame(basis, to_camera) for basis in stripes.bases[k]])
-        planes[index] = bases.T @ stripes.covariance[k] @ bases
+    bases = plane_in_frame(stripes.bases, to_camera)
+    covariances = bases.transpose(0, 2, 1) @ stripes.covariance @ bases
 
     samples = np.unique(np.linspace(0, len(stripes.indices) - 1, FIELD_STRIPES).astype(int))
     points, pixels, rows = [], [], []
@@ -223,4 +221,5 @@ def _uncertainty(
         errors.append((heights - point[:, 2]) / sigma)
     in_base = transform_points(to_base, point)
     origin = in_base.mean(axis=0)
+    planes = dict(zip(stripes.indices, covariances, strict=True))
     return HeightUncertainty(planes, origin, field_covariance(in_base - origin, errors, fit.covariance))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -58,13 +58,7 @@ class MirrorModel(FrozenArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {
-            "laser_plane": self.laser_plane.tolist(),
-            "axis": self.axis.tolist(),
-            "point": self.point.tolist(),
-            "normal_at_zero": self.normal_at_zero.tolist(),
-            "gain": float(self.gain),
-        }
+        return {each.name: np.asarray(getattr(self, each.name)).tolist() for each in fields(self)}
 
 
 def nominal_mirror(point: Float) -> MirrorModel:

@@ -12,7 +12,8 @@ from guara_perception.calibration.calibration import Calibration, StripePlane, f
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.stripe_planes import plane_basis
-from guara_perception.exceptions import CalibrationMismatch, FileFormatError
+from guara_perception.exceptions import CalibrationMismatch
+from guara_perception.fields import Fields
 
 # Periods that are tried for the stepper's error, in stripes of the standard pattern. With every second stripe
 # calibrated, no shorter period than four can be distinguished.
@@ -77,21 +78,13 @@ def stored_mirror(calibration: Calibration) -> tuple[MirrorModel, Float, Float]:
         CalibrationMismatch: it holds no mirror model.
         FileFormatError: the mirror model is not as documented.
     """
-    stored = calibration.mirror
-    if not stored:
+    if not calibration.mirror:
         raise CalibrationMismatch("the calibration holds no mirror model: make it with `guara calibrate`")
-    try:
-        mirror = MirrorModel(
-            laser_plane=np.array(stored["laser_plane"], dtype=float).reshape(4),
-            axis=np.array(stored["axis"], dtype=float).reshape(3),
-            point=np.array(stored["point"], dtype=float).reshape(3),
-            normal_at_zero=np.array(stored["normal_at_zero"], dtype=float).reshape(3),
-            gain=float(stored["gain"]),
-        )
-        pairs = np.array([[item["index"], item["error"]] for item in stored["step_errors"]], dtype=float)
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(f"mirror of the calibration is not as documented: {error!r}") from None
-    return mirror, pairs[:, 0], pairs[:, 1]
+    stored = Fields(calibration.mirror, "calibration", "mirror")
+    sizes = {"laser_plane": 4, "axis": 3, "point": 3, "normal_at_zero": 3}
+    vectors = {name: stored.array(name, (size,)) for name, size in sizes.items()}
+    errors = [(item.number("index"), item.number("error")) for item in stored.items("step_errors")]
+    return MirrorModel(**vectors, gain=stored.number("gain")), *np.array(errors).reshape(-1, 2).T
 
 
 def step_errors(wanted: Float, indices: Float, errors: Float) -> tuple[Float, float]:

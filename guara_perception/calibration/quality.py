@@ -104,12 +104,9 @@ def quality_record(checks: Sequence[Check], verdict: str, reasons: Sequence[str]
 
 def coverage(views: Sequence[BoardView], size: tuple[int, int]) -> Index:
     """(rows, columns) number of corners in each of COVERAGE_CELLS."""
-    corners = np.concatenate([np.empty((0, 2)), *(view.corners_px for view in views)])
-    column = np.clip(corners[:, 0] * COVERAGE_CELLS[0] / size[0], 0, COVERAGE_CELLS[0] - 1).astype(int)
-    row = np.clip(corners[:, 1] * COVERAGE_CELLS[1] / size[1], 0, COVERAGE_CELLS[1] - 1).astype(int)
-    return np.bincount(row * COVERAGE_CELLS[0] + column, minlength=COVERAGE_CELLS[0] * COVERAGE_CELLS[1]).reshape(
-        COVERAGE_CELLS[1], COVERAGE_CELLS[0]
-    )
+    u, v = np.concatenate([np.empty((0, 2)), *(view.corners_px for view in views)]).T
+    ranges = (0, size[1]), (0, size[0])
+    return np.histogram2d(v, u, COVERAGE_CELLS[::-1], ranges)[0].astype(np.intp)
 
 
 def picture_grid(size: tuple[int, int]) -> Float:

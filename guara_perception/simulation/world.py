@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.simulation.features import KINDS, AnyFeature, Step, material_index
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.real_light import real_light
-from kinematics.untrusted import LARGEST_FILE, parse_toml
+from kinematics.untrusted import LARGEST_FILE, key_lines, parse_toml, table_name
 
 UNDULATION_WAVES = 6
 SHORTEST_WAVE_M = 0.25
@@ -161,8 +160,6 @@ def _waves(seed: int) -> Float:
     return np.column_stack((2 * np.pi / lengths * np.cos(angles), 2 * np.pi / lengths * np.sin(angles), phases))
 
 
-_TABLE = re.compile(r"^\s*\[\[?\s*([A-Za-z_]+)\s*\]\]?")
-_KEY = re.compile(r"^\s*([A-Za-z_]+)\s*=")
 LIGHT = "light"
 # Types of a number; `isinstance` would accept true and false.
 NUMBERS = (int, float)
@@ -209,86 +206,69 @@ def parse_world(text: str, source: str) -> World:
         data: dict[str, Any] = parse_toml(text)
     except ValueError as error:
         raise FileFormatError(f"{source}: not a TOML file ({error})") from None
-    lines = _lines(text)
-    top = {key: value for key, value in data.items() if key not in KINDS and key != LIGHT}
-    options = _options(World, top, source, lines.get(("", 0), {}), "a world")
-    options[LIGHT] = _light(data.get(LIGHT, {}), source, lines.get((LIGHT, 0), {}))
-    features: list[tuple[int, AnyFeature]] = []
-    for kind, cls in KINDS.items():
-        entries = data.get(kind, [])
-        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            raise FileFormatError(f"{source}, line {lines[('', 0)].get(kind, 1)}: write [[{kind}]] for each {kind}")
-        for number, entry in enumerate(entries):
-            key_lines = lines.get((kind, number), {})
-            known = _options(cls, entry, source, key_lines, f"a {kind}")
-            with _lines_named(source, key_lines, f"[[{kind}]]: "):
-                features.append((key_lines.get("", 1), cls(**known)))
-    features.sort(key=lambda item: item[0])
-    with _lines_named(source, lines[("", 0)]):
-        bare = World(**options)
-    for line, feature in features:
-        with _lines_named(source, {"": line}):
-            bare.check_inside(feature)
-    return World(**options, features=tuple(feature for _, feature in features))
-
-
-@contextmanager
-def _lines_named(source: str, lines: Mapping[str, int], table: str = "") -> Iterator[None]:
-    """Convert InvalidInput to FileFormatError with the line of the key named first in its text."""
-    try:
-        yield
-    except InvalidInput as error:
-        line = lines.get(str(error).split(" ", 1)[0], lines.get("", 1))
-        raise FileFormatError(f"{source}, line {line}: {table}{error}") from None
-
-
-def _light(strengths: Any, source: str, lines: Mapping[str, int]) -> Light:
-    """Light of a world from its table."""
+    file = _WorldFile(source, key_lines(text))
+    options = file.options(World, "", {key: data[key] for key in data if key not in KINDS and key != LIGHT})
+    strengths = data.get(LIGHT, {})
     if not isinstance(strengths, dict):
         raise FileFormatError(f"{source}: write [light], and below it an effect and its strength in each line")
     for name, strength in strengths.items():
-        where = f"{source}, line {lines.get(name, lines.get('', 1))}"
-        _value(strength, "float", f"{where}: {name}")
-        with _lines_named(source, {"": lines.get(name, 1)}, "[light]: "):
+        _value(strength, "float", f"{file.line(LIGHT, name)}: {name}")
+        with file.named(LIGHT, "[light]: ", name):
             real_light({name: strength})
-    return real_light(strengths)
+    features: list[tuple[int, str, AnyFeature]] = []
+    for kind, cls in KINDS.items():
+        entries = data.get(kind, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise FileFormatError(f"{file.line('', kind)}: write [[{kind}]] for each {kind}")
+        for number, entry in enumerate(entries, 1):
+            table = table_name(kind, number)
+            given = file.options(cls, table, entry)
+            with file.named(table, f"[[{kind}]]: "):
+                features.append((file.lines.get(table, 1), table, cls(**given)))
+    features.sort(key=lambda item: item[0])
+    with file.named(""):
+        bare = World(**options)
+    for _, table, feature in features:
+        with file.named(table):
+            bare.check_inside(feature)
+    return World(**options, light=real_light(strengths), features=tuple(feature for _, _, feature in features))
 
 
-def _lines(text: str) -> dict[tuple[str, int], dict[str, int]]:
-    """Line of every key, by (name of the table, its number among those of that name); its own has the key ""."""
-    found: dict[tuple[str, int], dict[str, int]] = {("", 0): {}}
-    counts: dict[str, int] = {}
-    table = ("", 0)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if header := _TABLE.match(line):
-            name = header.group(1)
-            table = (name, counts.get(name, 0))
-            counts[name] = table[1] + 1
-            found[table] = {"": number}
-        elif key := _KEY.match(line):
-            found[table].setdefault(key.group(1), number)
-    for (name, number), keys in list(found.items()):
-        if name and number == 0:
-            found[("", 0)].setdefault(name, keys[""])
-    return found
+@dataclass(frozen=True, slots=True)
+class _WorldFile:
+    """Name of a world file and the lines of its tables and keys (`key_lines`), for messages."""
 
+    name: str
+    lines: Mapping[str, int]
 
-def _options(
-    cls: type[Any], entry: Mapping[str, Any], source: str, lines: Mapping[str, int], what: str
-) -> dict[str, Any]:
-    """Keyword arguments of a dataclass from a table, with types checked."""
-    fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name not in ("features", LIGHT)}
-    result: dict[str, Any] = {}
-    for key, value in entry.items():
-        where = f"{source}, line {lines.get(key, lines.get('', 1))}"
-        if key not in fields:
-            extra = f"; tables: {', '.join(KINDS)}, {LIGHT}" if cls is World else ""
-            raise FileFormatError(f"{where}: unknown key {key!r}; {what} has: {', '.join(fields)}{extra}")
-        result[key] = _value(value, str(fields[key].type), f"{where}: {key}")
-    for name, f in fields.items():
-        if name not in result and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
-            raise FileFormatError(f"{source}, line {lines.get('', 1)}: {name!r} is missing; {what} needs it")
-    return result
+    def line(self, table: str, key: str) -> str:
+        """File and line of a key, or of its table if it is not there."""
+        return f"{self.name}, line {self.lines.get(f'{table}.{key}' if table else key, self.lines.get(table, 1))}"
+
+    @contextmanager
+    def named(self, table: str, title: str = "", key: str = "") -> Iterator[None]:
+        """Convert InvalidInput to FileFormatError with the line of a key, by default the first word of its text."""
+        try:
+            yield
+        except InvalidInput as error:
+            where = self.line(table, key or str(error).split(" ", 1)[0])
+            raise FileFormatError(f"{where}: {title}{error}") from None
+
+    def options(self, cls: type[Any], table: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+        """Keyword arguments of a dataclass from a table, with types checked."""
+        fields = {f.name: f for f in dataclasses.fields(cls) if f.init and f.name not in ("features", LIGHT)}
+        what = f"a {cls.__name__.lower()}"
+        result: dict[str, Any] = {}
+        for key, value in entry.items():
+            where = self.line(table, key)
+            if key not in fields:
+                extra = f"; tables: {', '.join(KINDS)}, {LIGHT}" if cls is World else ""
+                raise FileFormatError(f"{where}: unknown key {key!r}; {what} has: {', '.join(fields)}{extra}")
+            result[key] = _value(value, str(fields[key].type), f"{where}: {key}")
+        for name, f in fields.items():
+            if name not in result and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
+                raise FileFormatError(f"{self.line(table, '')}: {name!r} is missing; {what} needs it")
+        return result
 
 
 def _value(value: Any, kind: str, where: str) -> Any:

@@ -68,5 +68,5 @@ def test_stripes_out_of_reach(calibration: gp.Calibration, result: CalibrationRe
     with pytest.raises(CalibrationMismatch, match="holds no mirror model: make it with `guara calibrate`"):
         interpolate_pattern(calibration, range(69))
     spoilt = dataclasses.replace(result.calibration, mirror={"axis": [0, 1]})
-    with pytest.raises(FileFormatError, match="mirror of the calibration is not as documented"):
+    with pytest.raises(FileFormatError, match="calibration: mirror.laser_plane is missing"):
         interpolate_pattern(spoilt, range(69))
