@@ -384,14 +384,11 @@ def _threshold(count: int) -> float:
     Half of the false alarms are allotted to the second reading, the rest to all later ones in proportion to
     1 / ((n - 1)(n - 2)), which sums to one for a pause of any length. Tests at the same reading share equally.
     """
+    from scipy.special import chdtri
+
     windows = int(math.log2(min(count - 1, LONGEST))) + 1
-    tests = 1 if count == 2 else 3 * windows
-    log = math.log(0.5 * FALSE_ALARMS / tests) - (math.log((count - 1) * (count - 2)) if count > 2 else 0.0)
-    chi2 = 20.0
-    for _ in range(12):
-        # P(chi^2 > x) = exp(-x / 2) (1 + x / 2 + x^2 / 8), solved by iteration.
-        chi2 = -2.0 * (log - math.log(1.0 + chi2 / 2.0 + chi2**2 / 8.0))
-    return chi2
+    tests = 1 if count == 2 else 3 * windows * (count - 1) * (count - 2)
+    return float(chdtri(6, 0.5 * FALSE_ALARMS / tests))
 
 
 def most_apart(degrees: int) -> float:

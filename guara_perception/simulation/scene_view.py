@@ -13,7 +13,7 @@ from guara_perception.simulation.features import MATERIALS
 from guara_perception.simulation.light import Light
 from guara_perception.simulation.relief import PolarView, Relief
 from kinematics import RobotState
-from kinematics.transforms import transform_points
+from kinematics.self_filter import place_shape
 
 # Range and resolution of the views of camera and laser: at most half a pixel's width on the ground.
 RADIUS_M = 1.3
@@ -236,16 +236,16 @@ class Body:
             state: joint positions with forward kinematics done.
             transform_base_to_world: (4, 4).
         """
-        self._boxes = []
-        for name, link in state.tree.links.items():
-            for shape in link.shapes:
-                transform = transform_base_to_world @ state.transform_to_base(name) @ shape.transform_shape_to_link
-                self._boxes.append((transform, _half_size(shape.kind, shape.size)))
+        self._boxes = tuple(
+            place_shape(shape, name, transform_base_to_world @ state.transform_to_base(name), 0.0)
+            for name, link in state.tree.links.items()
+            for shape in link.shapes
+        )
 
     def corners(self) -> Float:
         """Corners (n, 8, 3) of all boxes in the world."""
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        return np.array([transform_points(transform, signs * half) for transform, half in self._boxes])
+        return np.array([signs * box.half @ box.rotation.T + box.centre for box in self._boxes])
 
     def meets(self, number: int, viewpoint: Float, directions: Float32) -> tuple[Float32, npt.NDArray[np.int8]]:
         """Intersect lines from a viewpoint with one box.
@@ -259,11 +259,10 @@ class Body:
             (n,) share of the direction's length at which the line enters, inf where it misses, and the axis (0, 1, 2)
             of the face.
         """
-        transform, half = self._boxes[number]
-        start = (viewpoint - transform[:3, 3]) @ transform[:3, :3]
-        along = directions @ transform[:3, :3].astype(np.float32)
+        box = self._boxes[number]
+        start, along = (viewpoint - box.centre) @ box.rotation, directions @ box.rotation.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = ((-half - start) / along).astype(np.float32), ((half - start) / along).astype(np.float32)
+            one, other = (((side - start) / along).astype(np.float32) for side in (-box.half, box.half))
         near, far = np.minimum(one, other), np.maximum(one, other)
         enter = near.max(axis=1)
         hit = (enter <= far.min(axis=1)) & (enter > 0)
@@ -271,15 +270,6 @@ class Body:
 
     def normal(self, number: int, axis: npt.NDArray[np.int8], directions: Float32) -> Float32:
         """Unit normals (n, 3) in the world of the faces met, facing the viewpoint."""
-        rotation = self._boxes[number][0][:3, :3].astype(np.float32)
-        normals = rotation.T[axis]
+        normals = self._boxes[number].rotation.astype(np.float32).T[axis]
         facing = np.sign(np.einsum("ni,ni->n", normals, directions))
         return np.asarray(-facing[:, None] * normals)
-
-
-def _half_size(kind: str, size: tuple[float, ...]) -> Float:
-    if kind == "box":
-        return np.asarray(size) / 2
-    if kind == "cylinder":
-        return np.array([size[0], size[0], size[1] / 2])
-    return np.full(3, size[0])
