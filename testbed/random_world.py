@@ -42,9 +42,9 @@ def random_world(
     counts = {"boxes": boxes, "rocks": rocks, "pits": pits, "dark": dark}
     for name, count in counts.items():
         if count < 0:
-            raise InvalidInput(f"{name} is {count}, it must be 0 or more")
+            raise InvalidInput(f"{name} is {count}, allowed: 0 or more")
     if length < 1.0:
-        raise InvalidInput(f"length is {length} m, it must be 1 m or more")
+        raise InvalidInput(f"length is {length} m, allowed: 1 m or more")
     rng = np.random.default_rng(seed)
     width = 0.34
 

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index
+from guara_perception.shown import eight_bits
 from kinematics.arrays import read_only
 
 CHECKERBOARD: Final = "checkerboard"
@@ -94,7 +95,6 @@ class BoardView:
 
 def to_grey(picture: Image) -> Grey:
     """Convert a picture of 8 or 16 bits, grey or BGR, to 8-bit grey."""
-    if picture.dtype == np.uint16:
-        picture = (picture >> 8).astype(np.uint8)
+    picture = eight_bits(picture)
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 and picture.shape[2] == 3 else picture
     return np.ascontiguousarray(grey.reshape(grey.shape[:2]), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""A simulated robot on simulated terrain: world, rangefinder, walk.
+"""Simulation of a robot on terrain: world, rangefinder, walk.
 
 Imports `calibration`, `ranging`, `terrain` and, for the emulated camera, `drivers`; `app` and the test bench use it.
 """

@@ -21,7 +21,7 @@ FAINTEST = 0.2
 
 
 class Bounce:
-    """Receivers of one view, on a coarse grid of its pixels."""
+    """Bounced light in one view, computed on a coarse grid of its pixels (receivers)."""
 
     def __init__(self, view: SceneView) -> None:
         """Select the receivers; `view` is not copied."""

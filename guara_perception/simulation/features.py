@@ -17,7 +17,7 @@ DIRECTIONS = ("up", "down")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feature:
-    """Base of all features on a rectangle.
+    """Base class of features with a rectangular outline.
 
     Attributes:
         x, y: centre [m].
@@ -35,7 +35,7 @@ class Feature:
     def __post_init__(self) -> None:
         _finite(self, "x", "y", "yaw")
         if len(self.size) != 2 or not all(np.isfinite(s) and s > 0 for s in self.size):
-            raise InvalidInput(f"size is {tuple(self.size)}, it must be (length, width), both above 0 m")
+            raise InvalidInput(f"size is {tuple(self.size)}, allowed: (length, width), both above 0 m")
         material_index(self.material)
 
     @property
@@ -74,7 +74,7 @@ class Patch(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raised(Feature):
-    """Base of features that raise the ground; `height` is above the ground at the centre [m]."""
+    """Base class of features that raise the ground; `height` is above the ground at the centre [m]."""
 
     height: float
 
@@ -148,7 +148,7 @@ class Pit(Feature):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """All ground from `x` on is higher (direction "up") or lower ("down") by `height` [m]."""
+    """Step across the whole world: the ground beyond `x` is `height` [m] higher (direction "up") or lower ("down")."""
 
     x: float
     height: float
@@ -161,7 +161,7 @@ class Step:
         _finite(self, "x")
         _positive(self, "height", "run")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= 100:
-            raise InvalidInput(f"count is {self.count!r}, it must be a whole number 1 ... 100")
+            raise InvalidInput(f"count is {self.count!r}, allowed: a whole number 1 ... 100")
         if self.direction not in DIRECTIONS:
             raise InvalidInput(f"direction is {self.direction!r}, allowed: {', '.join(DIRECTIONS)}")
         material_index(self.material)
@@ -180,7 +180,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stairs(Step):
-    """`count` steps of `height` each, one every `run` metres from `x` on, across the whole world."""
+    """Flight of `count` steps of `height` each, one every `run` metres, the first at `x`."""
 
     count: int
     run: float
@@ -203,19 +203,19 @@ def _finite(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
         if not np.isfinite(value):
-            raise InvalidInput(f"{name} is {value}, it must be finite")
+            raise InvalidInput(f"{name} is {value}, allowed: finite numbers")
 
 
 def _positive(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
         if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{name} is {value}, it must be above 0 m")
+            raise InvalidInput(f"{name} is {value}, allowed: above 0 m")
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """One material.
+    """Optical properties of a surface.
 
     Attributes:
         name: name in world files.

@@ -133,7 +133,7 @@ def _best_first(
 
 
 def _others(terrain: TerrainGrid, leg: str, wish: tuple[float, float], robot: RobotModel | None) -> Iterator[Foothold]:
-    """Best foothold of each of these circles, the nearest circle first."""
+    """Best foothold of each circle of OTHER_OFFSETS_M, the nearest circle first."""
     for dx, dy in sorted(OTHER_OFFSETS_M, key=lambda offset: (np.hypot(*offset), abs(wish[1] + offset[1]))):
         found = terrain.best_foothold(wish[0] + dx, wish[1] + dy, OTHER_RADIUS_M, leg=leg, robot=robot)
         if found is not None:

@@ -34,7 +34,7 @@ LEAST_CLEARANCE_M = 0.05
 
 
 class SimulatedRangefinder:
-    """A rangefinder on a robot over a world.
+    """Simulated rangefinder on a robot that stands over a world.
 
     Example:
         rangefinder = SimulatedRangefinder(world, specimen(robot), robot, seed=0)
@@ -105,7 +105,7 @@ class SimulatedRangefinder:
             clearance = position[2] - float(self.world.height(position[0], position[1]))
             if clearance < LEAST_CLEARANCE_M:
                 raise InvalidInput(
-                    f"the {name} is {clearance:.3f} m above the ground, it must be {LEAST_CLEARANCE_M} m or more"
+                    f"the {name} is {clearance:.3f} m above the ground, allowed: {LEAST_CLEARANCE_M} m or more"
                 )
         body = None if joint_positions is None else Body(self.robot.state(joint_positions), transform)
         beam = (laser, transform[:3, 1])
@@ -143,7 +143,7 @@ class SimulatedRangefinder:
         """
         view = self.view
         if not (np.isfinite(exposure) and exposure > 0):
-            raise InvalidInput(f"exposure is {exposure} of the nominal one, it must be above 0")
+            raise InvalidInput(f"exposure is {exposure} of the nominal one, allowed: above 0")
         if laser <= 0:
             return self._sensor.dark_picture(exposure)
         light, rows = self._laser_light(view, mirror_angle, mirror_travel)
@@ -219,7 +219,7 @@ class LaserPlanes:
         return LaserPlanes(np.array([stripe.mirror_angle for stripe in stripes]), planes)
 
     def plane_at(self, mirror_angle: float) -> Float:
-        """(4,) plane in base_link at a mirror angle [rad].
+        """Laser plane (4,) in base_link at a mirror angle [rad].
 
         Between two stripes the plane turns about their line of intersection, as with the mirror; beyond the first and
         the last stripe it is extrapolated from the nearest two.

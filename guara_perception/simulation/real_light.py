@@ -83,7 +83,7 @@ def real_light(strengths: Mapping[str, float]) -> Light:
         if name not in EFFECTS:
             raise InvalidInput(f"effect is {name!r}, allowed: {', '.join(EFFECTS)}")
         if not (np.isfinite(strength) and 0 <= strength <= 1):
-            raise InvalidInput(f"strength of {name} is {strength}, it must be 0 ... 1")
+            raise InvalidInput(f"strength of {name} is {strength}, allowed: 0 ... 1")
         for field, value in EFFECTS[name](float(strength)).items():
             known = options.get(field)
             options[field] = value if known is None else known * value / getattr(PLAIN, field)

@@ -78,7 +78,7 @@ def _slope(height: Float32, cell: float, axis: int) -> Array:
 
 
 def _texture(seed: int) -> Float32:
-    """Mottles of several sizes, from 2 mm to 40 mm."""
+    """Mottled texture, with patches of 2 mm to 40 mm."""
     noise = np.random.default_rng(seed).standard_normal((TEXTURE_CELLS, TEXTURE_CELLS)).astype(np.float32)
     total = np.zeros_like(noise)
     for sigma, share in ((0.7, 1.0), (2.5, 0.8), (8.0, 0.3)):
@@ -91,7 +91,7 @@ def _texture(seed: int) -> Float32:
 
 @dataclass(frozen=True, slots=True)
 class PolarView:
-    """Running maximum of the tangent around a viewpoint.
+    """Visibility around a viewpoint: running maximum of the tangent along every bearing.
 
     Attributes:
         viewpoint: (3,) position in the world [m].
@@ -114,7 +114,7 @@ class PolarView:
         radius: float,
         radius_spacing: float,
     ) -> PolarView:
-        """Compute the view.
+        """Compute the view from a viewpoint.
 
         Args:
             relief: the ground.
@@ -136,7 +136,7 @@ class PolarView:
         return PolarView(viewpoint, (first, spacing), radius_spacing, np.maximum.accumulate(tangent, axis=1))
 
     def meets(self, bearing: Float32, tangent: Float32, tangents: int) -> Float32:
-        """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; beyond the last radius: level ground."""
+        """Distance (h, w) [m] at which lines of sight (h, w) meet the ground; it is level beyond the last radius."""
         limit = float(np.clip(tangent.max(), 0.01, float(self.horizon[:, -1].max())))
         grid = np.linspace(0.0, limit, tangents, dtype=np.float32)
         radii = (np.arange(self.horizon.shape[1] + 1) * self.radius_spacing).astype(np.float32)

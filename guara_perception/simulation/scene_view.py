@@ -64,7 +64,7 @@ def view_scene(
     body: Body | None,
     light: Light,
 ) -> SceneView:
-    """Prepare a view.
+    """Compute the view from one pose.
 
     Args:
         relief: the ground.
@@ -146,7 +146,7 @@ def _surface(relief: Relief, points: Float32, directions: Float32, normals: Floa
 
 
 def _chessboard(points: Float32) -> Float32:
-    """Albedo (h, w) of a chessboard that covers every surface, walls by their height too."""
+    """Albedo (h, w) of a chessboard in three dimensions: on walls its colours alternate with the height."""
     square = np.floor(points / np.float32(SQUARE_M) + np.float32(1e-3)).astype(np.int64)
     return np.where(square.sum(axis=2) % 2 == 0, BOARD_ALBEDO[0], BOARD_ALBEDO[1]).astype(np.float32)
 
@@ -230,7 +230,7 @@ class Body:
     """Boxes that bound the robot's collision shapes, posed by forward kinematics."""
 
     def __init__(self, state: RobotState, transform_base_to_world: Float) -> None:
-        """Place the shapes.
+        """Place the boxes.
 
         Args:
             state: joint positions with forward kinematics done.

@@ -30,7 +30,7 @@ BLOTCH_SIGMA_PX = 3.0
 
 
 class Sensor:
-    """Turns light into pictures; all noise comes from one seeded generator."""
+    """Sensor that converts light to pictures; all noise comes from one seeded generator."""
 
     def __init__(self, light: Light, shape: tuple[int, int], seed: int) -> None:
         """Generate the noise.
@@ -100,7 +100,7 @@ class Sensor:
         return kept[self._turn % DARK_PICTURES]
 
     def _uneven_picture(self, light: Float32, rows: tuple[int, int], laser: float, exposure: float) -> Image:
-        """Picture with laser light that differs from one without in every pixel."""
+        """Picture with laser light where it differs from a dark picture in all pixels (not `Light.is_even`)."""
         gains = np.array(self._light.drift, np.float32)
         level = self._ambient_now()
         if light.size:

@@ -41,7 +41,7 @@ def specimen(
     """
     width, height = size
     if min(size) < 64:
-        raise InvalidInput(f"picture size is {width}x{height}, it must be 64x64 px or more")
+        raise InvalidInput(f"picture size is {width}x{height}, allowed: 64x64 px or more")
     errors = np.zeros(16) if seed is None else np.random.default_rng(seed).standard_normal(16)
     # Square pixels: the larger of the focal lengths for the width and for the height (at 5:4).
     focal = FOCAL_LENGTH_OF_WIDTH * max(width, 1.25 * height) * (1 + FOCAL_SIGMA * errors[0])

@@ -46,7 +46,7 @@ class WalkNoise:
         for name in ("joint", "contact", "slip", "imu", "creep"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"walk noise: {name} is {value}, it must be finite and 0 or more")
+                raise InvalidInput(f"walk noise: {name} is {value}, allowed: finite, 0 or more")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -62,9 +62,9 @@ class World:
         """
         for name, (low, high) in (("x", self.x), ("y", self.y)):
             if not (np.isfinite([low, high]).all() and low < high):
-                raise InvalidInput(f"{name} is ({low}, {high}), it must be (low, high) with low below high")
+                raise InvalidInput(f"{name} is ({low}, {high}), allowed: (low, high), low below high")
         if not (np.isfinite(self.undulation) and 0 <= self.undulation <= 0.1):
-            raise InvalidInput(f"undulation is {self.undulation}, it must be 0 ... 0.1 m")
+            raise InvalidInput(f"undulation is {self.undulation}, allowed: 0 ... 0.1 m")
         material_index(self.material)
         for feature in self.features:
             self.check_inside(feature)
@@ -282,4 +282,4 @@ def _value(value: Any, kind: str, where: str) -> Any:
         and [type(item) in NUMBERS for item in value] == [True, True]
     ):
         return float(value[0]), float(value[1])
-    raise FileFormatError(f"{where} is {value!r}, it must be {_TYPES[kind]}")
+    raise FileFormatError(f"{where} is {value!r}, allowed: {_TYPES[kind]}")

@@ -10,6 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Grey, Image, Index, Mask
 from guara_perception.exceptions import InvalidInput
+from guara_perception.shown import eight_bits
 from guara_perception.stripes.band import Band, StripeProfile, StripeStatus, bad_frame, channel_of, has_colour
 from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
 from guara_perception.stripes.measure import NAN
@@ -95,8 +96,7 @@ def paper_stripe(band: Band, threshold: float | None = None) -> StripeProfile:
 
 def red_enhanced_grey(frame: Image) -> Grey:
     """Grey picture of 8 bits in which red counts most; a mono picture is taken as it is."""
-    if frame.dtype == np.uint16:
-        frame = (frame >> 8).astype(np.uint8)
+    frame = eight_bits(frame)
     if not has_colour(frame):
         return channel_of(frame, 0)
     shares = np.array([[BLUE_SHARE, GREEN_SHARE, RED_SHARE]], dtype=np.float32)

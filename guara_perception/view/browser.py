@@ -88,9 +88,9 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             if follow:
                 self._redraw()
             else:
-                self._tell_timeline()
+                self._show_timeline()
 
-    def tell(self, text: str, is_stale: bool) -> None:
+    def report(self, text: str, is_stale: bool) -> None:
         """Show a line on the live grid, in red if it is stale."""
         with self._lock, self._server.atomic():
             self._controls.live(text, is_stale)
@@ -115,7 +115,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             if self._is_other("terrain", grid, controls.colouring.value):
                 mesh = terrain_mesh(grid, controls.colouring.value)
                 drawing.terrain(grid, mesh)
-                controls.tell(status_text(grid), legend_html(mesh))
+                controls.describe(status_text(grid), legend_html(mesh))
             for name, draw in (("obstacles", drawing.obstacles), ("regions", drawing.regions)):
                 if self._is_other(name, grid, shows[name]):
                     draw(grid, shown=shows[name])
@@ -127,7 +127,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             controls.has_stripes(moment.stripes is not no_stripes)
             controls.picture(moment.picture())
             self._explain(grid)
-            self._tell_timeline()
+            self._show_timeline()
             self._look_from(moment.transform_footprint_to_odom[:3, 3])
         self._server.flush()
 
@@ -140,7 +140,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
         """The grid of the selected extent, or the other one if there is none."""
         return moment.grids.get(self._controls.extent.value, moment.any_grid)
 
-    def _tell_timeline(self) -> None:
+    def _show_timeline(self) -> None:
         playing = self._player is not None
         self._controls.timeline(len(self._timeline), self._timeline.number, playing=playing)
 
@@ -160,7 +160,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
             self._halt.clear()
             self._player = supervised("guara-view-play", self._play)
             self._player.start()
-            self._tell_timeline()
+            self._show_timeline()
 
     def _play(self) -> None:
         while not self._halt.wait(PLAY_PERIOD_S):
@@ -170,7 +170,7 @@ class BrowserView(AbstractContextManager["BrowserView"]):
                     break
         with self._lock:
             self._player = None
-            self._tell_timeline()
+            self._show_timeline()
 
     def _click(self, origin: Float, direction: Float) -> None:
         """Explain the point of the terrain that the ray (in odom) of a click meets."""

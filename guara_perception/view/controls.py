@@ -6,16 +6,18 @@ import html
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 
 from guara_perception.arrays import Image
+from guara_perception.shown import for_screen
 from guara_perception.terrain.drawing.style import UNKNOWN_COLOUR, rgb
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.hazard import MEANING, UNKNOWN_MASK, Hazard
 from guara_perception.view.scene_drawing import REGION_COLOUR
 from guara_perception.view.terrain_mesh import COLOURINGS, Scale, TerrainMesh
 
-NO_CELL = "Click on the ground: what is known of that cell, and why a foot may or may not go there."
+NO_CELL = "Click on the ground to see what is known of that cell, and why a foot may or may not be set there."
 PICTURE_WIDTH_PX = 480
 SHOWN = ("stripes", "footholds", "obstacles", "trail", "regions")
 LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weight:bold"
@@ -23,9 +25,9 @@ LIVE_STYLE, STALE_STYLE = "margin:0 1em", "margin:0 1em;color:#b00020;font-weigh
 HIDDEN_AT_FIRST = ("regions",)
 COLOURS_OF_A_BAR = 9
 FREE = "a foot may be set here"
-REGION = "with its box ticked: any place inside is one for the centre of a sole"
-NEVER_LOOKED_AT = "unknown, never looked at: never safe"
-UNKNOWN = "looked at, but no height to be trusted: never safe"
+REGION = "shown if its box is ticked: the centre of a sole may be set anywhere inside"
+NEVER_OBSERVED = "unknown because never observed: never safe"
+UNKNOWN = "observed, but without a reliable height: never safe"
 
 
 class Controls:
@@ -96,7 +98,7 @@ class Controls:
         if self._live.content != content:
             self._live.content = content
 
-    def tell(self, status: str, legend: str) -> None:
+    def describe(self, status: str, legend: str) -> None:
         """Show the status and the legend of the grid."""
         self._status.content, self._legend.content = status, legend
 
@@ -114,21 +116,15 @@ class Controls:
 
 def for_page(image: Image) -> Image:
     """Convert a camera picture for the page: RGB, 8 bits, no wider than it is drawn."""
-    import cv2
-
-    if image.dtype != np.uint8:
-        image = cv2.convertScaleAbs(image, alpha=255 / 65535)
-    image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
-    height, width = image.shape[:2]
-    scale = min(1.0, PICTURE_WIDTH_PX / width)
-    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    small = for_screen(image, PICTURE_WIDTH_PX)
+    return np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB))
 
 
 def legend_html(mesh: TerrainMesh) -> str:
     """Legend of a mesh: hazards in three groups, or a colour bar, and the parts that are not drawn."""
     rows = _scale_rows(mesh.scale) if mesh.scale is not None else _hazard_rows(mesh.legend)
     rows.append(_row("regions", REGION, f"border:2px solid rgb{REGION_COLOUR}".replace(" ", "")))
-    rows.append(_row("not drawn", NEVER_LOOKED_AT, "border:1px dashed #888"))
+    rows.append(_row("not drawn", NEVER_OBSERVED, "border:1px dashed #888"))
     return f'<div style="font-size:0.75em;line-height:1.5;padding:0 1em">{"".join(rows)}</div>'
 
 

@@ -16,12 +16,12 @@ KEPT = 60
 
 
 def no_stripes() -> list[Float]:
-    """Source without stripes."""
+    """Stripes of a moment without any."""
     return []
 
 
 def no_picture() -> Image | None:
-    """Source without a picture."""
+    """Picture of a moment without one."""
     return None
 
 
@@ -33,7 +33,7 @@ def pose_of(terrain: TerrainGrid) -> Float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """One stance pause.
+    """Data of one stance pause.
 
     Attributes:
         grids: grids by extent, "footprint" and "map"; at least one, all of one pause.

@@ -22,7 +22,7 @@ ROUND_SIDES = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualShape:
-    """Drawn shape of a link.
+    """Visible shape of a link.
 
     Attributes:
         vertices: (n, 3) in the link's frame [m].

@@ -35,7 +35,7 @@ Picked = Callable[[Float, Float], None]
 
 
 class SceneDrawing:
-    """Nodes of one scene. The robot's shapes are sent once, poses at every moment."""
+    """Drawing of moments in one scene. The shapes of the robot are sent once, poses with every moment."""
 
     def __init__(self, scene: Any, robot: RobotModel, picked: Picked) -> None:
         """Set up light, ground and the robot.

@@ -16,6 +16,7 @@ from guara_perception.calibration.laser import heights_through
 from guara_perception.calibration.plates import level_pixels
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID
 from guara_perception.calibration.result import CalibrationResult
+from guara_perception.shown import eight_bits
 from guara_perception.terrain.drawing import style
 
 if TYPE_CHECKING:
@@ -52,9 +53,7 @@ def data_url(png: bytes) -> str:
 
 def for_show(picture: Image) -> Image:
     """Convert a camera image to RGB, stretched to full contrast so that dark images are visible."""
-    if picture.dtype == np.uint16:
-        picture = (picture >> 8).astype(np.uint8)
-    rgb = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
+    rgb = cv2.cvtColor(eight_bits(picture), cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
     high = max(float(np.percentile(rgb, 99.8)), 1.0)
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
 

@@ -82,7 +82,7 @@ def command(
             click.echo(f"{len(moments)} scans of {file}: open {view.address} (Ctrl-C ends)")
             stop.wait()
         else:
-            show_live(view.add, model, endpoint, name, security, stop, view.address, view.tell)
+            show_live(view.add, model, endpoint, name, security, stop, view.address, view.report)
 
 
 def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:

@@ -72,7 +72,7 @@ class BoardAdvice:
         self._tilts.update(tilted_sides(view, self.board, (height, width)))
 
     def is_complete(self) -> bool:
-        """Whether enough pictures show every zone and every tilt."""
+        """True if there are enough pictures, and these show every zone and every tilt."""
         return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
 
     def missing(self, shape: tuple[int, ...]) -> str:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Self
 
 import cv2
-import numpy as np
 
 from guara_perception.arrays import Image
 from guara_perception.exceptions import InvalidInput
+from guara_perception.shown import for_screen
 from transport.supervision import supervised
 
 WIDTH_PX = 960
@@ -94,13 +94,5 @@ class LivePage:
         if path == "/state.json":
             return json.dumps(state).encode(), "application/json"
         if path == "/picture.jpg" and picture is not None:
-            return _jpeg(picture), "image/jpeg"
+            return cv2.imencode(".jpg", for_screen(picture, WIDTH_PX))[1].tobytes(), "image/jpeg"
         return b"", "text/plain"
-
-
-def _jpeg(picture: Image) -> bytes:
-    if picture.dtype == np.uint16:
-        picture = (picture >> 8).astype(np.uint8)
-    scale = min(1.0, WIDTH_PX / picture.shape[1])
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else picture
-    return bytes(cv2.imencode(".jpg", small)[1])

@@ -15,6 +15,7 @@ from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.settings import Settings
+from guara_perception.shown import eight_bits
 from transport.supervision import supervised
 
 # A picture with what was found drawn into it, and a sentence about it.
@@ -103,8 +104,7 @@ def area_look(camera: CameraModel, transform_camera_to_footprint: Float, setting
 
 def _colour(picture: Image) -> Image:
     """A copy of 8 bits and three colours."""
-    if picture.dtype == np.uint16:
-        picture = (picture >> 8).astype(np.uint8)
+    picture = eight_bits(picture)
     return cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
 
 

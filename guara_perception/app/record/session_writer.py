@@ -115,7 +115,7 @@ class SessionWriter:
         return sorted(path.name for path in self.folder.glob("board_[0-9][0-9].png"))
 
     def has(self, name: str) -> bool:
-        """Whether a picture or scan exists."""
+        """True if a picture or scan exists."""
         return (self.folder / name).exists()
 
     def read(self, name: str) -> Image:

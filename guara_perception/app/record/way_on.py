@@ -1,4 +1,4 @@
-"""What to do after a session was refused, without recording all of it again."""
+"""Advice on a refused session: the part to record again, instead of the whole."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from guara_perception.app.scene.scene import stripe_cloud
 from guara_perception.arrays import Image
+from guara_perception.shown import for_screen
 from kinematics import BASE_FOOTPRINT
 from transport import point_cloud_message
 from transport.grids.views import ViewSender
@@ -64,10 +65,6 @@ def _messages(points: Mapping[int, StripePoints], seen: tuple[int, Image] | None
     thinned = {name: np.ascontiguousarray(cloud[name][::THINNED]) for name in ("x", "y", "z")}
     yield point_cloud_message(thinned, BASE_FOOTPRINT, stamp)
     if seen is not None:
-        image = seen[1]
-        scale = min(1.0, PICTURE_WIDTH_PX / image.shape[1])
-        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        if small.dtype != np.uint8:
-            small = cv2.convertScaleAbs(small, alpha=255 / 65535)
+        small = for_screen(seen[1], PICTURE_WIDTH_PX)
         data = cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1].tobytes()
         yield make_frame(FrameRecord(data=data, format="jpeg", stamp=stamp), stamp)

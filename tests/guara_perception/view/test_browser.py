@@ -71,7 +71,11 @@ def test_the_page_shows_robot_and_terrain(page: Chromium, robot: RobotModel, gri
     with BrowserView(robot, port=18080) as view:
         view.show_recording([moment(grid), moment(grid, 8)])
         open_page(page, view.address, "step 7")
-        for expected_text in ("a foot may be set here", "Known, no foot here", "not drawn: unknown, never looked at"):
+        for expected_text in (
+            "a foot may be set here",
+            "Known, no foot here",
+            "not drawn: unknown because never observed",
+        ):
             assert page.evaluate(f"document.body.innerText.includes('{expected_text}')"), expected_text
 
         def is_whole(picture: np.ndarray) -> bool:
@@ -109,7 +113,7 @@ def test_steppable_regions_are_outlined_when_their_box_is_ticked(
     with BrowserView(robot, port=18087) as view:
         view.show_recording([moment(grid)])
         open_page(page, view.address, "step 7")
-        assert page.evaluate("document.body.innerText.includes('any place inside is one for the centre of a sole')")
+        assert page.evaluate("document.body.innerText.includes('the centre of a sole may be set anywhere inside')")
         before = lines(until(page, lambda picture: share(picture[SCENE], TERRAIN, 70) > 0.005, "the ground"))
         tick(page, "regions")
         until(page, lambda picture: lines(picture) > before + 0.0005, "outlines of regions")

@@ -41,7 +41,9 @@ def test_hazards_stand_in_three_groups(grid: gp.TerrainGrid) -> None:
     layers = {**grid.layers, "hazard": hazard, "elevation": elevation, "traversability": traversability}
     html = legend_html(terrain_mesh(dataclasses.replace(grid, layers=layers)))
     known = ("a foot may be set here", "Known, no foot here", "<b>edge</b>", "Unknown, never safe", "<b>dropout</b>")
-    ranks = [html.index(word) for word in (*known, "<b>out of range</b>", "<b>not drawn</b>: unknown, never looked at")]
+    ranks = [
+        html.index(word) for word in (*known, "<b>out of range</b>", "<b>not drawn</b>: unknown because never observed")
+    ]
     # Which of the two reasons for unknown ground comes first does not matter.
     assert sorted(ranks[:4]) == ranks[:4] and max(ranks[:4]) < min(ranks[4:6]) < max(ranks[4:6]) < ranks[6]
     assert css(HAZARD_COLOURS[gp.Hazard.DROPOUT]) in html and css(HAZARD_COLOURS[gp.Hazard.EDGE]) in html
@@ -52,7 +54,7 @@ def test_scales_have_a_bar_and_say_what_is_unknown(grid: gp.TerrainGrid) -> None
     html = legend_html(terrain_mesh(grid, "elevation"))
     assert "linear-gradient(to right,rgb(" in html and "+0 mm" in html and "+60 mm" in html
     assert css(UNKNOWN_COLOUR) in html and "<b>unknown</b>: looked at, but no height" in html
-    assert "<b>not drawn</b>: unknown, never looked at: never safe" in html
+    assert "<b>not drawn</b>: unknown because never observed: never safe" in html
     assert "0 no foot here" in legend_html(terrain_mesh(grid, "traversability"))
 
 

@@ -1,0 +1,19 @@
+"""Camera pictures as screens show them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Image
+
+
+def eight_bits(picture: Image) -> Image:
+    """The upper eight bits of a picture of 16; one of 8 bits is returned as it is."""
+    return (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+
+
+def for_screen(picture: Image, width: int) -> Image:
+    """Convert a picture to 8 bits, and shrink it to a width [px] if it is wider."""
+    scale = min(1.0, width / picture.shape[1])
+    return np.asarray(cv2.resize(eight_bits(picture), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
