@@ -113,14 +113,8 @@ def stripe_constants(
         raise InvalidInput(
             f"stripe index {index}: two or more heights at which it is seen at different positions are needed (eq. 17)"
         )
-    low, high = int(np.argmax(z)), int(np.argmin(z))
-    d = float(z[high] - z[low])
-    if len(v) == 2:
-        n = float(z[low] * z[high] * (v[low] - v[high]))
-        k = float(v[high] * z[high] - v[low] * z[low])
-    else:
-        solution = np.linalg.lstsq(np.column_stack((z, np.ones(len(z)))), z * v * d, rcond=None)[0]
-        k, n = float(solution[0]), float(solution[1])
+    d = float(z.min() - z.max())
+    k, n = np.linalg.lstsq(np.column_stack((z, np.ones(len(z)))), z * v * d, rcond=None)[0].tolist()
     error = n / (v * d - k) - z
     return StripeConstants(index, n, d, k, float(np.sqrt(np.mean(error**2))))
 
