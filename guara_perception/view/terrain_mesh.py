@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -130,15 +129,14 @@ def _height_scale(elevation: Float32) -> Scale:
 
 def drawn_heights(terrain: TerrainGrid) -> Float32:
     """Heights (ny, nx) of drawn cells [m]; an unknown cell has that of the nearest known one, or 0."""
+    from scipy.ndimage import distance_transform_edt
+
     elevation = terrain.elevation
     known = np.isfinite(elevation)
     if not known.any():
         return np.zeros_like(elevation)
-    unknown = (~known).astype(np.uint8)
-    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
-    by_label[labels[known]] = elevation[known]
-    return np.asarray(by_label[labels], dtype=np.float32)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(elevation[tuple(nearest)])
 
 
 def met_by_ray(terrain: TerrainGrid, origin: npt.ArrayLike, direction: npt.ArrayLike) -> Float | None:
