@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from scipy.stats import theilslopes
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
@@ -256,7 +255,7 @@ def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: f
     if np.count_nonzero(is_narrow) >= LEAST_STRIPS:
         at, across = at[is_narrow > 0], across[is_narrow > 0]
     # At its sides a flight may be hidden, or smeared by the sensor: the line of most points counts.
-    slope, offset, _, _ = theilslopes(at, across)
+    slope, offset = _line_of_most(across, at)
     kept = np.abs(at - slope * across - offset) < 1.5 * straight
     at, across = at[kept], across[kept]
     if at.size < max(LEAST_STRIPS, 0.5 * kept.size):
@@ -266,3 +265,10 @@ def _edge(x: Float, y: Float, height: Float, cell: float, lower: float, upper: f
         return None
     mean = float(across.mean())
     return _Edge(float(offset + slope * mean), float(slope), float(across.min()), float(across.max()))
+
+
+def _line_of_most(x: Float, y: Float) -> tuple[float, float]:
+    """Slope and offset of the line of Theil and Sen: the median of the slopes between all points of different x."""
+    one, other = np.nonzero(x[:, None] > x)
+    slope = float(np.median((y[one] - y[other]) / (x[one] - x[other])))
+    return slope, float(np.median(y) - slope * np.median(x))
