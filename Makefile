@@ -10,7 +10,7 @@ ROBOTS_STAMP := $(VENV)/.installed-robots
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help install install-extras install-robots install-interop demo test test-quick test-all test-heavy test-chip test-interop \
-	test-soak test-robots firmware lint types docs bench bench-quick lock clean
+	test-soak test-robots firmware lint types docs bench bench-quick lock dist clean
 
 help:
 	@echo "make demo            install into .venv and run the main job without hardware"
@@ -23,6 +23,7 @@ help:
 	@echo "make firmware        the laser board's firmware from its source, compared with the committed guara_board.uf2"
 	@echo "make docs            the documents and the Python reference as a site in out/site"
 	@echo "make lint types      ruff and mypy"
+	@echo "make dist            wheels and source distributions of guara-client and guara-perception, tried in fresh environments"
 	@echo "make bench           every figure of speed and accuracy (minutes); make bench-quick: under a minute"
 
 install: $(STAMP)
@@ -119,6 +120,9 @@ bench: install
 
 bench-quick: install
 	$(BIN)/python -m benchmarks all --quick
+
+dist: install
+	.ci/dist
 
 # Needs uv; writes one resolution for every Python that pyproject.toml allows.
 lock:

@@ -1,4 +1,6 @@
-"""Build hook of hatchling: compiles the kernel of stripe extraction, with `cc` or, where there is none, with Zig.
+"""Build hook of hatchling: leaves what the distribution guara-client holds to it, and compiles the kernel.
+
+The kernel of stripe extraction is compiled with `cc` or, where there is none, with Zig.
 
 The libraries lie beside their source: in the wheel, or in the checkout for an editable installation. There
 `python hatch_build.py` compiles them alone. MACHINE=aarch64 (x86_64) builds for another processor, which takes Zig.
@@ -22,7 +24,9 @@ try:
 except ImportError:  # Compiling alone needs no hatchling.
     BuildHookInterface = object
 
-FOLDER = Path(__file__).parent / "guara_perception" / "stripes" / "kernel"
+ROOT = Path(__file__).resolve().parent
+FOLDER = ROOT / "guara_perception" / "stripes" / "kernel"
+CLIENT = ROOT / ".ci" / "client"
 # One library for each of these processors; the best is chosen when it is loaded.
 PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3"), "aarch64": ("armv8-a",)}
 ZIG_NAMES = {"x86-64-v2": "x86_64_v2", "x86-64-v3": "x86_64_v3", "armv8-a": "generic"}
@@ -87,7 +91,16 @@ def compile_kernel() -> None:
             made.replace(library)
 
 
-class KernelHook(BuildHookInterface):
+def client_files() -> list[str]:
+    """Files of the distribution guara-client, as its own hook lists them."""
+    spec = importlib.util.spec_from_file_location("client_hook", CLIENT / "hatch_build.py")
+    assert spec and spec.loader
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    return list(hook.client_files(ROOT))
+
+
+class PerceptionHook(BuildHookInterface):
     """Compiles the kernel before a wheel or an editable installation is made."""
 
     def dependencies(self) -> list[str]:
@@ -95,9 +108,18 @@ class KernelHook(BuildHookInterface):
         return [] if self.target_name != "wheel" or native_compiler() else [ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and put the libraries into the wheel."""
+        """Compile, put the libraries into the wheel, and leave out what guara-client holds.
+
+        An editable installation has all of the checkout. A wheel built from a checkout needs the client of that
+        checkout; one built from a source distribution needs the published one of the same version.
+        """
         if self.target_name != "wheel":
             return
+        if version == "standard":
+            is_checkout = not (ROOT / "PKG-INFO").exists()
+            source = f" @ {CLIENT.as_uri()}" if is_checkout else f"=={self.metadata.version}"
+            build_data["dependencies"].append(f"guara-client{source}")
+            self.build_config.target_config["exclude"] = [f"/{name}" for name in client_files()]
         compile_kernel()
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-linux_{target_machine()}"

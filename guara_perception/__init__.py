@@ -32,7 +32,14 @@ _MODULES = {
     if isinstance(statement, ast.ImportFrom) and statement.module
     for alias in statement.names
 }
-__all__ = sorted(_MODULES)
+_HOME = Path(__file__).resolve().parent.parent
+# Those that the distribution guara-client lacks.
+_MISSING = {
+    module
+    for module in {*_MODULES.values()}
+    if not (path := _HOME.joinpath(*module.split("."))).is_dir() and not path.with_suffix(".py").is_file()
+}
+__all__ = sorted(name for name, module in _MODULES.items() if module not in _MISSING)
 
 
 def __getattr__(name: str) -> Any:
@@ -40,6 +47,10 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"guara_perception has no name {name!r}; it has {', '.join(sorted(_MODULES))}")
     _refuse_hidden_packages()
+    if _MODULES[name] in _MISSING:
+        from guara_perception.exceptions import MissingExtra
+
+        raise MissingExtra(f"{name} is not in guara-client, which is installed alone: pip install guara-perception")
     value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from drivers.errors import DriverError
 from guara_perception.exceptions import PerceptionError
 from kinematics.exceptions import KinematicsError
 from transport.exceptions import TransportError
 
-Errors = (PerceptionError, KinematicsError, TransportError, DriverError)
+Errors: tuple[type[Exception], ...] = (PerceptionError, KinematicsError, TransportError)
+try:
+    from drivers.errors import DriverError
+except ModuleNotFoundError:  # The distribution guara-client has no devices.
+    pass
+else:
+    Errors += (DriverError,)

@@ -59,15 +59,15 @@ class DamagedInstallation(PerceptionError, ImportError):
 
 
 class MissingExtra(PerceptionError, ImportError):
-    """A library of an extra is not installed; the message says what to install."""
+    """A library or a part of the package is not installed; the message says what to install."""
 
 
-def optional_library(name: str, extra: str, purpose: str) -> Any:
-    """Import a library that belongs to an extra.
+def optional_library(name: str, extra: str | None, purpose: str) -> Any:
+    """Import a library that belongs to an extra, or that the distribution guara-client does without.
 
     Args:
         name: name of the module.
-        extra: extra of this package that brings it.
+        extra: extra of this package that brings it; None = the whole package.
         purpose: function that needs it, for the message.
 
     Raises:
@@ -76,7 +76,8 @@ def optional_library(name: str, extra: str, purpose: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise MissingExtra(f"{purpose} needs {name}: pip install 'guara-perception[{extra}]'") from None
+        distribution = f"'guara-perception[{extra}]'" if extra else "guara-perception"
+        raise MissingExtra(f"{purpose} needs {name}: pip install {distribution}") from None
 
 
 def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:

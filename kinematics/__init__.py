@@ -15,6 +15,7 @@ from kinematics.exceptions import CameraMoved as CameraMoved
 from kinematics.exceptions import JointLimitWarning as JointLimitWarning
 from kinematics.exceptions import JointPositionError as JointPositionError
 from kinematics.exceptions import KinematicsError as KinematicsError
+from kinematics.exceptions import LibraryMissing as LibraryMissing
 from kinematics.exceptions import OdometryLost as OdometryLost
 from kinematics.exceptions import RobotFileError as RobotFileError
 from kinematics.exceptions import RobotFileWarning as RobotFileWarning

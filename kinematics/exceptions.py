@@ -20,6 +20,10 @@ class RobotNotFound(KinematicsError, FileNotFoundError):
     """No robot folder of that name or path."""
 
 
+class LibraryMissing(KinematicsError, ImportError):
+    """A library that a robot needs is not installed; the message says what to install."""
+
+
 class RobotFileError(KinematicsError, ValueError):
     """A file of a robot folder is broken or contradicts another; the message names the file and the line or entry.
 

@@ -14,6 +14,7 @@ import warnings
 import zlib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,7 +23,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from kinematics.arrays import Float
-from kinematics.exceptions import ArgumentError, RobotFileError, RobotFileWarning, RobotNotFound
+from kinematics.exceptions import ArgumentError, LibraryMissing, RobotFileError, RobotFileWarning, RobotNotFound
 from kinematics.findings import Findings
 from kinematics.model import RobotModel
 from kinematics.model_checks import check_legs, check_names, check_postures
@@ -49,6 +50,7 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
         name_or_path: name of a robot that comes with the package, or path of a robot folder.
 
     Raises:
+        LibraryMissing: Pinocchio is not installed, as with the distribution guara-client alone.
         RobotNotFound: neither a known name nor a robot folder; the message lists the names.
         RobotFileError: a file is missing, broken or contradicts another; `findings` lists every error of the three
             files, each with file, line and remedy.
@@ -56,7 +58,14 @@ def load_robot(name_or_path: str | Path) -> RobotModel:
     Warns:
         RobotFileWarning: one warning on all unused content of the files, and one for each of `RobotModel.doubts`.
     """
+    _check_pinocchio()
     return _load(_find(name_or_path), {})
+
+
+def _check_pinocchio() -> None:
+    """Refuse before any file is read, where there is no library for it."""
+    if find_spec("pinocchio") is None:
+        raise LibraryMissing("the legs of a robot need Pinocchio: pip install guara-perception (guara-client lacks it)")
 
 
 def _load(folder: Path, texts: Mapping[str, str]) -> RobotModel:
@@ -147,8 +156,10 @@ def robot_from_description(text: str) -> RobotModel:
     """Load the robot of a description.
 
     Raises:
+        LibraryMissing: as in `load_robot`.
         RobotFileError: the text is damaged or too long, or a file in it has errors.
     """
+    _check_pinocchio()
     if len(text) > LARGEST_TEXT:
         raise RobotFileError(f"{SOURCE}: {len(text)} characters; at most {LARGEST_TEXT} are read")
     try:

@@ -1,4 +1,4 @@
-"""The wheel carries what the packages need, and the lock installs on every Python that the project allows."""
+"""The two wheels carry what the packages need, and the lock installs on every Python that the project allows."""
 
 import json
 import os
@@ -6,8 +6,11 @@ import platform
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
+from email import message_from_bytes
+from email.message import Message
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -34,24 +37,66 @@ def project(root: Path) -> dict:
 
 
 @pytest.fixture(scope="module")
+def client_project() -> dict:
+    """pyproject.toml of guara-client."""
+    return tomllib.loads((hatch_build.CLIENT / "pyproject.toml").read_text())
+
+
+@pytest.fixture(scope="module")
 def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from the checkout; without any network where there is a compiler."""
+    """The wheel of guara-perception, built from the checkout; without any network where there is a compiler."""
     folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    if not hatch_build.native_compiler() and not find_spec("ziglang"):
-        command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."]
+    if hatch_build.native_compiler() or find_spec("ziglang"):
+        return build_wheel(root, folder)
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."]
     subprocess.run(command, cwd=root, check=True, capture_output=True)
+    return next(folder.glob("*.whl"))
+
+
+@pytest.fixture(scope="module")
+def client_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of guara-client, built from its source distribution, as it is published."""
+    folder = tmp_path_factory.mktemp("client")
+    build(hatch_build.CLIENT, folder, "sdist")
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        archive.extractall(folder, filter="data")
+    return build_wheel(next(path for path in folder.iterdir() if path.is_dir()), folder)
+
+
+@pytest.fixture(scope="module")
+def unpacked(wheel: Path, client_wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The content of both wheels as an installer lays it out, outside of the checkout."""
+    folder = tmp_path_factory.mktemp("site")
+    for each in (wheel, client_wheel):
+        with zipfile.ZipFile(each) as archive:
+            archive.extractall(folder)
+    return folder
+
+
+def build(project: Path, folder: Path, target: str) -> None:
+    """Build a distribution of a project into a folder."""
+    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    subprocess.run(command, cwd=project, check=True, capture_output=True)
+
+
+def build_wheel(project: Path, folder: Path) -> Path:
+    """The wheel of a project, built into a folder."""
+    build(project, folder, "wheel")
     (built,) = folder.glob("*.whl")
     return built
 
 
-@pytest.fixture(scope="module")
-def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel's content as an installer lays it out, outside of the checkout."""
-    folder = tmp_path_factory.mktemp("site")
+def files_of(wheel: Path) -> set[str]:
+    """Names of the files in a wheel."""
     with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder)
-    return folder
+        return set(archive.namelist())
+
+
+def metadata_of(wheel: Path) -> Message:
+    """What a wheel says of itself."""
+    (name,) = (name for name in files_of(wheel) if name.endswith(".dist-info/METADATA"))
+    with zipfile.ZipFile(wheel) as archive:
+        return message_from_bytes(archive.read(name))
 
 
 def from_wheel(unpacked: Path, folder: Path, *arguments: str) -> str:
@@ -68,9 +113,9 @@ def tracked(root: Path, folder: str) -> set[str]:
     return {str(path) for path in files if "__pycache__" not in path.parts and path.suffix != ".pyc"}
 
 
-def test_wheel_carries_every_file_of_the_packages(root: Path, wheel: Path):
-    """Modules, types, message definitions, the robot: all that stands in the packages is in the wheel."""
-    names = set(zipfile.ZipFile(wheel).namelist())
+def test_wheels_carry_every_file_of_the_packages(root: Path, wheel: Path, client_wheel: Path):
+    """Modules, types, message definitions, the robot: all that stands in the packages is in one of the wheels."""
+    names = files_of(wheel) | files_of(client_wheel)
     for folder in (*PACKAGES, "robots"):
         assert tracked(root, folder) <= names
     for package in PACKAGES:
@@ -80,19 +125,48 @@ def test_wheel_carries_every_file_of_the_packages(root: Path, wheel: Path):
     assert "transport/msg/Terrain.msg" in names
 
 
+def test_no_file_is_in_both_wheels(wheel: Path, client_wheel: Path):
+    """Each can be removed without the other: none holds a file of the other."""
+    assert not files_of(wheel) & files_of(client_wheel)
+
+
+def test_client_is_for_any_machine_and_has_no_devices(client_wheel: Path):
+    """Pure Python, the three packages that a planner needs, and nothing else."""
+    assert client_wheel.name.endswith("-py3-none-any.whl")
+    tops = {name.split("/")[0] for name in files_of(client_wheel)}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"guara_perception", "kinematics", "transport"}
+
+
+def test_perception_needs_the_client_of_the_same_version(
+    root: Path, wheel: Path, client_wheel: Path, project: dict, client_project: dict
+):
+    """Version, Python, licences and requirements agree; from a checkout it needs the client of that checkout."""
+    ours, theirs = project["project"], client_project["project"]
+    for name in ("version", "requires-python", "license", "authors"):
+        assert ours[name] == theirs[name], name
+    assert set(theirs["dependencies"]) <= set(ours["dependencies"])
+    needed = metadata_of(wheel).get_all("Requires-Dist")
+    assert f"guara-client @ {hatch_build.CLIENT.as_uri()}" in needed
+    assert not [each for each in metadata_of(client_wheel).get_all("Requires-Dist") if "guara" in each]
+    assert (hatch_build.CLIENT / "LICENSE").read_text() == (root / "LICENSE").read_text()
+    licences = {name.partition("licenses/")[2] for name in files_of(client_wheel) if "licenses/" in name}
+    assert licences == {"LICENSE", "transport/msg/standard/LICENSE"}
+
+
 def test_wheel_is_for_this_machine_and_any_python(wheel: Path):
     """Compiled, but not against Python; with a library for each kind of processor."""
     machine = platform.machine()
     assert wheel.name.endswith(f"-py3-none-linux_{machine}.whl")
-    names = {Path(name).name for name in zipfile.ZipFile(wheel).namelist()}
+    names = {Path(name).name for name in files_of(wheel)}
     assert {f"{processor}.so" for processor in hatch_build.PROCESSORS[machine]} <= names
 
 
-def test_wheel_carries_nothing_else(wheel: Path):
+def test_wheels_carry_nothing_else(wheel: Path, client_wheel: Path):
     """No test bench, tests, data, benchmarks or caches travel along."""
-    tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    names = files_of(wheel) | files_of(client_wheel)
+    tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {*PACKAGES, "robots"}
-    assert not [name for name in zipfile.ZipFile(wheel).namelist() if "__pycache__" in name]
+    assert not [name for name in names if "__pycache__" in name]
 
 
 def test_wheel_needs_nothing_that_stays_in_the_checkout(unpacked: Path):
@@ -133,7 +207,7 @@ def test_command_works_from_the_wheel(unpacked: Path, tmp_path: Path, data: Path
 
 def test_wheel_says_what_it_is(unpacked: Path, project: dict):
     """Name, version, Python, licence and the console command stand in its metadata."""
-    (info,) = unpacked.glob("*.dist-info")
+    (info,) = unpacked.glob("guara_perception-*.dist-info")
     metadata = (info / "METADATA").read_text()
     assert f"Version: {project['project']['version']}" in metadata
     assert "License-Expression: BSD-3-Clause" in metadata and (info / "licenses" / "LICENSE").is_file()

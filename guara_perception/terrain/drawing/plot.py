@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import InvalidInput, MissingExtra
 from guara_perception.terrain.drawing.style import (
     TRAVERSABILITY_COLOURS,
     draw_hazards,
@@ -121,15 +121,18 @@ def describe(terrain: LayeredGrid) -> str:
 
 
 def describe_as_html(terrain: LayeredGrid) -> str:
-    """Summary of a grid with pictures of heights and hazards, for notebooks."""
-    figure, axes = new_figure(1, 2, (2 * HTML_SIZE_INCH[0], HTML_SIZE_INCH[1]))
+    """Summary of a grid with pictures of heights and hazards where there is matplotlib, for notebooks."""
+    text = html.escape(describe(terrain))
+    try:
+        figure, axes = new_figure(1, 2, (2 * HTML_SIZE_INCH[0], HTML_SIZE_INCH[1]))
+    except MissingExtra:
+        return f"<pre>{text}</pre>"
     plot(terrain, axes=axes[0, 0])
     plot(terrain, "hazard", axes=axes[0, 1])
     stream = io.BytesIO()
     with styled():
         figure.savefig(stream, format="png", dpi=90, facecolor="white")
     picture = base64.b64encode(stream.getvalue()).decode("ascii")
-    text = html.escape(describe(terrain))
     return f'<pre>{text}</pre><img alt="heights and hazards" src="data:image/png;base64,{picture}"/>'
 
 

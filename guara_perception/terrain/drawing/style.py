@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float32
+from guara_perception.exceptions import optional_library
 from guara_perception.files import whole_file
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
@@ -79,7 +80,7 @@ def styled() -> Iterator[None]:
             figure, axes = new_figure()
             axes[0, 0].set_title("Heights")
     """
-    import matplotlib
+    matplotlib = optional_library("matplotlib", None, "a plot")
     from cycler import cycler
 
     with matplotlib.rc_context({**_RC, "axes.prop_cycle": cycler(color=LINE_COLOURS)}):
@@ -97,10 +98,10 @@ def new_figure(
         size: width and height [inch], DOTS_PER_INCH pixels each.
         options: passed to matplotlib's `Figure.subplots` (`sharex`, `gridspec_kw`, ...).
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     with styled():
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
         figure = Figure(figsize=size, layout="constrained", dpi=DOTS_PER_INCH)
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, squeeze=False, **options)

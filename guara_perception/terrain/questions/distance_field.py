@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float, Float32
-from guara_perception.exceptions import InvalidInput
+from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
@@ -65,8 +65,7 @@ def distance_field(terrain: LayeredGrid, low: float, high: float, *, allow_stale
     """
     terrain = asked(terrain, allow_stale)
     # Imported here: few programs need it, and it takes as long to load as everything else that a grid needs.
-    from scipy.ndimage import distance_transform_edt
-
+    distance_transform_edt = optional_library("scipy.ndimage", None, "distance_field").distance_transform_edt
     if not (np.isfinite([low, high]).all() and low < high):
         raise InvalidInput(f"heights {low} ... {high} m: both must be finite and the second the larger one")
     spacing = terrain.resolution
