@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import secrets
@@ -13,22 +12,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Image
+from guara_perception.arrays import Array
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 
 # Largest text file [byte]: a calibration of 70 stripes with all covariances has under 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
-# Largest picture file [byte], and largest number of its pixels: the largest cameras of this kind have 12 Mpx.
-LARGEST_PICTURE = 128 * 1024 * 1024
-MOST_PIXELS = 16_000_000
-# Formats of pictures, as Pillow names them; PPM includes PGM.
-PICTURE_FORMATS = "PNG", "JPEG", "BMP", "TIFF", "PPM"
-TIFF_BEGINNINGS = b"II*\0", b"MM\0*"
-# Orientation of the pixels in the file, whatever EXIF says.
-AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 # Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 160 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
 # Largest header of one array [byte].
@@ -64,54 +54,6 @@ def read_toml(path: Path, largest: int) -> dict[str, Any]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         hint = "; text needs quotes" if "Invalid value" in str(error) else ""
         raise FileFormatError(f"{path}: no valid TOML: {error}{hint}") from None
-
-
-def decode_picture(content: bytes, source: str) -> Image:
-    """A picture as it is: BGR or grey, 8 or 16 bit.
-
-    Raises:
-        FileFormatError: none of the formats, too many pixels, no 8 or 16 bit, or it cannot be decoded.
-    """
-    picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
-    if picture is None:
-        raise FileFormatError(
-            f"{source}: not a readable picture ({len(content)} bytes), it must be PNG, JPEG, BMP, TIFF or PGM"
-        )
-    if picture.dtype not in (np.uint8, np.uint16):
-        raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit without sign")
-    if b"Exif\0\0" in content or b"eXIf" in content or content[:4] in TIFF_BEGINNINGS:
-        shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
-        if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
-            raise FileFormatError(
-                f"{source}: its EXIF orientation tag turns the picture, allowed: pictures as the sensor delivers them; "
-                "remove the tag, and turn the picture as those of the calibration are"
-            )
-    return picture
-
-
-def _is_bounded(content: bytes, source: str) -> bool:
-    """Check the size in the header of a picture before anything is decoded; False if there is no such header."""
-    # Imported here: few programs read pictures.
-    from PIL import Image
-
-    try:
-        with Image.open(io.BytesIO(content), formats=PICTURE_FORMATS) as header:
-            width, height = header.size
-    except Image.DecompressionBombError as error:
-        raise FileFormatError(f"{source}: {error}, allowed: {MOST_PIXELS} px in all") from None
-    except Exception:  # the reader of each format raises errors of its own
-        return False
-    if not 0 < width * height <= MOST_PIXELS:
-        raise FileFormatError(f"{source}: a picture of {width} x {height} px, allowed: {MOST_PIXELS} px in all")
-    return True
-
-
-def _decode(content: bytes, flags: int) -> Image | None:
-    try:
-        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except cv2.error:
-        return None
-    return None if picture is None else np.asarray(picture)
 
 
 def read_arrays(

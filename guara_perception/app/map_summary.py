@@ -6,15 +6,14 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.arrays import Flags, Float32, Mask
+from guara_perception.arrays import Flags, Float32
 from guara_perception.exceptions import UnsafeGrid
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe, with_neighbours
 from guara_perception.terrain.layers.layered_grid import Gridded
 from guara_perception.terrain.questions.steppable import SteppableRegion
 from kinematics.arrays import read_only
@@ -120,7 +119,7 @@ def merged(summary: SummaryMessage, cells: int) -> SummaryMessage:
 
     hazard = np.bitwise_or.reduce(blocks(summary.hazard, Hazard.UNSCANNED.value), axis=-1)
     unknown = (hazard & UNKNOWN_MASK) != 0
-    hazard[_beside(unknown) & ~unknown] |= np.uint16(Hazard.EDGE)
+    hazard[with_neighbours(unknown) & ~unknown] |= np.uint16(Hazard.EDGE)
     score = np.where(hazard != 0, 0, blocks(summary.traversability, 0).min(axis=-1))
     heights = np.where(unknown, UNKNOWN_HEIGHT, blocks(summary.heights, UNKNOWN_HEIGHT).max(axis=-1))
     return dataclasses.replace(
@@ -139,7 +138,7 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
     millimetres = np.rint(elevation.astype(np.float64) * 1e3)
     beyond = np.abs(millimetres) > TALLEST
     if beyond.any():
-        hazard[_beside(beyond)] |= np.uint16(Hazard.EDGE)
+        hazard[with_neighbours(beyond)] |= np.uint16(Hazard.EDGE)
         hazard[beyond] = np.uint16(Hazard.OUT_OF_RANGE)
     whole_score = np.floor(score.astype(np.float64) * FULL_SCORE).astype(np.uint8)
     hazard[(whole_score == 0) & (hazard == 0)] = np.uint16(Hazard.UNCERTAIN)
@@ -153,11 +152,6 @@ def _with_all_cells(terrain: TerrainMessage) -> SummaryMessage:
         hazard=hazard.astype("<u2"),
         traversability=whole_score,
     )
-
-
-def _beside(cells: Mask) -> Mask:
-    """Dilate a mask: the given cells and their eight neighbours."""
-    return cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 def message_to_summary(message: SummaryMessage) -> TerrainSummary:

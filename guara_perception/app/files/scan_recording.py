@@ -12,7 +12,8 @@ import numpy.typing as npt
 from guara_perception.app.messages import message_to_stance
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput
-from guara_perception.files import decode_picture, existing_file
+from guara_perception.files import existing_file
+from guara_perception.picture_file import decode_picture
 from guara_perception.scan import Scan, ScanStripe
 from kinematics import KinematicsError
 from transport import TerrainMessage, TransportError

@@ -7,17 +7,15 @@ import numpy as np
 
 from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.disc import (
+from guara_perception.terrain.assessment.disc import clearance, edge_cells, fit_disc
+from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.window import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
     Kernel,
-    clearance,
     disc_kernel,
-    edge_cells,
-    fit_disc,
     half_cells,
 )
-from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 
 # Least score of a safe cell: 0 is reserved for hazards.

@@ -8,25 +8,20 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Array, Codes, Flags, Float, Index, Mask
-from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import TraversabilityLimits
+from guara_perception.terrain.assessment.window import (
+    EXTRA_RING_CELLS,
+    KNOWN_SHARE,
+    LEAST_MARGIN_CELLS,
+    TOUCHED,
+    Kernel,
+    disc_kernel,
+    half_cells,
+)
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK
 
-Kernel = Codes
-# Least known fraction of a disc for a plane fit; EDGE decides if the cell is safe.
-KNOWN_SHARE = 0.6
 # From 50 weights on cv2.filter2D uses a Fourier transform, whose rounding makes every cell depend on every other.
 MOST_WEIGHTS = 49
-# Largest radius of the disc; a finer grid gains nothing over the stripe pitch.
-MOST_RADIUS_CELLS = 24
-# A height of a single scan may change if a stripe beside it is lost, so one more ring must be known.
-EXTRA_RING_CELLS = 1
-# Half edge of a cell [cells].
-TOUCHED = 0.5
-# The sole in the fused map is wider by at least this [cells].
-LEAST_MARGIN_CELLS = 1
-# Largest drift of the fused map that is considered [cells]; more makes no difference.
-LARGEST_DRIFT_CELLS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,30 +39,6 @@ class DiscFit:
     roughness: Float
     slope_sigma: Float
     roughness_sigma: Float
-
-
-def disc_kernel(radius_cells: float, half_cell: float = 0.0) -> Kernel:
-    """Disc of cells whose centres lie within the radius, (2 r + 1, 2 r + 1) uint8.
-
-    It contains at least the four neighbours: a slope cannot be tested with one cell.
-
-    Args:
-        radius_cells: radius [cells].
-        half_cell: half edge of a square about each centre; the cell counts if any part of the square lies within the
-            radius. 0 = the centre alone, TOUCHED = the whole cell.
-
-    Raises:
-        InvalidInput: the disc is larger than MOST_RADIUS_CELLS cells.
-    """
-    if not radius_cells < MOST_RADIUS_CELLS + 1:
-        raise InvalidInput(
-            f"the disc's radius is {radius_cells:.0f} cells, at most {MOST_RADIUS_CELLS} are allowed: "
-            "take a larger resolution or a smaller disc_radius"
-        )
-    radius = max(radius_cells, 1.0)
-    half = int(np.floor(radius + 1e-9))
-    nearest = np.maximum(np.abs(np.arange(-half, half + 1)) - half_cell, 0.0)
-    return (nearest[:, None] ** 2 + nearest**2 <= radius**2 + 1e-9).astype(np.uint8)
 
 
 def fit_disc(elevation: Float, variance: Float, kernel: Kernel, resolution: float) -> DiscFit:
@@ -210,26 +181,6 @@ def edge_cells(
     return result
 
 
-def beyond_border(kernel: Kernel) -> int:
-    """Number of rows and columns beyond the border of the fused map that influence the safety of a sole on it."""
-    return kernel.shape[0] // 2 + _most_beside(kernel)
-
-
-def _most_beside(kernel: Kernel) -> int:
-    """Largest widening of a sole in the map on each side [cells]."""
-    return max(LARGEST_DRIFT_CELLS - kernel.shape[0] // 2, LEAST_MARGIN_CELLS)
-
-
-def widest_window(kernel: Kernel, resolution: float, limits: TraversabilityLimits, *, is_map: bool) -> float:
-    """Distance from the centre of a cell to the farthest corner of the window of `edge_cells` [m]."""
-    half_y, half_x = (half_cells(length, resolution) for length in (limits.sole_width, limits.sole_length))
-    iy, ix = np.nonzero(kernel if is_map else disc_kernel(limits.disc_radius / resolution, TOUCHED))
-    radius = kernel.shape[0] // 2
-    more = _most_beside(kernel) if is_map else EXTRA_RING_CELLS
-    reach_y, reach_x = np.abs(iy - radius) + more, np.abs(ix - radius) + more
-    return float(np.hypot(half_y + reach_y + 0.5, half_x + reach_x + 0.5).max()) * resolution
-
-
 def clearance(flags: Flags, resolution: float) -> Float:
     """Signed distance to the nearest cell that carries a flag other than EDGE, or to the border [m]; negative inside.
 
@@ -250,8 +201,3 @@ def clearance(flags: Flags, resolution: float) -> Float:
     distance = inside + outside
     to_other = np.sqrt(np.rint(distance * distance), dtype=np.float64) - 0.5
     return np.where(bad, -to_other, np.minimum(to_other, to_border)) * resolution
-
-
-def half_cells(length: float, resolution: float) -> int:
-    """Cells to each side of the centre cell that a sole of this length touches."""
-    return int(np.ceil((length / 2 - resolution / 2) / resolution - 1e-9)) if length > resolution else 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntFlag
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -119,8 +118,18 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     occupancy = occupancy_values(traversability, hazard)
     _reject((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
     # All cells in the test windows of a safe cell must be known. Without the limits only the ring around it is checked.
-    beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
-    _reject((hazard == 0) & beside, "a cell beside an unknown one is traversable")
+    _reject((hazard == 0) & with_neighbours(unknown), "a cell beside an unknown one is traversable")
+
+
+def with_neighbours(cells: Mask) -> Mask:
+    """Cells of a mask (ny, nx) and their eight neighbours; without OpenCV, which guara-client lacks."""
+    rows = cells.copy()
+    rows[1:] |= cells[:-1]
+    rows[:-1] |= cells[1:]
+    result = rows.copy()
+    result[:, 1:] |= rows[:, :-1]
+    result[:, :-1] |= rows[:, 1:]
+    return result
 
 
 def occupancy_values(traversability: Float32, hazard: Flags, unknown: int = 100) -> npt.NDArray[np.int8]:

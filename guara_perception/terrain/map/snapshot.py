@@ -9,8 +9,8 @@ import numpy as np
 from guara_perception.arrays import Array, Flags
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.disc import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
 from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.window import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard

@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Index
 
 MOST_ROUNDS = 4
 # A round that gains less is the last one.
@@ -101,12 +100,11 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     """Polygon of half-planes with a point inside all of them; they must bound it.
 
     Relative to that point, a line at distance c with normal n has the dual point n / c: the points on the convex hull
-    of all dual points are the sides, in order. OpenCV's hull is of float32: a line that it takes for redundant cuts off
-    less than 1e-6 of its own distance, which is less than OFF_M.
+    of all dual points are the sides, in order. They are rounded to float32, so that lines that hardly differ are one: a
+    line that is redundant then cuts off less than 1e-6 of its own distance, which is less than OFF_M.
     """
     normals, offsets = halfspaces[:, :2], halfspaces[:, 2] - halfspaces[:, :2] @ inside
-    dual = (normals / offsets[:, None]).astype(np.float32)
-    on = cv2.convexHull(dual, returnPoints=False)[:, 0]
+    on = _hull((normals / offsets[:, None]).astype(np.float32).astype(np.float64))
     after = np.append(on[1:], on[0])
     (a, b), c = normals[on].T, offsets[on]
     (next_a, next_b), next_c = normals[after].T, offsets[after]
@@ -123,14 +121,39 @@ def _polygon(halfspaces: Float, inside: Float) -> ConvexPolygon:
     return ConvexPolygon(halfspaces[on], vertices + inside, area)
 
 
+def _hull(points: Float) -> Index:
+    """Indices of the corners of the convex hull of points (n, 2) around the origin, counter-clockwise."""
+    x, y = points.T
+    order = np.lexsort((x * x + y * y, np.arctan2(y, x)))
+    # The farthest point is a corner.
+    first = int(np.argmax((x * x + y * y)[order]))
+    left = np.concatenate((order[first:], order[:first])).tolist()
+    xs, ys = x.tolist(), y.tolist()
+    hull = [left[0]]
+    for point in (*left[1:], left[0]):
+        px, py = xs[point], ys[point]
+        while len(hull) > 1:
+            (ax, ay), (bx, by) = (xs[hull[-2]], ys[hull[-2]]), (xs[hull[-1]], ys[hull[-1]])
+            if (bx - ax) * (py - by) > (by - ay) * (px - bx):
+                break
+            hull.pop()
+        hull.append(point)
+    return np.array(hull[:-1])
+
+
 def _ellipse(vertices: Float) -> tuple[Float, Float]:
     """Centre of a polygon, and the metric in which the ellipse of its second moments is a circle."""
     mean = vertices.mean(axis=0)
-    # In millimetres about the mean, since OpenCV takes float32.
-    moments = cv2.moments((1e3 * (vertices - mean)).astype(np.float32)[:, None, :])
-    area = moments["m00"]
+    # In millimetres about the mean, so that the square added below is a small one.
+    x, y = 1e3 * (vertices - mean).T
+    next_x, next_y = np.append(x[1:], x[0]), np.append(y[1:], y[0])
+    cross = x * next_y - next_x * y
+    area = cross.sum() / 2
     if not area > 0:
         return mean, np.eye(2)
-    centre = mean + 1e-3 * np.array([moments["m10"], moments["m01"]]) / area
-    covariance = np.array([[moments["mu20"], moments["mu11"]], [moments["mu11"], moments["mu02"]]]) / area
-    return centre, np.asarray(np.linalg.inv(covariance + 1e-3 * np.eye(2)), dtype=np.float64)
+    cx, cy = cross @ (x + next_x) / (6 * area), cross @ (y + next_y) / (6 * area)
+    xx = cross @ (x * x + x * next_x + next_x * next_x) / (12 * area) - cx * cx
+    yy = cross @ (y * y + y * next_y + next_y * next_y) / (12 * area) - cy * cy
+    xy = cross @ (2 * x * y + x * next_y + next_x * y + 2 * next_x * next_y) / (24 * area) - cx * cy
+    covariance = np.array([[xx + 1e-3, xy], [xy, yy + 1e-3]])
+    return mean + 1e-3 * np.array([cx, cy]), np.asarray(np.linalg.inv(covariance), dtype=np.float64)

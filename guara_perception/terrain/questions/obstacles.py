@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from guara_perception.arrays import Flags, Float, Index, Mask
+from guara_perception.exceptions import optional_library
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from kinematics.arrays import FrozenArrays
 
@@ -116,6 +116,7 @@ def _connected(iy: Index, ix: Index) -> list[Index]:
     rows, columns = iy - iy.min(), ix - ix.min()
     image = np.zeros((rows.max() + 1, columns.max() + 1), dtype=np.uint8)
     image[rows, columns] = 1
+    cv2 = optional_library("cv2", None, "obstacles")
     label = cv2.connectedComponents(image, connectivity=8)[1][rows, columns]
     order = np.argsort(label, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
@@ -153,6 +154,7 @@ def _outline(cells: _Cells, terrain: LayeredGrid) -> Float:
     columns, rows = cells.ix - first[0], cells.iy - first[1]
     corners = np.zeros((rows.max() + 2, columns.max() + 2), dtype=np.uint8)
     corners[rows, columns] = 1
+    cv2 = optional_library("cv2", None, "obstacles")
     corners = cv2.dilate(corners, np.ones((2, 2), np.uint8), anchor=(1, 1))
     contours, _ = cv2.findContours(corners, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     contour = max(contours, key=cv2.contourArea)

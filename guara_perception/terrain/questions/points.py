@@ -6,7 +6,6 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,7 +13,7 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput, optional_library
 from guara_perception.terrain.assessment.raster import blocks, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, with_neighbours
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, look_up, numbers
 from kinematics.arrays import FrozenArrays
 from kinematics.transforms import transform_points
@@ -134,8 +133,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     hazard = pool_flags(terrain.hazard, factor)
     unknown = (hazard & UNKNOWN_MASK) != 0
     # A safe coarse cell keeps a ring of known cells around it, as fine ones do.
-    beside = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
-    hazard[beside & ~unknown] |= np.uint16(Hazard.EDGE)
+    hazard[with_neighbours(unknown) & ~unknown] |= np.uint16(Hazard.EDGE)
     fine = {name: blocks(layer, factor) for name, layer in terrain.layers.items()}
     # NaN propagates: a slope, step or roughness that a fine cell lacks is not known to be small.
     layers = {name: fine[name].max(axis=-1) for name in LARGEST} | {name: fine[name].min(axis=-1) for name in LEAST}

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
+from guara_perception.exceptions import optional_library
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
@@ -199,6 +199,7 @@ def _level_regions(terrain: LayeredGrid, height: Float) -> list[_Region]:
     """Level regions of known ground, the lowest first."""
     with np.errstate(invalid="ignore"):
         level = np.isfinite(height) & (terrain.slope < STEEPEST_TREAD_RAD) & (terrain.step_height < LEAST_RISE_M)
+    cv2 = optional_library("cv2", None, "stairs")
     _, labels, sizes, _ = cv2.connectedComponentsWithStats(level.astype(np.uint8), connectivity=4)
     least = max(LEAST_TREAD_M2 / terrain.resolution**2, LEAST_TREAD_CELLS)
     parts = [labels == label for label in range(1, len(sizes)) if sizes[label, cv2.CC_STAT_AREA] >= least]

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike
+from guara_perception.terrain.layers.hazard import with_neighbours
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
+from guara_perception.terrain.questions.connected import connected_to
 from guara_perception.terrain.questions.convex import ConvexPolygon, grow_polygon
+from guara_perception.terrain.questions.depth import Depth
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
@@ -135,23 +137,20 @@ def steppable_regions(
     (x0, y0), (ny, nx) = terrain.origin, terrain.shape
     centre = x0 + nx * terrain.resolution / 2, y0 + ny * terrain.resolution / 2
     whole = _Window.about(terrain, *centre, max(ny, nx) * terrain.resolution, leg, robot)
-    left = whole.free.copy()
+    depth = Depth(whole.free)
     found: list[SteppableRegion] = []
     while len(found) < MOST_REGIONS:
-        padded = cv2.copyMakeBorder(left.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
-        # The approximate transform: the last bit of the exact one depends on where the memory lies.
-        depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-        iy, ix = divmod(int(depth.argmax()), nx)
-        if (2 * depth[iy, ix] * terrain.resolution) ** 2 < LEAST_AREA_M2:
+        iy, ix, cells = depth.deepest()
+        if (2 * cells * terrain.resolution) ** 2 < LEAST_AREA_M2:
             break
         rows, columns = whole.around(iy, ix, REGION_REACH_M)
         region = _grow(whole.cut(rows, columns), iy - rows.start, ix - columns.start, leg)
         rows, columns = whole.around_points(region.vertices)
-        taken = np.ones(left[rows, columns].shape, dtype=bool)
+        taken = np.ones(whole.free[rows, columns].shape, dtype=bool)
         for a, b, c in region.halfspaces.tolist():
             taken &= a * whole.x[columns] + b * whole.y[rows, None] <= c + 1e-9
-        left[rows, columns] &= ~taken
-        left[iy, ix] = False
+        depth.remove(rows, columns, taken)
+        depth.remove(slice(iy, iy + 1), slice(ix, ix + 1), np.ones((1, 1), dtype=bool))
         if region.area >= LEAST_AREA_M2:
             found.append(region)
     return sorted(found, key=lambda region: -region.area)
@@ -229,9 +228,8 @@ def _grow(window: _Window, iy: int, ix: int, leg: str | None) -> SteppableRegion
     """Grow the region around a free cell of a window."""
     plane, ground = _plane_of(window, iy, ix)
     # Only the cells next to the ground and the rim of the window bound the region: all others lie behind them.
-    padded = cv2.copyMakeBorder(ground.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=(0,))
-    border = (cv2.dilate(padded, np.ones((3, 3), np.uint8)) > 0) & (padded == 0)
-    by, bx = np.nonzero(border)
+    padded = np.pad(ground, 1)
+    by, bx = np.nonzero(with_neighbours(padded) & ~padded)
     resolution = window.resolution
     squares = np.column_stack((window.x[0] + (bx - 1) * resolution, window.y[0] + (by - 1) * resolution))
     at = np.array([window.x[ix], window.y[iy]])
@@ -248,13 +246,14 @@ def _plane_of(window: _Window, iy: int, ix: int) -> tuple[Float, Mask]:
     near = np.zeros(window.free.shape, dtype=bool)
     near[rows, columns] = window.free[rows, columns] & (aside < radius)
     plane = _fitted(window, near)
-    ground = near
+    within, ground = np.zeros_like(near), near
     for _ in range(2):
         off = np.abs(window.height - (plane[0] * window.x + (plane[1] * window.y + plane[2])[:, None]))
-        within = (window.free & (off <= window.tolerance)).astype(np.uint8)
-        within[iy, ix] = 1
-        cv2.floodFill(within, None, (ix, iy), 2, flags=4)
-        ground = within == 2
+        before, within = within, window.free & (off <= window.tolerance)
+        within[iy, ix] = True
+        if np.array_equal(within, before):
+            break
+        ground = connected_to(within, iy, ix)
         plane = _fitted(window, ground)
     return plane, ground
 

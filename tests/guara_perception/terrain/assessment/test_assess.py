@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
-from guara_perception.terrain.assessment.disc import disc_kernel, fit_disc
+from guara_perception.terrain.assessment.disc import fit_disc
 from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.assessment.window import disc_kernel
 from guara_perception.terrain.layers.hazard import Hazard
 from tests.thorough import examples
 

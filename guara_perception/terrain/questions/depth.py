@@ -1,0 +1,56 @@
+"""Distances of the cells of a shrinking area from all others, without OpenCV, which guara-client lacks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from guara_perception.arrays import Index32, Mask
+
+
+class Depth:
+    """Squared distance of each cell of an area from the nearest cell that is not in it, of which some leave.
+
+    Attributes:
+        squares: (ny, nx) squared distances between the centres of the cells [cells^2], whole numbers; 0 outside of the
+            area, and the cells beyond the grid's border are outside.
+    """
+
+    squares: Index32
+
+    def __init__(self, area: Mask) -> None:
+        padded = np.pad(area, 1)
+        self.squares = _squares(~padded, math.isqrt(padded.size))[1:-1, 1:-1]
+
+    def deepest(self) -> tuple[int, int, float]:
+        """The cell (iy, ix) that is deepest in the area, and its depth [cells]."""
+        iy, ix = divmod(int(self.squares.argmax()), self.squares.shape[1])
+        return iy, ix, math.sqrt(self.squares[iy, ix])
+
+    def remove(self, rows: slice, columns: slice, cells: Mask) -> None:
+        """Take cells out of the area: those of a mask of some rows and columns."""
+        # No cell is deeper than this, so none farther away is affected.
+        reach = math.isqrt(int(self.squares.max()))
+        top, left = max(rows.start - reach, 0), max(columns.start - reach, 0)
+        part = self.squares[top : rows.start + cells.shape[0] + reach, left : columns.start + cells.shape[1] + reach]
+        taken = np.zeros(part.shape, dtype=bool)
+        taken[rows.start - top :, columns.start - left :][: cells.shape[0], : cells.shape[1]] = cells
+        np.minimum(part, _squares(taken, reach), out=part)
+
+
+def _squares(cells: Mask, reach: int) -> Index32:
+    """Squared distances (ny, nx) int32 from the nearest of some cells; those beyond `reach` may be larger."""
+    ny, nx = cells.shape
+    row = np.arange(ny, dtype=np.int32)[:, None]
+    # Along y to the last such cell before, and to the first one after.
+    before = row - np.maximum.accumulate(np.where(cells, row, -reach - ny), axis=0)
+    after = np.minimum.accumulate(np.where(cells, row, reach + 2 * ny)[::-1], axis=0)[::-1] - row
+    along = np.minimum(np.minimum(before, after), reach + 1).astype(np.int32) ** 2
+    result = along.copy()
+    # The distance along y bounds all others.
+    for offset in range(1, min(math.isqrt(int(along.max())), reach, nx - 1) + 1):
+        square = np.int32(offset * offset)
+        np.minimum(result[:, offset:], along[:, :-offset] + square, out=result[:, offset:])
+        np.minimum(result[:, :-offset], along[:, offset:] + square, out=result[:, :-offset])
+    return result
