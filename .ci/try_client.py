@@ -14,7 +14,7 @@ import numpy as np
 
 import guara_perception as gp
 
-LARGEST_MB = 320
+LARGEST_MB = 150
 TIMED = (
     "import time; begin = time.perf_counter(); import guara_perception as gp; gp.TerrainClient, gp.TerrainGrid; "
     "print(time.perf_counter() - begin)"

@@ -144,7 +144,9 @@ def test_perception_needs_the_client_of_the_same_version(
     ours, theirs = project["project"], client_project["project"]
     for name in ("version", "requires-python", "license", "authors"):
         assert ours[name] == theirs[name], name
-    assert set(theirs["dependencies"]) <= set(ours["dependencies"])
+    assert {Requirement(each).name for each in theirs["dependencies"]} <= {
+        Requirement(each).name for each in ours["dependencies"]
+    }
     needed = metadata_of(wheel).get_all("Requires-Dist")
     assert f"guara-client @ {hatch_build.CLIENT.as_uri()}" in needed
     assert not [each for each in metadata_of(client_wheel).get_all("Requires-Dist") if "guara" in each]

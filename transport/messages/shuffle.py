@@ -6,6 +6,10 @@ the last whole element are appended unchanged.
 
 from __future__ import annotations
 
+import importlib
+import sys
+from typing import Any
+
 import numpy as np
 
 from transport.arrays import Bytes
@@ -25,14 +29,10 @@ def compress(data: bytes | bytearray | memoryview, itemsize: int = 4) -> bytes:
         data: array of elements.
         itemsize: size of an element [byte].
     """
-    import zstandard
-
-    parameters = zstandard.ZstdCompressionParameters.from_level(
-        ZSTD_LEVEL, source_size=len(data), write_content_size=True, write_checksum=True
-    )
-    return zstandard.ZstdCompressor(compression_params=parameters).compress(
-        _transposed(data, itemsize, encode=True).tobytes()
-    )
+    zstd = _zstd()
+    of = zstd.CompressionParameter
+    options = {of.compression_level: ZSTD_LEVEL, of.content_size_flag: 1, of.checksum_flag: 1}
+    return bytes(zstd.compress(_transposed(data, itemsize, encode=True).tobytes(), options=options))
 
 
 def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maximum: int = MAXIMUM_PAYLOAD) -> bytes:
@@ -46,18 +46,25 @@ def decompress(data: bytes | bytearray | memoryview, itemsize: int = 4, *, maxim
     Raises:
         MessageError: the frame is damaged, truncated, too large, does not state its length, or has trailing bytes.
     """
-    import zstandard
-
+    zstd = _zstd()
     try:
-        frame = zstandard.get_frame_parameters(data)
-        if frame.content_size == zstandard.CONTENTSIZE_UNKNOWN:
+        size = zstd.get_frame_info(data).decompressed_size
+        if size is None:
             raise MessageError("a zstd frame that does not state its length refused")
-        if frame.content_size > maximum:
-            raise MessageError(f"a compressed message of {frame.content_size} bytes refused; allowed: {maximum} bytes")
-        plain = zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
-    except zstandard.ZstdError as error:
+        if size > maximum:
+            raise MessageError(f"a compressed message of {size} bytes refused; allowed: {maximum} bytes")
+        decompressor = zstd.ZstdDecompressor()
+        plain = decompressor.decompress(data, max_length=size + 1)
+    except zstd.ZstdError as error:
         raise MessageError(f"{len(data)} bytes are no whole zstd frame: {error}") from error
+    if not decompressor.eof or decompressor.unused_data or len(plain) != size:
+        raise MessageError(f"{len(data)} bytes are no whole zstd frame: it is cut, or more follows")
     return _transposed(plain, itemsize, encode=False).tobytes()
+
+
+def _zstd() -> Any:
+    """Python's own module, or its backport, which rosbags needs too."""
+    return importlib.import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
 
 
 def _transposed(data: bytes | bytearray | memoryview, itemsize: int, *, encode: bool) -> Bytes:
