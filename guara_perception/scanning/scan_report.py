@@ -20,6 +20,7 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.questions.leg_reach import support_soles
 from kinematics import RobotModel, Stance, StancePose
 
 # Below this coverage the health names a cause and a remedy.
@@ -117,6 +118,7 @@ def scan_record(
         stance=stance,
         attitude_source=pose.attitude_source,
         support_feet_used=tuple(pose.support_feet_used),
+        support_soles=support_soles(pose, robot.noise),
         transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),
         transform_camera_to_base=calibration.transform_camera_to_base,
         laser_origin=geometry.sensor_origins[1],

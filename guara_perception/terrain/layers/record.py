@@ -21,6 +21,7 @@ from guara_perception.terrain.layers.record_fields import (
     Point,
     Rounding,
     Run,
+    Sole,
     Transform,
     limits_to_dict,
     plain,
@@ -32,7 +33,8 @@ R = TypeVar("R", bound="GridRecord")
 # Order of the fields in JSON: POSE, which a map copies from its scan; STATED, which the node adds.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
-    *("attitude_source", "support_feet_used", "transform_base_to_footprint", "transform_camera_to_base"),
+    *("attitude_source", "support_feet_used", "support_soles", "transform_base_to_footprint"),
+    "transform_camera_to_base",
 )
 STATED = (
     *("rounding", "withdrawn", "epoch", "provisional", "refinement_follows", "run", "scan_end_clock"),
@@ -52,6 +54,7 @@ class GridRecord(FrozenArrays):
         mode, method: pattern of the scan, and method of stripe extraction.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
         stance, attitude_source, support_feet_used: stance of the robot, and the inputs of its pose.
+        support_soles: leg -> the sole's centre [m] and the rows of its covariance [m^2], (4, 3) in base_footprint.
         transform_base_to_footprint, transform_camera_to_base: (4, 4) each.
         pose_covariance: (6, 6) of the pose in the footprint.
         limits: traversability limits of the assessment.
@@ -83,6 +86,7 @@ class GridRecord(FrozenArrays):
     stance: Stance | None = None
     attitude_source: str | None = None
     support_feet_used: tuple[str, ...] | None = None
+    support_soles: Mapping[str, Sole] | None = None
     transform_base_to_footprint: Transform | None = None
     transform_camera_to_base: Transform | None = None
     pose_covariance: Covariance | None = None

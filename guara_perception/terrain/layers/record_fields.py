@@ -14,10 +14,11 @@ from guara_perception.settings import TraversabilityLimits
 from kinematics import Stance
 
 Reader: TypeAlias = Callable[[object], Any]
-# Arrays of float64, read-only: (4, 4), (6, 6) and (3,).
+# Arrays of float64, read-only: (4, 4), (6, 6), (3,) and (4, 3).
 Transform: TypeAlias = Float
 Covariance: TypeAlias = Float
 Point: TypeAlias = Float
+Sole: TypeAlias = Float
 Run: TypeAlias = tuple[int, int, int]
 LIMITS = TraversabilityLimits.__slots__
 
@@ -149,6 +150,7 @@ FORMS: Mapping[str, tuple[Reader, str]] = {
     "Mapping[str, float | None] | None": (_named(_number_or_null), "an object of numbers"),
     "Transform | None": (_array(4, 4), "4 x 4 finite numbers"),
     "Covariance | None": (_array(6, 6), "6 x 6 finite numbers"),
+    "Mapping[str, Sole] | None": (_named(_array(4, 3)), "an object of 4 x 3 finite numbers"),
     "Point | None": (_array(3), "three finite numbers"),
     "Stance | None": (lambda value: Stance.from_dict(OBJECT(value)), "a stance"),
     "TraversabilityLimits | None": (_limits, f"an object of {', '.join(LIMITS)}"),

@@ -14,7 +14,7 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.record import GridRecord
-from kinematics import RobotModel, RobotNotFound, StancePose, load_robot, robot_from_description
+from kinematics import RobotModel, RobotNotFound, StanceNoise, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
 from kinematics.stance_pose import sole_covariances
 from kinematics.transforms import transform_points
@@ -93,15 +93,24 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
         InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot.
     """
-    pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
-    terrain.record.check("support_feet_used")
-    legs = [leg for leg in terrain.record.support_feet_used or () if leg in pose.support_feet_used]
+    terrain.record.check("support_feet_used", "support_soles")
+    soles = terrain.record.support_soles
+    if soles is None:  # A grid of an earlier version.
+        legs = terrain.record.support_feet_used or ()
+        pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
+        soles = {leg: sole for leg, sole in support_soles(pose, noise).items() if leg in legs}
+    return tuple(StandingSole(sole[0], sole[1:]) for sole in soles.values())
+
+
+def support_soles(pose: StancePose, noise: StanceNoise) -> dict[str, Float]:
+    """Leg -> centre and covariance of the sole, (4, 3), as `GridRecord.support_soles` has them."""
+    legs = pose.support_feet_used
     rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
     covariances = sole_covariances(pose.state, legs, noise)
-    return tuple(
-        StandingSole(centre, np.asarray(rotation @ covariance @ rotation.T))
-        for centre, covariance in zip(_soles(pose, legs), covariances, strict=True)
-    )
+    return {
+        leg: np.vstack((centre, rotation @ covariance @ rotation.T))
+        for leg, centre, covariance in zip(legs, _soles(pose, legs), covariances, strict=True)
+    }
 
 
 def _soles(pose: StancePose, legs: Sequence[str]) -> Float:

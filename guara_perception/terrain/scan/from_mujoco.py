@@ -15,6 +15,7 @@ from guara_perception.terrain.assessment.raster import merge, rasterise, without
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.questions.leg_reach import support_soles
 from guara_perception.terrain.scan.from_points import judged_grid
 from guara_perception.terrain.scan.from_range_image import checked_area
 from kinematics import KinematicsError, RobotModel, Stance, describe_robot
@@ -91,6 +92,7 @@ def terrain_from_mujoco(
         stance=stance,
         attitude_source=pose.attitude_source,
         support_feet_used=pose.support_feet_used,
+        support_soles=support_soles(pose, robot.noise),
         transform_base_to_footprint=pose.transform_base_to_footprint,
     )
     return dataclasses.replace(grid, record=record)
