@@ -72,6 +72,10 @@ def answers(terrain: Any, seed: int, folder: Path) -> dict[str, str]:
         "best_refused": [terrain.best_refused(a, b, 0.03) for a, b, _ in places[8:10]],
         "check_path": [terrain.check_path([(*a[:2], a[2] + 0.1), (*b[:2], b[2] + 0.1)], 0.03) for a, b in steps],
         "swing": [terrain.swing(a, b, 0.02) for a, b in steps],
+        "lift_off": [
+            terrain.swing(sole[0], (sole[0, 0] + 0.14, sole[0, 1], 0.0), 0.02)
+            for sole in (terrain.record.support_soles or {}).values()
+        ],
         "steppable_region": [terrain.steppable_region(a, b, 0.15) for a, b, _ in places[:4]],
         "steppable_regions": terrain.steppable_regions(),
         "height_scan": terrain.height_scan(np.column_stack((x, y))),

@@ -151,9 +151,11 @@ def _ellipse(vertices: Float) -> tuple[Float, Float]:
     area = cross.sum() / 2
     if not area > 0:
         return mean, np.eye(2)
-    cx, cy = cross @ (x + next_x) / (6 * area), cross @ (y + next_y) / (6 * area)
-    xx = cross @ (x * x + x * next_x + next_x * next_x) / (12 * area) - cx * cx
-    yy = cross @ (y * y + y * next_y + next_y * next_y) / (12 * area) - cy * cy
-    xy = cross @ (2 * x * y + x * next_y + next_x * y + 2 * next_x * next_y) / (24 * area) - cx * cy
+    # Sums of numpy, whose last bit depends on no processor as that of a product of BLAS does.
+    share = cross / area
+    cx, cy = (share * (x + next_x)).sum() / 6, (share * (y + next_y)).sum() / 6
+    xx = (share * (x * x + x * next_x + next_x * next_x)).sum() / 12 - cx * cx
+    yy = (share * (y * y + y * next_y + next_y * next_y)).sum() / 12 - cy * cy
+    xy = (share * (2 * x * y + x * next_y + next_x * y + 2 * next_x * next_y)).sum() / 24 - cx * cy
     covariance = np.array([[xx + 1e-3, xy], [xy, yy + 1e-3]])
     return mean + 1e-3 * np.array([cx, cy]), np.asarray(np.linalg.inv(covariance), dtype=np.float64)

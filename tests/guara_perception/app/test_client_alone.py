@@ -1,5 +1,6 @@
 """guara-client without the rest: the same answers to the last bit, and one line for what it does not have."""
 
+import dataclasses
 import importlib.metadata
 import json
 import re
@@ -17,6 +18,7 @@ from packaging.utils import canonicalize_name
 
 import guara_perception as gp
 import hatch_build
+from guara_perception.terrain.questions.leg_reach import support_soles
 from tests import client_alone
 from tests.client_alone import answers
 from tests.frozen import FROZEN, GRIDS
@@ -49,10 +51,11 @@ def hidden() -> list[str]:
 
 
 def some_grids() -> Iterator[gp.TerrainGrid]:
-    """The frozen scans and the frozen map, and many small grids with boxes, holes and unknown ground."""
+    """The frozen grids, one on which the robot stands, and many small ones with boxes, holes and unknown ground."""
     for name in GRIDS:
         yield gp.load_terrain(FROZEN / f"{name}.npz")
-    for seed in range(examples(500) - len(GRIDS)):
+    yield standing_ground()
+    for seed in range(examples(500) - len(GRIDS) - 1):
         rng = np.random.default_rng(seed)
         heights = rng.uniform(-0.1, 0.1) * np.linspace(0, 1, 50)[:, None] * np.ones((50, 60))
         for _ in range(int(rng.integers(0, 5))):
@@ -60,6 +63,24 @@ def some_grids() -> Iterator[gp.TerrainGrid]:
             heights[iy : iy + 6, ix : ix + 8] = rng.choice([0.02, 0.05, -0.03, np.nan])
         variance = np.full(heights.shape, rng.choice([1e-7, 1e-6]))
         yield gp.assess_terrain(heights, 0.01, origin=(0.45, -0.25), variance=variance)
+
+
+def standing_ground() -> gp.TerrainGrid:
+    """Level ground around a standing robot, unknown under its soles."""
+    robot = gp.load_robot("guara")
+    stance = gp.Stance(robot.posture("scan"), robot.legs, (0, 0, -1))
+    pose = robot.stance_pose(stance)
+    heights = np.zeros((140, 200))
+    soles = support_soles(pose, robot.noise)
+    for x, y in (sole[0, :2] for sole in soles.values()):
+        iy, ix = int((y + 0.35) / 0.005), int((x + 0.4) / 0.005)
+        heights[iy - 3 : iy + 4, ix - 4 : ix + 5] = np.nan
+    terrain = gp.assess_terrain(heights, 0.005, origin=(-0.4, -0.35), variance=np.full(heights.shape, 1e-7))
+    to_footprint = np.asarray(pose.transform_base_to_footprint)
+    stands = {"robot": "guara", "stance": stance, "transform_base_to_footprint": to_footprint, "support_soles": soles}
+    grid = dataclasses.replace(terrain, record=dataclasses.replace(terrain.record, **stands))
+    assert all(grid.swing(sole[0], (sole[0, 0] + 0.14, sole[0, 1], 0.0), 0.02).ok for sole in soles.values())
+    return grid
 
 
 @pytest.fixture(scope="module")
