@@ -58,7 +58,7 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Public names for completion, and what every module has."""
-    return sorted([*_MODULES, *(name for name in globals() if name.startswith("__"))])
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])
 
 
 @functools.cache
