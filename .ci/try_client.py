@@ -91,7 +91,8 @@ def main() -> None:
     for endpoint in sys.argv[1:]:
         ask_node(endpoint)
     size = megabytes()
-    sys.stdout.write(f"guara-client on Python {sys.version.split()[0]}: {size:.0f} MB, {seconds():.2f} s to import\n")
+    name = f"guara-client on Python {sys.version.split()[0]} with numpy {np.__version__}"
+    sys.stdout.write(f"{name}: {size:.0f} MB, {seconds():.2f} s to import\n")
     assert size <= LARGEST_MB, f"{size:.0f} MB, allowed: {LARGEST_MB}"
 
 
