@@ -223,6 +223,17 @@ def sole_covariances(state: RobotState, legs: Sequence[str], noise: StanceNoise)
     return np.reshape([noise.encoder_sigma**2 * j @ j.T + contact for j in jacobians], (-1, 3, 3))
 
 
+def support_soles(pose: StancePose, noise: StanceNoise) -> dict[str, Float]:
+    """Leg -> its sole in `base_footprint`, (4, 3): the centre [m], and the rows of its covariance [m^2]."""
+    legs, transform = pose.support_feet_used, np.asarray(pose.transform_base_to_footprint)
+    soles = transform_points(transform, pose.state.soles_in_base(legs))
+    rotation = transform[:3, :3]
+    return {
+        leg: np.vstack((sole, rotation @ covariance @ rotation.T))
+        for leg, sole, covariance in zip(legs, soles, sole_covariances(pose.state, legs, noise), strict=True)
+    }
+
+
 def _vertical(
     attitude: str | None,
     gravity_in_base: Sequence[float] | None,

@@ -20,8 +20,8 @@ from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.layers.record_fields import Health
-from guara_perception.terrain.questions.leg_reach import support_soles
 from kinematics import RobotModel, Stance, StancePose
+from kinematics.stance_pose import support_soles
 
 # Below this coverage the health names a cause and a remedy.
 LOW_COVERAGE = 0.5

@@ -14,9 +14,9 @@ from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import RobotLike, robot_model
 from guara_perception.terrain.layers.layered_grid import LayeredGrid
 from guara_perception.terrain.layers.record import GridRecord
-from kinematics import RobotModel, RobotNotFound, StanceNoise, StancePose, load_robot, robot_from_description
+from kinematics import RobotModel, RobotNotFound, StancePose, load_robot, robot_from_description
 from kinematics.reach import leg_kinematics, reach_from_pose
-from kinematics.stance_pose import sole_covariances
+from kinematics.stance_pose import support_soles
 from kinematics.transforms import transform_points
 
 
@@ -100,17 +100,6 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
         pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
         soles = {leg: sole for leg, sole in support_soles(pose, noise).items() if leg in legs}
     return tuple(StandingSole(sole[0], sole[1:]) for sole in soles.values())
-
-
-def support_soles(pose: StancePose, noise: StanceNoise) -> dict[str, Float]:
-    """Leg -> centre and covariance of the sole, (4, 3), as `GridRecord.support_soles` has them."""
-    legs = pose.support_feet_used
-    rotation = np.asarray(pose.transform_base_to_footprint)[:3, :3]
-    covariances = sole_covariances(pose.state, legs, noise)
-    return {
-        leg: np.vstack((centre, rotation @ covariance @ rotation.T))
-        for leg, centre, covariance in zip(legs, _soles(pose, legs), covariances, strict=True)
-    }
 
 
 def _soles(pose: StancePose, legs: Sequence[str]) -> Float:

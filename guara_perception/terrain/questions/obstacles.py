@@ -253,9 +253,16 @@ def solve_plane(terms: Float, z: Float) -> Float | None:
     if len(z) < 3:
         return None
     # Products of rows: for few of them matrix products take five times as long.
-    normal = np.vecdot(terms[:, None], terms)
+    normal = _products(terms, terms)
     (xx, xy), (_, yy) = normal[:2, :2]
     smallest = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
     if smallest < len(z) * LEAST_WIDTH_M**2:
         return None
-    return np.asarray(np.linalg.solve(normal, np.vecdot(terms, z)))
+    return np.asarray(np.linalg.solve(normal, _products(terms, z[None])[:, 0]))
+
+
+def _products(rows: Float, others: Float) -> Float:
+    """Scalar products of (m, n) rows and (k, n) others; numpy 1.26, that of ROS 2 Jazzy's Python, has no vecdot."""
+    if hasattr(np, "vecdot"):
+        return np.asarray(np.vecdot(rows[:, None], others))
+    return np.array([[np.dot(row, other) for other in others] for row in rows])

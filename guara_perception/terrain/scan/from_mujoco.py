@@ -15,10 +15,10 @@ from guara_perception.terrain.assessment.raster import merge, rasterise, without
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.questions.leg_reach import support_soles
 from guara_perception.terrain.scan.from_points import judged_grid
 from guara_perception.terrain.scan.from_range_image import checked_area
 from kinematics import KinematicsError, RobotModel, Stance, describe_robot
+from kinematics.stance_pose import support_soles
 from kinematics.transforms import inverse, transform_points
 
 Area = tuple[tuple[float, float], tuple[float, float]]

@@ -18,7 +18,7 @@ from packaging.utils import canonicalize_name
 
 import guara_perception as gp
 import hatch_build
-from guara_perception.terrain.questions.leg_reach import support_soles
+from kinematics.stance_pose import support_soles
 from tests import client_alone
 from tests.client_alone import answers
 from tests.frozen import FROZEN, GRIDS
