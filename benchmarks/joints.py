@@ -11,24 +11,28 @@ import copy
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from unittest.mock import patch
 
 from benchmarks.command import Table, options
 from guara_perception.simulation.walk import WalkPause
-from kinematics import JointCheck, RobotModel
+from kinematics import JointCheck, RobotModel, joint_check
 from testbed.misread_joints import ERROR, alarms, is_named, load, misread, walk
 
 # Pauses after which a cycle, and two, are over.
 CYCLES = (4, 8)
+# Creep and sinkage of feet that do neither [m].
+STANDING = 1e-4
 
 
 @dataclass(slots=True)
 class Told:
     """Of one joint after each of `CYCLES`: sigma of its zero, and the least wrong zero told on each walk [rad].
 
-    Jumps and zeros are those told, and tried.
+    `still` is the sigma if no foot crept or sank. Jumps and zeros are those told, and tried.
     """
 
     sigmas: tuple[float, ...] = ()
+    still: tuple[float, ...] = ()
     bars: dict[int, list[float]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
     jumps: list[bool] = field(default_factory=list)
     zeros: dict[int, list[bool]] = field(default_factory=lambda: {cycle: [] for cycle in CYCLES})
@@ -71,8 +75,13 @@ def measured(robot: RobotModel, *, has_imu: bool, walks: int) -> dict[str, Told]
             if pause.step in CYCLES:
                 for joint, bar in check.bars.items():
                     found[joint].bars[pause.step].append(bar)
-                    if seed == walks - 1:
-                        found[joint].sigmas += (check.sigmas[joint],)
+                if seed == walks - 1:
+                    sigmas = check.sigmas
+                    with patch.multiple(joint_check, SLIP_SIGMA=STANDING, SINK_SIGMA=STANDING):
+                        still = check.sigmas
+                    for joint, told in found.items():
+                        told.sigmas += (sigmas[joint],)
+                        told.still += (still[joint],)
     return found
 
 
@@ -91,13 +100,18 @@ def main() -> None:
             clean = walk(robot, asked.pauses, 0, has_imu=has_imu)
             given = "IMU" if has_imu else "no IMU"
             print(f"{name}, {given}: {alarms(robot, clean)} alarms in {len(clean)} clean pauses")
-            print("sigma of a zero, least zero told on the walks (both rad), and zeros told, after 1 and 2 cycles:")
-            table = Table("joint:<16 | sigma:<12 | told from:<32 | jumps:8 | zeros:10")
+            print(
+                "sigma of a zero, and if no foot crept, least told on the walks (rad), zeros told; after 1, 2 cycles:"
+            )
+            table = Table("joint:<16 | sigma:<12 | no creep:<12 | told from:<32 | jumps:8 | zeros:10")
             for joint, told in measured(robot, has_imu=has_imu, walks=asked.walks).items():
-                sigmas = " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in told.sigmas)
+                sigmas, still = (
+                    " ".join(f"{sigma:.3f}" if sigma < 1 else "-" for sigma in each)
+                    for each in (told.sigmas, told.still)
+                )
                 zeros = " ".join(f"{sum(each)}/{len(each)}" for each in told.zeros.values())
                 bars = ", ".join(f"{min(each):.3f} to {max(each):.3f}" for each in told.bars.values())
-                table.row(joint, sigmas, bars, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)
+                table.row(joint, sigmas, still, bars, f"{sum(told.jumps)}/{len(told.jumps)}", zeros)
 
 
 if __name__ == "__main__":

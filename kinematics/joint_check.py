@@ -42,6 +42,9 @@ SLIP_SIGMA = 0.0015
 SINK_SIGMA = 0.0005
 # Errors below either limit are not reported: [rad], and in standard deviations.
 LEAST_ERROR, LEAST_SIGMAS = 0.045, 4.5
+# A wrong zero is reported from this on too, in standard deviations at the noise that robot.toml states: exceeded by
+# noise once in 10,000 tests. The noise that one cycle shows is known to a sixth, so that limit must be wider.
+STATED_SIGMAS = 3.9
 # Largest jump that is sought [rad], and largest uncertain zero that is named: a foot swung along its leg's arc looks
 # like a larger jump.
 LARGEST_JUMP = 0.35
@@ -248,11 +251,7 @@ class JointCheck:
         """Least zero error of each joint that is told at the noise of the pauses so far [rad]; inf if none is."""
         if len(self._pauses) < SHORTEST:
             return dict.fromkeys(self._robot.joint_names, math.inf)
-        zeros = self._zeros(_Chains(self._robot, self._pauses))
-        return {
-            name: max(LEAST_ERROR, LEAST_SIGMAS * scaled) if scaled < LARGEST_SIGMA else math.inf
-            for name, (_, _, scaled) in zeros.items()
-        }
+        return {name: bar for name, (*_, bar) in self._zeros(_Chains(self._robot, self._pauses)).items()}
 
     def update(self, stance: Stance) -> JointReport:
         """Check the joints at a new pause.
@@ -303,21 +302,23 @@ class JointCheck:
         Once an error is certain, less observable joints that explain it about as well are named too.
         """
         found, is_told = {}, False
-        for name, (left, error, scaled) in self._zeros(chains).items():
-            is_certain = scaled < LARGEST_SIGMA and _is_error(error, scaled)
+        for name, (left, error, scaled, bar) in self._zeros(chains).items():
+            is_certain = abs(error) > bar
             is_told |= is_certain
             if is_certain or LEAST_ERROR < abs(error) < LARGEST_JUMP:
                 found[name] = left, error, scaled
         fault = _likeliest(found, "offset") if is_told else None
         return [] if fault is None else [fault]
 
-    def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float]]:
-        """By joint chi^2 without its zero error, that error, and its standard deviation at the noise that remains."""
+    def _zeros(self, chains: _Chains) -> dict[str, tuple[float, float, float, float]]:
+        """By joint chi^2 without its zero error, that error, its sigma at the noise that remains, and the bar."""
         found = {}
         errors, sigmas = chains.errors(since_last=False)
         for name, error, sigma in zip(self._robot.joint_names, errors.tolist(), sigmas.tolist(), strict=True):
             left = chains.chi2 - (error / sigma) ** 2
-            found[name] = left, error, sigma * math.sqrt(max(left / chains.degrees, LEAST_SCALE))
+            scaled = sigma * math.sqrt(max(left / chains.degrees, LEAST_SCALE))
+            bars = [most * of for most, of in ((LEAST_SIGMAS, scaled), (STATED_SIGMAS, sigma)) if of < LARGEST_SIGMA]
+            found[name] = left, error, scaled, max(LEAST_ERROR, min(bars, default=math.inf))
         return found
 
     def _since_last(self, reading: _Reading) -> tuple[tuple[str, ...], float, JointFault | None]:
