@@ -15,7 +15,8 @@ now, the second alone:
     S = F P_j F' + drift of odometry since + N + s^2 w w'
 
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it says. It cannot be told
-which, so no correction of the pauses in memory is kept: the ground may have moved before a sum shows it.
+which, so no correction since the earliest such j is kept. Those before it are: had the ground moved then, the sums
+since earlier pauses would exceed the bound as well.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ class OdometrySum(FrozenArrays):
         )
 
     def contradiction(self, transform: Float, odometry: Float, noise: Float, slip_share: float) -> Contradiction | None:
-        """Corrections of the pauses in memory if either sum contradicts odometry's since any of them; None if not.
+        """Corrections since the earliest pause since which either sum contradicts odometry's; None if there is none.
 
         Args:
             transform: (4, 4) present correction of the drift.
@@ -129,8 +130,8 @@ class OdometrySum(FrozenArrays):
             f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of what odometry adds "
             "up to: ground that is seen may move, so it is not used"
         )
-        moved_by = np.stack((corrected[0], self.seen[first]))
-        return Contradiction(self.transforms[0], covariances[0], moved_by, reason)
+        moved_by = np.stack((corrected[first], self.seen[first]))
+        return Contradiction(self.transforms[first], covariances[first], moved_by, reason)
 
     def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
         """Largest contradiction between the motions of scans and odometry since any pause [sigmas].

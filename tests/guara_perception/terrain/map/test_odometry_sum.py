@@ -109,6 +109,23 @@ def test_slow_ground_is_found_though_corrections_hardly_follow_it(seed: int, axi
 
 @settings(max_examples=examples(50), deadline=None)
 @given(st.integers(0, 10_000))
+def test_only_what_contradicts_is_taken_back(seed: int) -> None:
+    """The ground moves in the last pause by 8 sigma: corrections of more than seven pauses before it stay."""
+    rng = np.random.default_rng(seed)
+    seen = rng.uniform(-0.05, 0.05, (20, 3)) * SIGMAS
+    seen[-1, 1] = 8 * SIGMAS[1]
+    sums, transform, odometry = walked(rng, rng.uniform(-0.2, 0.2, (20, 3)) * SIGMAS, seen=seen)
+    contradiction = sums.contradiction(transform, odometry, NOISE, 0.0)
+    assert contradiction is not None
+    (kept,) = np.flatnonzero((sums.transforms == contradiction.transform).all(axis=(1, 2)))
+    assert 12 <= kept < 20
+    # The newest entry is the pause itself.
+    moved_by = np.linalg.inv(contradiction.transform) @ transform
+    assert contradiction.moved_by[0, 2] == pytest.approx(np.arctan2(moved_by[1, 0], moved_by[0, 0]))
+
+
+@settings(max_examples=examples(50), deadline=None)
+@given(st.integers(0, 10_000))
 def test_a_slip_along_the_way_passes_as_far_as_robot_toml_grants_it(seed: int) -> None:
     """Feet that slide back alike: along the way the share is granted, across it nothing is."""
     rng = np.random.default_rng(seed)
