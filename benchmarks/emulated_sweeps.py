@@ -21,15 +21,8 @@ from drivers import (
     timing,
 )
 from drivers.cameras.camera import Camera, CameraSettings
-from drivers.emulator import (
-    EmulatedBackend,
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatedClock,
-    EmulatorConfig,
-    ExposureView,
-    emulated_backend,
-)
+from drivers.emulator import EmulatedBackend, EmulatedClock, EmulatorConfig, ExposureView
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
@@ -49,7 +42,7 @@ def firing_order_of(stripes: int) -> list[tuple[int, float]]:
 class Picture:
     """Draws small pictures with one row of laser, whose first two pixels hold the number of the exposure."""
 
-    def __init__(self, board: EmulatedBoard | None = None) -> None:
+    def __init__(self, board: BenchBoard | None = None) -> None:
         """Number the exposures of `board`, if one is given."""
         self._board = board
         self._number = 0
@@ -80,11 +73,11 @@ def view_of(scan: ScanInMemory) -> Callable[[ExposureView, CameraSettings], Imag
 
 
 @contextmanager
-def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[EmulatedBoard, LaserBoard]]:
+def emulated(config: EmulatorConfig | None = None) -> Iterator[tuple[BenchBoard, LaserBoard]]:
     """An emulated board in emulated time, and the driver connected to it."""
     with timing.on_clock(EmulatedClock()):
-        board = EmulatedBoard(config or EmulatorConfig(bus_delay=BUS_DELAY))
-        with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(board)) as driver:
+        board = BenchBoard(config or EmulatorConfig(bus_delay=BUS_DELAY))
+        with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(board)) as driver:
             yield board, driver
 
 
@@ -165,7 +158,7 @@ def free_running(fps: int, stripes: int) -> float:
     firing_order = firing_order_of(stripes)
     exposure = min(0.008, 0.4 / fps)
     with emulated() as (board, driver):
-        camera = EmulatedCamera(board, Picture(), fps=fps, exposure=exposure, latency=exposure)
+        camera = BenchCamera(board, Picture(), fps=fps, exposure=exposure, latency=exposure)
         prepare(driver, firing_order)
         with camera, acquire(driver, camera, firing_order) as stripes_taken:
             count = sum(1 for _ in stripes_taken)

@@ -16,13 +16,14 @@ from benchmarks.command import options
 from benchmarks.peers import free_endpoint, peers
 from benchmarks.yardstick import Yardstick, beside
 from drivers import CameraSettings, Image, LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatedCamera, ExposureView, emulated_backend
+from drivers.emulator import ExposureView
 from guara_perception.app.messages import message_to_terrain, stance_to_message, terrain_to_message
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.simulation.walk import fresh_reading
 from kinematics import RobotModel, load_robot
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.recorded_view import RecordedView
 from testbed.truth import truth_calibration
 from transport import (
@@ -71,9 +72,9 @@ class Bench:
 
 def showing(render: Callable[[ExposureView, CameraSettings], Image], *, exposure: float, latency: float) -> Rangefinder:
     """Emulated board and camera in real time, which sees what `render` gives; times in seconds."""
-    board = EmulatedBoard()
-    camera = EmulatedCamera(board, render, fps=FPS, exposure=exposure, latency=latency)
-    return Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    board = BenchBoard()
+    camera = BenchCamera(board, render, fps=FPS, exposure=exposure, latency=latency)
+    return Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
 
 
 @contextmanager

@@ -12,7 +12,6 @@ import numpy as np
 
 import guara_perception as gp
 from drivers import LaserBoard
-from drivers.emulator import EmulatedBoard, emulated_backend
 from guara_perception.app.demo.check import true_elevation
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.node import PerceptionNode
@@ -23,6 +22,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import simulated_camera
 from guara_perception.simulation.walk import fresh_reading
 from guara_perception.simulation.world import load_world
+from testbed.bench_board import BenchBoard, bench_backend
 from transport import PausePhase, StancePause, open_node
 from transport.server import PerceptionServer
 from transport.stance_link import StancePublisher, StanceReceiver
@@ -84,9 +84,9 @@ def scan_of_a_moved_robot(endpoint: str, *, fps: float = 30.0, size: tuple[int, 
     view.set_pose(pause.transform_base_to_world)
     view.moved_to = pause.transform_base_to_world.copy()
     view.moved_to[[0, 2], 3] += 0.006
-    board = EmulatedBoard()
+    board = BenchBoard()
     camera = simulated_camera(view, board, fps=fps, latency=0.001)
-    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    rangefinder = Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
     with rangefinder, open_node(listen=endpoint) as session:
         server, publisher = PerceptionServer(session), StancePublisher(session)
         node = PerceptionNode(robot, calibration, rangefinder, server, mode="standard")

@@ -15,18 +15,12 @@ import numpy as np
 
 from drivers import AcquireOptions, BoardConfig, Frame, LaserBoard, SweepOptions
 from drivers.cameras.camera import Camera, CameraSettings
-from drivers.emulator import (
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatedClock,
-    EmulatorConfig,
-    ExposureView,
-    emulated_backend,
-)
+from drivers.emulator import EmulatedClock, EmulatorConfig, ExposureView
 from guara_perception.app.node.live_scan import LiveScan, live_scan
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.arrays import Float32, Image
 from guara_perception.scanning.scan_processor import ScanProcessor
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.scenes import ScanInMemory
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
@@ -239,7 +233,7 @@ def take(
     """
     scene.begin()
     clock = EmulatedClock()
-    board = EmulatedBoard(EmulatorConfig(bus_delay=0.0003), clock=clock.monotonic)
+    board = BenchBoard(EmulatorConfig(bus_delay=0.0003), clock=clock.monotonic)
 
     def render(view: ExposureView, _: CameraSettings) -> Image:
         return scene.picture(view, fault.gain, fault.extra, fault.ambient)
@@ -252,13 +246,13 @@ def take(
             jumping.gaps, jumping.at = fault.gaps, fault.first
         camera = jumping
     else:
-        camera = EmulatedCamera(board, render, fps=FPS, exposure=0.008, latency=0.001)
+        camera = BenchCamera(board, render, fps=FPS, exposure=0.008, latency=0.001)
     if fault.late:
         camera = LateFrames(camera, fault.late, fault.first)
     given = options or AcquireOptions(together=16)
     if triggered:
         given = dataclasses.replace(given, sweep=SweepOptions(flash=FLASH))
-    driver = LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(board))
+    driver = LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(board))
     order = list(zip(scene.order, scene.angles.tolist(), strict=True))
     processor = scene.scan.processor()
     with Rangefinder(driver, camera, given, clock=clock) as rangefinder:

@@ -9,10 +9,10 @@ from typing import Protocol
 from drivers import timing
 from drivers.arrays import Image
 from drivers.cameras.camera import Camera, CameraSettings, HeldSettings, opened
-from drivers.emulator.shutter import Opening, Shutter
 from drivers.emulator.views import ExposureView
 from drivers.errors import CameraTimeout
 from drivers.frame import Frame, read_only
+from testbed.bench_board.shutter import Opening, Shutter
 
 # Seconds between two questions whether a shutter has opened.
 POLL = 0.0005
@@ -21,7 +21,7 @@ READ_OUT = 0.0002
 
 
 class TriggersCamera(Protocol):
-    """A board that triggers a camera: `EmulatedBoard`, or `ChipBus` with the firmware behind it."""
+    """A board that triggers a camera: `BenchBoard`, or `ChipBus` with the firmware behind it."""
 
     def exposure(self, start: float, end: float) -> ExposureView:
         """Return what a camera that exposed from `start` to `end` [s] saw."""
@@ -51,7 +51,7 @@ class EmulatedTriggeredCamera(Camera):
 
         Args:
             board: the board that triggers it, and whose laser and mirror it sees.
-            shutter: the board's shutter, see `EmulatedBoard.shutter` and `Wiring.shutter`.
+            shutter: the board's shutter, see `BenchBoard.shutter` and `Wiring.shutter`.
             render: makes the image of an exposure, from what the board did meanwhile and the camera's settings.
             latency: time from the end of the exposure to the arrival [s].
             fps: highest frame rate [1/s]; 0: as fast as exposure and read-out allow.

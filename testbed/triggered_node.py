@@ -24,7 +24,6 @@ from drivers import CameraSettings, StripeCapture
 from drivers.board import usb_link
 from drivers.cameras.aravis_camera import AravisCamera
 from drivers.emulator import EmulatedBackend
-from drivers.emulator.shutter import Opening
 from drivers.sweep.acquisition import StripeStream
 from guara_perception.app.devices_file import Devices, save_devices
 from guara_perception.app.main import run
@@ -38,6 +37,7 @@ from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, ren
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.walk import simulate_walk
 from guara_perception.simulation.world import load_world
+from testbed.bench_board.shutter import Opening
 from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
 from testbed.gige import FakeGigeCamera
 from transport.messages.terrain_codec import encode_terrain

@@ -6,7 +6,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from drivers.board.board_records import checked, seal
+from drivers.board.board_records import checked
 from drivers.board.protocol import MOTION_SIZE, STRIPE_MARK, STRIPE_SIZE, BoardFault, Shot
 from drivers.errors import BadReply
 
@@ -44,25 +44,6 @@ class StripeRecord:
     faults: BoardFault
     step: int
 
-    def pack(self) -> bytes:
-        """Bytes of the record as the board sends it."""
-        return seal(
-            STRIPE.pack(
-                STRIPE_MARK,
-                self.shot,
-                self.motion & 0xFFFF,
-                self.place,
-                self.left,
-                round(self.clock * 1e6) & 0xFFFFFFFF,
-                self.exposures,
-                *(min(65535, round(seconds * 1e6)) for seconds in (self.delay, self.exposure, self.lit)),
-                self.faults,
-                self.step,
-                0,
-                0,
-            )
-        )
-
     @classmethod
     def unpack(cls, data: bytes) -> StripeRecord:
         """Read the record.
@@ -97,11 +78,6 @@ class MotionProfile:
     acceleration: float
     settle: float
     overshoot: int
-
-    def pack(self) -> bytes:
-        """Bytes of the record as the board sends it."""
-        speeds = (round(value) for value in (self.start_speed, self.top_speed, self.acceleration))
-        return seal(MOTION.pack(*speeds, round(self.settle * 1e6), self.overshoot, 0))
 
     @classmethod
     def unpack(cls, data: bytes) -> MotionProfile:

@@ -9,12 +9,6 @@ from drivers.emulator.backend import EmulatedBackend as EmulatedBackend
 from drivers.emulator.backend import emulated_backend as emulated_backend
 from drivers.emulator.board import EmulatedBoard as EmulatedBoard
 from drivers.emulator.config import EmulatorConfig as EmulatorConfig
-from drivers.emulator.emulated_camera import CameraFault as CameraFault
 from drivers.emulator.emulated_camera import EmulatedCamera as EmulatedCamera
-from drivers.emulator.faults import Fault as Fault
-from drivers.emulator.faults import FaultKind as FaultKind
-from drivers.emulator.light import Switching as Switching
-from drivers.emulator.shutter import Shutter as Shutter
-from drivers.emulator.views import BoardView as BoardView
 from drivers.emulator.views import ExposureView as ExposureView
 from drivers.timing import EmulatedClock as EmulatedClock

@@ -1,17 +1,15 @@
-"""Emulated USB bus: transfers to an emulated board, with injected faults."""
+"""Emulated USB bus: transfers to an emulated board."""
 
 from __future__ import annotations
 
 import errno
-import random
 import threading
 from typing import Protocol
 
 from drivers import timing
-from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, join_argument
+from drivers.board.protocol import REPORT_ENDPOINT, REQUEST_IN, REQUESTS, Request, join_argument
 from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.descriptors import descriptor
-from drivers.emulator.faults import Fault, FaultKind
 
 # bmRequestType and bRequest of standard USB requests.
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
@@ -19,8 +17,6 @@ CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
 # Polling interval while the mirror is still [s].
 REPORT_SLICE = 0.002
-BEFORE = (FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT)
-AFTER = (FaultKind.UNPLUG_AFTER, FaultKind.TIMEOUT_AFTER, FaultKind.SHORT_READ, FaultKind.GARBAGE)
 
 
 class BusError(OSError):
@@ -58,25 +54,20 @@ class LocalBus:
     def __init__(self, board: EmulatedBoard) -> None:
         """Plug `board` in."""
         self._board = board
-        self._claimed = self._halted = False
+        self._claimed = False
         self._claim_lock = threading.Lock()
-        self._noise = random.Random(1)
 
     def present(self) -> bool:
-        """True while the board is plugged in."""
-        return self._board.plugged
+        """True: nothing unplugs this board."""
+        return True
 
     def open(self) -> None:
         """Open the device."""
-        self._check_plugged()
-        if self._board.plan.strike("open", (FaultKind.NO_PERMISSION,)):
-            raise BusError(errno.EACCES, "Access denied (insufficient permissions)")
 
     def claim(self) -> None:
         """Claim the interface, unless it is claimed already."""
-        self._check_plugged()
         with self._claim_lock:
-            if self._claimed or self._board.plan.strike("claim", (FaultKind.BUSY,)):
+            if self._claimed:
                 raise BusError(errno.EBUSY, "Resource busy")
             self._claimed = True
 
@@ -87,46 +78,40 @@ class LocalBus:
 
     def control(self, request_type: int, request: int, value: int, index: int, length: int, timeout: float) -> bytes:
         """Make a control transfer: a command of the board, or a standard request."""
-        self._check_plugged()
         command = REQUESTS.get(request) if request_type == REQUEST_IN else None
         if command is None:
             return self._standard(request_type, request, value)[:length]
-        plan = self._board.plan
-        self._strike(plan.strike(command, BEFORE), timeout)
+        return self._serve(command, join_argument(value, index), timeout)[:length]
+
+    def _serve(self, request: Request, argument: int, timeout: float) -> bytes:
         if self._board.config.bus_delay > 0:
             timing.sleep(self._board.config.bus_delay)
-        answer = self._board.serve(request, join_argument(value, index))
+        answer = self._board.serve(request, argument)
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
-        return self._strike(plan.strike(command, AFTER), timeout, answer)[:length]
+        return answer
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
         """Make a control transfer without data: set the configuration, or clear the endpoint's halt."""
-        self._check_plugged()
         sets_configuration = (request_type, request, value) == (TO_DEVICE, SET_CONFIGURATION, 1)
         if not sets_configuration and (request_type, request, value, index) != CLEAR_REPORT_HALT:
             raise BusError(errno.EPIPE, "Pipe error")
-        self._halted = False
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for a report. A stalled endpoint stays stalled until its halt is cleared."""
-        plan = self._board.plan
-        fault = plan.strike("report", BEFORE)
-        self._halted = self._halted or (fault is not None and fault.kind is FaultKind.STALL)
-        if self._halted:
-            raise BusError(errno.EPIPE, "Pipe error")
-        self._strike(fault, timeout)
+        """Wait for a report."""
         deadline = timing.monotonic() + timeout
         while True:
-            self._check_plugged()
-            report = self._board.next_report()
+            report = self._next_report()
             if report is not None:
-                return self._strike(plan.strike("report", AFTER), timeout, report)
+                return report
             now = timing.monotonic()
             if now >= deadline:
                 raise BusError(errno.ETIMEDOUT, "Operation timed out")
             motion_left = self._board.still_at() - self._board.clock()
             timing.sleep(min(motion_left if motion_left > 0 else REPORT_SLICE, deadline - now))
+
+    def _next_report(self) -> bytes | None:
+        return self._board.next_report()
 
     def _standard(self, request_type: int, request: int, value: int) -> bytes:
         answer = None
@@ -137,24 +122,3 @@ class LocalBus:
         if answer is None:
             raise BusError(errno.EPIPE, "Pipe error")
         return answer
-
-    def _check_plugged(self) -> None:
-        if not self._board.plugged:
-            raise BusError(errno.ENODEV, "No such device (it may have been disconnected)")
-
-    def _strike(self, fault: Fault | None, timeout: float, answer: bytes = b"") -> bytes:
-        """Apply a fault, if any, to a transfer and return its answer."""
-        if fault is None:
-            return answer
-        match fault.kind:
-            case FaultKind.UNPLUG | FaultKind.UNPLUG_AFTER:
-                self._board.unplug()
-                self._check_plugged()
-            case FaultKind.STALL:
-                raise BusError(errno.EPIPE, "Pipe error")
-            case FaultKind.TIMEOUT | FaultKind.TIMEOUT_AFTER:
-                timing.sleep(timeout)
-                raise BusError(errno.ETIMEDOUT, "Operation timed out")
-            case FaultKind.SHORT_READ:
-                return answer[: len(answer) // 2]
-        return self._noise.randbytes(len(answer))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Protocol
 
 from drivers import timing
@@ -21,46 +21,10 @@ class Exposes(Protocol):
         """View of an exposure from `start` to `end` [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class CameraFault:
-    """Fault of the frames `first` ... `first + count - 1` of an `EmulatedCamera`.
-
-    Attributes:
-        kind: "drop" (the frame never arrives), "repeat" (the previous frame is repeated with its number), "freeze" (the
-            previous image is repeated with a new number), "silence" (no frame arrives meanwhile), "resize" (half the
-            size), "brighten" (twice the exposure).
-        first: number of the first frame.
-        count: number of frames.
-
-    Raises:
-        ValueError: unknown kind.
-    """
-
-    kind: str
-    first: int
-    count: int = 1
-
-    def __post_init__(self) -> None:
-        """Check the kind."""
-        if self.kind not in KINDS:
-            raise ValueError(f"unknown camera fault {self.kind!r}, allowed: {', '.join(KINDS)}")
-
-    def holds(self, number: int) -> bool:
-        """True if frame `number` has the fault."""
-        return self.first <= number < self.first + self.count
-
-
-KINDS = ("drop", "repeat", "freeze", "silence", "resize", "brighten")
-
-
 class EmulatedCamera(Camera):
     """Camera that exposes at a fixed rate; a slow reader gets only the newest frame.
 
     Frame n is exposed from `start + n / fps` for `exposure` and arrives `latency` later.
-
-    Attributes:
-        faults: faults of its frames.
-        automatic: settings in automatic mode, as if switched by another program; affects only `held`.
     """
 
     def __init__(
@@ -99,11 +63,8 @@ class EmulatedCamera(Camera):
         self._settings = CameraSettings(exposure=exposure, gain=1.0, white_balance=5000.0, gamma=1.0)
         self._exposure, self._delay = exposure, exposure + latency
         self.lag = self._delay
-        self.faults: list[CameraFault] = []
-        self.automatic: set[str] = set()
         self._start: float | None = None
         self._next = 0
-        self._last: Frame | None = None
 
     def open(self) -> None:
         """Start exposing; does nothing when open."""
@@ -126,8 +87,8 @@ class EmulatedCamera(Camera):
         return self._settings
 
     def held(self, locked: CameraSettings) -> HeldSettings:
-        """Report all settings, and those in `automatic` as automatic."""
-        return HeldSettings(values=asdict(self._settings), automatic=tuple(self.automatic))
+        """Report all settings."""
+        return HeldSettings(values=asdict(self._settings))
 
     def grab(self, timeout: float) -> Frame:
         """Return the next frame, or the newest if several have arrived since the last grab.
@@ -138,10 +99,7 @@ class EmulatedCamera(Camera):
         """
         start = self._started()
         asked = timing.monotonic()
-        number = max(self._next, self._arrived(asked))
-        for fault in sorted(self.faults, key=lambda fault: fault.first):
-            if fault.kind in ("drop", "silence") and fault.holds(number):
-                number = fault.first + fault.count
+        number = self._next_number(asked)
         wait = start + number * self._period + self._delay - asked
         if wait > timeout:
             timing.sleep(timeout)
@@ -150,7 +108,6 @@ class EmulatedCamera(Camera):
             timing.sleep(wait)
         frame = self._expose(number, start)
         self._next = number + 1
-        self._last = frame
         return frame
 
     def flush(self) -> None:
@@ -164,18 +121,10 @@ class EmulatedCamera(Camera):
     def _arrived(self, now: float) -> int:
         return max(0, int((now - self._started() - self._delay) / self._period))
 
+    def _next_number(self, now: float) -> int:
+        return max(self._next, self._arrived(now))
+
     def _expose(self, number: int, start: float) -> Frame:
         begin = start + number * self._period
-        stamp = begin + self._delay
-        kinds = {fault.kind for fault in self.faults if fault.holds(number)} if self.faults else ()
-        if self._last is not None and "repeat" in kinds:
-            return self._last
-        if self._last is not None and "freeze" in kinds:
-            return Frame(self._last.image, number, stamp)
-        settings = self._settings
-        if "brighten" in kinds:
-            settings = replace(settings, exposure=2 * self._exposure)
-        image = self._render(self._board.exposure(begin, begin + self._exposure), settings)
-        if "resize" in kinds:
-            image = image[::2, ::2]
-        return Frame(read_only(image), number, stamp)
+        image = self._render(self._board.exposure(begin, begin + self._exposure), self._settings)
+        return Frame(read_only(image), number, begin + self._delay)

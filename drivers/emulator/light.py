@@ -8,13 +8,8 @@ from dataclasses import dataclass
 
 from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import BoardFault, BoardFlag
-from drivers.emulator.faults import FaultKind, FaultPlan
 
 BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERATURE | BoardFault.LASER_STUCK_ON
-# Temperature at which the laser is turned off, and at which that fault can be cleared [degrees Celsius].
-TOO_HOT, COOL_ENOUGH = 60.0, 55.0
-# Time for which the firmware waits for the photodiode before it disconnects the supply [s].
-SENSE_DELAY = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +31,6 @@ class Laser:
     def on(self) -> bool:
         """True while it is on."""
         return self._log[-1].on
-
-    @property
-    def since(self) -> float:
-        """Time of its last change [s]."""
-        return self._log[-1].time
 
     def switch(self, on: bool, now: float) -> None:
         """Switch at `now`; does nothing if the laser is in that state."""
@@ -75,26 +65,21 @@ class Laser:
 
 
 class LightUnit:
-    """Laser, its transistor (which may stick), its supply relay, and its safety timers."""
+    """Laser, its supply relay, and its safety timers."""
 
-    def __init__(self, identity: BoardIdentity, plan: FaultPlan, temperature: float, now: float) -> None:
+    def __init__(self, identity: BoardIdentity, temperature: float, now: float) -> None:
         """Start switched off; `temperature` is that of a healthy board [degrees Celsius]."""
         self.laser = Laser(now)
-        self._identity, self._plan, self._temperature = identity, plan, temperature
+        self._identity, self._temperature = identity, temperature
         self.power_on(now)
 
     def power_on(self, now: float) -> None:
         """Start as after a reset."""
         self.faults = BoardFault(0)
-        self._commanded = self._latched = False
+        self._commanded = False
         self._supply = True
         self._fed = now
         self._run_start = self._run_end = -math.inf
-        self._update(now)
-
-    def power_off(self, now: float) -> None:
-        """Lose USB power."""
-        self._supply = self._commanded = False
         self._update(now)
 
     def feed(self, now: float) -> None:
@@ -112,59 +97,21 @@ class LightUnit:
         if not on:
             self._commanded = False
         self._update(now)
-        if on and not self.sensed:
-            self.faults |= BoardFault.LASER_DEAD
-            self._commanded = False
-        if not on and self.sensed:
-            self.cut(BoardFault.LASER_STUCK_ON, now + SENSE_DELAY)
-        return True
-
-    @property
-    def may_shine(self) -> bool:
-        """True if no fault prevents the laser."""
-        return not self.faults & BLOCKING
-
-    @property
-    def silent_at(self) -> float:
-        """Time at which the watchdog acts unless it is fed [s]."""
-        return self._fed + self._identity.watchdog
-
-    def flash(self, now: float, goes_on: bool) -> bool:
-        """Switch on in a sweep without feeding the watchdog; return True if the firmware permits it.
-
-        Args:
-            now: current time [s].
-            goes_on: True for a further flash of the same sweep, whose time then adds up whatever the gap.
-        """
-        if not self.may_shine:
-            return False
-        if goes_on:
-            self._run_start += now - self._run_end
-        elif now - self._run_end >= self._identity.laser_rest:
-            self._run_start = now
-        self._commanded = True
-        self._update(now)
         return True
 
     def clear(self, faults: BoardFault, now: float) -> None:
         """Clear those of `faults` whose cause is gone, and reconnect the supply if no blocking one remains."""
-        if self.temperature() > COOL_ENOUGH:
-            faults &= ~BoardFault.OVER_TEMPERATURE
         if now - self._run_end < self._identity.laser_rest:
             faults &= ~BoardFault.LASER_TIME
-        if self._plan.holds(FaultKind.LASER_STUCK_ON):
-            faults &= ~BoardFault.LASER_STUCK_ON
         self.faults &= ~faults
         self._supply = not self.faults & BLOCKING
         self._update(now)
 
     def advance(self, now: float) -> None:
         """Apply the hardware timers that are due, each as of its own time."""
-        if self.temperature() >= TOO_HOT and BoardFault.OVER_TEMPERATURE not in self.faults:
-            self.cut(BoardFault.OVER_TEMPERATURE, now)
         if not self.laser.on:
             return
-        silent, limit = self.silent_at, self._run_start + self._identity.laser_limit
+        silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit
         if min(silent, limit) <= now:
             self.cut(BoardFault.WATCHDOG if silent <= limit else BoardFault.LASER_TIME, min(silent, limit))
 
@@ -178,8 +125,7 @@ class LightUnit:
 
     def temperature(self) -> float:
         """Temperature of the board [degrees Celsius]."""
-        hot = self._plan.holds(FaultKind.HOT)
-        return self._temperature if hot is None else float(hot.amount)
+        return self._temperature
 
     def time_on(self, now: float) -> float:
         """Time for which the laser has been on without a rest [s]."""
@@ -188,7 +134,7 @@ class LightUnit:
     @property
     def sensed(self) -> bool:
         """True if the photodiode sees the laser."""
-        return self._commanded if self._plan.holds(FaultKind.BLIND_SENSOR) else self.laser.on
+        return self.laser.on
 
     def cut(self, fault: BoardFault, now: float) -> None:
         """Set a fault, turn the laser off and disconnect its supply."""
@@ -196,12 +142,11 @@ class LightUnit:
         self._supply = self._commanded = False
         self._update(now)
 
+    def _shines(self) -> bool:
+        return self._supply and self._commanded
+
     def _update(self, now: float) -> None:
-        driven = self._commanded and not self._plan.holds(FaultKind.LASER_STUCK_OFF)
-        if driven and self._supply and self._plan.holds(FaultKind.LASER_STUCK_ON):
-            self._latched = True
-        self._latched = self._latched and self._plan.holds(FaultKind.LASER_STUCK_ON) is not None
-        shines = self._supply and (driven or self._latched)
+        shines = self._shines()
         if self.laser.on and not shines:
             self._run_end = now
         self.laser.switch(shines, now)

@@ -6,15 +6,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from drivers.board.protocol import BoardFault, BoardFlag, Request, Result
-from drivers.board.sweep_records import MotionProfile
+from drivers.board.protocol import BoardFault, BoardFlag, Result
 from drivers.emulator.config import EmulatorConfig
-from drivers.emulator.faults import FaultKind, FaultPlan
 
 # Period of a stepper's error [steps]: 8 full steps of 256 microsteps.
 PERIODIC_STEPS = 8 * 256
-# Acceleration of a motor that starts at its top speed [steps/s^2].
-FREE = 4e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +109,9 @@ class MirrorUnit:
         homed: True if the home position is known.
     """
 
-    def __init__(self, config: EmulatorConfig, plan: FaultPlan, now: float) -> None:
+    def __init__(self, config: EmulatorConfig, now: float) -> None:
         """Start at the centre of the travel, with unknown home."""
-        self._config, self._identity, self._plan = config, config.identity, plan
+        self._config, self._identity = config, config.identity
         centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
         self._motor = Motor(speed, config.settle, config.overshoot, centre, now)
@@ -123,7 +119,6 @@ class MirrorUnit:
 
     def power_on(self, now: float) -> None:
         """Start as after a reset."""
-        self.reset_motion()
         self._motor.halt(now)
         self.faults = BoardFault(0)
         self.motions = 0
@@ -131,28 +126,6 @@ class MirrorUnit:
         self.homed = self._homing = False
         self._target: int | None = None
         self._under_way = False
-
-    @property
-    def motion_profile(self) -> MotionProfile:
-        """Motion profile of a motor that starts at its top speed."""
-        return MotionProfile(self._motor.speed, self._motor.speed, FREE, self._motor.settle, self._config.overshoot)
-
-    def reset_motion(self) -> None:
-        """Restore the configured speed and settling time."""
-        self._motor.speed = self._config.mirror_speed / self._identity.step_angle
-        self._motor.settle = self._config.settle
-
-    def set_motion(self, request: Request, value: int, now: float) -> Result:
-        """Set the top speed [steps/s] or the settling time [us]; the emulated motor has no ramp."""
-        if value < 1 or request not in (Request.TOP_SPEED, Request.SETTLE):
-            return Result.OUT_OF_RANGE
-        if self.moving(now):
-            return Result.BUSY
-        if request is Request.TOP_SPEED:
-            self._motor.speed = float(value)
-        else:
-            self._motor.settle = value * 1e-6
-        return Result.OK
 
     def ended(self, now: float) -> float | None:
         """Return the end of the last motion, including settling [s], once after it ended; otherwise None."""
@@ -166,9 +139,9 @@ class MirrorUnit:
         if not self._homing or now < self._motor.still_at:
             return
         self._homing = False
-        if self._plan.holds(FaultKind.NO_HOME_SWITCH):
-            self.faults |= BoardFault.HOME_NOT_FOUND
-            return
+        self._come_home()
+
+    def _come_home(self) -> None:
         self.homed = True
         if abs(self.home_error) > 1:
             self.faults |= BoardFault.LOST_STEPS
@@ -195,27 +168,9 @@ class MirrorUnit:
             return Result.OUT_OF_RANGE
         if step == self._target:
             return Result.OK
-        loss = self._plan.strike(Request.GO_TO, (FaultKind.LOST_STEP,))
-        if loss is not None:
-            self._motor.lost -= loss.amount
         self._begin(step)
         self._motor.move(step, now)
         return Result.OK
-
-    def sweep_to(self, step: int, now: float) -> None:
-        """Move to the next stripe of a sweep; not counted as a motion."""
-        self._target = step
-        self._motor.move(step, now)
-
-    def count_motion(self) -> None:
-        """Count a motion that is about to start."""
-        self.motions += 1
-        self._under_way = False
-
-    def halt_sweep(self, now: float) -> None:
-        """Stop during a sweep; reported after settling."""
-        self._under_way = self.moving(now)
-        self.halt(now)
 
     def reaches(self, step: int) -> bool:
         """True if a step is within the travel."""
@@ -230,8 +185,7 @@ class MirrorUnit:
 
     def moving(self, instant: float) -> bool:
         """True if the mirror was moving or settling at a time [s]."""
-        jammed = self.motions > 0 and self._plan.holds(FaultKind.JAMMED) is not None
-        return jammed or instant < self._motor.still_at
+        return instant < self._motor.still_at
 
     @property
     def still_at(self) -> float:
@@ -252,11 +206,6 @@ class MirrorUnit:
         position = self._motor.true_position(instant)
         wobble = self._config.periodic_error * math.sin(2 * math.pi * position / PERIODIC_STEPS)
         return self._identity.angle_of(0) + position * self._identity.step_angle + wobble
-
-    def believed_angle(self, instant: float) -> float:
-        """Mirror angle according to the firmware [rad]."""
-        position = self._motor.believed_position(instant)
-        return self._identity.angle_of(0) + position * self._identity.step_angle
 
     def _begin(self, target: int) -> None:
         self.motions += 1

@@ -8,8 +8,8 @@ from typing import Any
 
 from drivers import timing
 from drivers.emulator.bus import BusError
-from drivers.emulator.shutter import Opening
 from drivers.emulator.views import ExposureView
+from testbed.bench_board.shutter import Opening
 from testbed.chip.chip import Chip
 
 BOOT_TIME = 1.0  # s in which the firmware must have been enumerated

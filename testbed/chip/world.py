@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.emulator.light import Switching
-from drivers.emulator.shutter import Opening, Shutter
+from testbed.bench_board.shutter import Opening, Shutter
 
 # Pins of the Pico, as in firmware/pins.h.
 LASER, SUPPLY, HEARTBEAT, LIGHT, STEP, DIRECTION, HOME = 2, 3, 4, 5, 6, 7, 9

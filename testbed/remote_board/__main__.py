@@ -8,8 +8,8 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from drivers.emulator.board import EmulatedBoard
 from drivers.emulator.config import EmulatorConfig
+from testbed.bench_board import BenchBoard
 from testbed.remote_board.server import EmulatorServer
 
 
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--serial", default="EMU0001", help="serial number of the board")
     options = parser.parse_args(arguments)
     try:
-        server = EmulatorServer(EmulatedBoard(EmulatorConfig(serial=options.serial)), options.listen)
+        server = EmulatorServer(BenchBoard(EmulatorConfig(serial=options.serial)), options.listen)
     except (OSError, ValueError) as error:
         print(f"cannot listen: {error}", file=sys.stderr)
         return 2

@@ -8,9 +8,10 @@ from typing import Any
 
 from drivers.emulator.backend import EmulatedBackend
 from drivers.emulator.bus import BusError
-from drivers.emulator.faults import Fault
 from drivers.emulator.light import Switching
-from drivers.emulator.views import BoardView, ExposureView
+from drivers.emulator.views import ExposureView
+from testbed.bench_board import BoardView
+from testbed.bench_board.faults import Fault
 from testbed.remote_board.server import encode_fault
 from testbed.remote_board.wire import Channel
 
@@ -96,7 +97,7 @@ class RemoteBus:
 
 
 class RemoteBoard:
-    """The state of a board emulated in another process, with the methods of `EmulatedBoard` that look at it.
+    """The state of a board emulated in another process, with the methods of `BenchBoard` that look at it.
 
     Times are those of the monotonic clock, which all processes of a machine share.
     """

@@ -8,9 +8,9 @@ from dataclasses import asdict
 from typing import Any
 
 from drivers.board.protocol import Request
-from drivers.emulator.board import EmulatedBoard
-from drivers.emulator.bus import BusError, LocalBus
-from drivers.emulator.faults import Fault, FaultKind
+from drivers.emulator.bus import BusError
+from testbed.bench_board import BenchBoard, FaultyBus
+from testbed.bench_board.faults import Fault, FaultKind
 from testbed.remote_board.wire import Channel, listen
 
 
@@ -21,10 +21,10 @@ class EmulatorServer:
     The claim on the interface is given back, as the kernel does when a process ends.
     """
 
-    def __init__(self, board: EmulatedBoard, address: str = "127.0.0.1:0") -> None:
+    def __init__(self, board: BenchBoard, address: str = "127.0.0.1:0") -> None:
         """Begin to listen; `address` as in `wire.parse_address`, port 0 for any free one."""
         self._board = board
-        self._bus = LocalBus(board)
+        self._bus = FaultyBus(board)
         self._listener, self.address = listen(address)
 
     def serve_forever(self) -> None:

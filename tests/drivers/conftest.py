@@ -11,14 +11,8 @@ import numpy as np
 import pytest
 
 from drivers import BoardConfig, CameraSettings, LaserBoard, timing
-from drivers.emulator import (
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatedClock,
-    EmulatorConfig,
-    ExposureView,
-    emulated_backend,
-)
+from drivers.emulator import EmulatedClock, EmulatorConfig, ExposureView
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from tests.forked import ForkedProcess
 
 HEIGHT, WIDTH = 256, 320
@@ -78,24 +72,24 @@ def emulated_time() -> Iterator[None]:
 
 
 @pytest.fixture
-def emulated() -> EmulatedBoard:
-    return EmulatedBoard(patient_config())
+def emulated() -> BenchBoard:
+    return BenchBoard(patient_config())
 
 
 @pytest.fixture
-def another_board() -> EmulatedBoard:
-    return EmulatedBoard(patient_config())
+def another_board() -> BenchBoard:
+    return BenchBoard(patient_config())
 
 
 @pytest.fixture
-def board(emulated: EmulatedBoard) -> Iterator[LaserBoard]:
-    with LaserBoard(BoardConfig(timeout=0.05), backend=emulated_backend(emulated)) as device:
+def board(emulated: BenchBoard) -> Iterator[LaserBoard]:
+    with LaserBoard(BoardConfig(timeout=0.05), backend=bench_backend(emulated)) as device:
         yield device
 
 
 @pytest.fixture
-def camera(emulated: EmulatedBoard, scene: Scene) -> Iterator[EmulatedCamera]:
-    with EmulatedCamera(emulated, scene, fps=300.0, exposure=0.002, latency=0.0005) as device:
+def camera(emulated: BenchBoard, scene: Scene) -> Iterator[BenchCamera]:
+    with BenchCamera(emulated, scene, fps=300.0, exposure=0.002, latency=0.0005) as device:
         yield device
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from drivers.board.board_records import BoardIdentity, BoardStatus
 from drivers.board.protocol import IDENTITY_SIZE, PROTOCOL_MAJOR, PROTOCOL_MINOR, REQUEST_IN, Request, split_argument
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind
+from drivers.emulator import EmulatorConfig
+from testbed.bench_board import BenchBoard, Fault, FaultKind
 from testbed.chip import Chip, ChipBus
 
 HELLO = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
@@ -96,11 +97,11 @@ class Bench:
 
 
 class PythonBoard:
-    """`drivers.emulator.EmulatedBoard`, on the test's own clock."""
+    """`testbed.bench_board.BenchBoard`, on the test's own clock."""
 
     def __init__(self) -> None:
         self.now = 100.0
-        self.emulated = EmulatedBoard(EmulatorConfig(), clock=lambda: self.now)
+        self.emulated = BenchBoard(EmulatorConfig(), clock=lambda: self.now)
 
     def raw(self, request: int, argument: int = 0) -> bytes | None:
         return self.emulated.serve(request, argument)

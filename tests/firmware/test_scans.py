@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers import AcquireOptions, BoardConfig, BoardFault, LaserBoard, OffFrames, SweepOptions, acquire, prepare
-from drivers.emulator import EmulatedCamera
 from drivers.emulator.backend import EmulatedBackend
 from drivers.errors import LaserRefused
+from testbed.bench_board import BenchCamera
 from testbed.chip import Chip, ChipBus, ChipClock
 from testbed.triggered_camera import EmulatedTriggeredCamera
 from tests.drivers.conftest import Scene
@@ -33,13 +33,13 @@ def board(bus: ChipBus) -> Iterator[LaserBoard]:
 
 
 @pytest.fixture
-def camera(board: LaserBoard, bus: ChipBus) -> Iterator[EmulatedCamera]:
-    with EmulatedCamera(bus, Scene(), fps=60.0, exposure=0.004, latency=0.004) as device:
+def camera(board: LaserBoard, bus: ChipBus) -> Iterator[BenchCamera]:
+    with BenchCamera(bus, Scene(), fps=60.0, exposure=0.004, latency=0.004) as device:
         yield device
 
 
 @pytest.mark.parametrize("off", list(OffFrames))
-def test_a_whole_scan_is_in_step(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus, off: OffFrames) -> None:
+def test_a_whole_scan_is_in_step(board: LaserBoard, camera: BenchCamera, bus: ChipBus, off: OffFrames) -> None:
     """70 stripes, each proved by its picture, in each of the three ways to take off frames; dark afterwards."""
     prepare(board, FIRING_ORDER)
     with acquire(board, camera, FIRING_ORDER, AcquireOptions(off=off)) as stripes:
@@ -70,7 +70,7 @@ def test_the_board_sweeps_by_itself(board: LaserBoard, bus: ChipBus, wired: bool
     assert not bus.chip.world.lit and bus.chip.host.wrong_toggles == 0
 
 
-def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:
+def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: BenchCamera, bus: ChipBus) -> None:
     """The board puts the laser out and the scan says why."""
     prepare(board, FIRING_ORDER)
     taken = 0
@@ -86,7 +86,7 @@ def test_heat_in_a_scan_ends_it_in_the_dark(board: LaserBoard, camera: EmulatedC
     assert "too hot" in stripes.report.problems[-1]
 
 
-def test_steps_lost_in_a_scan_are_counted_after_it(board: LaserBoard, camera: EmulatedCamera, bus: ChipBus) -> None:
+def test_steps_lost_in_a_scan_are_counted_after_it(board: LaserBoard, camera: BenchCamera, bus: ChipBus) -> None:
     """`prepare` between scans finds them at the home switch."""
     prepare(board, FIRING_ORDER)
     with acquire(board, camera, FIRING_ORDER[:10]) as stripes:
@@ -97,9 +97,7 @@ def test_steps_lost_in_a_scan_are_counted_after_it(board: LaserBoard, camera: Em
     assert prepare(board, FIRING_ORDER) == 25
 
 
-def test_a_host_that_dies_in_a_scan_leaves_the_laser_off(
-    board: LaserBoard, camera: EmulatedCamera, bus: ChipBus
-) -> None:
+def test_a_host_that_dies_in_a_scan_leaves_the_laser_off(board: LaserBoard, camera: BenchCamera, bus: ChipBus) -> None:
     """Nobody asks any more: 0.4 s later the laser is out, and the fault waits for the next host."""
     board.ensure_ready()
     board.laser_on()

@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 
 from drivers import AcquireOptions, Board, LaserBoard, SweepOptions, acquire, timing
-from drivers.emulator import EmulatedBoard, EmulatedClock, emulated_backend
-from drivers.emulator.emulated_camera import EmulatedCamera
+from drivers.emulator import EmulatedClock
 from drivers.errors import BoardNotOpen, BoardTooOld, MirrorNotHomed, MirrorOutOfRange
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 OWN = os.environ.get("GUARA_BOARD")
@@ -41,8 +41,8 @@ def make(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
         if request.param == "emulated":
             clock = EmulatedClock()
             stack.enter_context(timing.on_clock(clock))
-            emulated = EmulatedBoard(clock=clock.monotonic)
-            yield lambda: LaserBoard(backend=emulated_backend(emulated))
+            emulated = BenchBoard(clock=clock.monotonic)
+            yield lambda: LaserBoard(backend=bench_backend(emulated))
         else:
             monkeypatch.syspath_prepend(str(EXAMPLES))
             yield lambda: made(request.param)
@@ -187,7 +187,7 @@ def test_it_does_not_sweep_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """A triggered camera needs the board of the protocol; the message says what to do."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     board = made(OWN or "own_board:PicBoard")
-    emulated = EmulatedBoard()
-    camera = EmulatedCamera(emulated, lambda view, settings: None, fps=30.0)  # type: ignore[arg-type, return-value]
+    emulated = BenchBoard()
+    camera = BenchCamera(emulated, lambda view, settings: None, fps=30.0)  # type: ignore[arg-type, return-value]
     with pytest.raises(BoardTooOld, match="cannot sweep by itself, as a triggered camera needs: let the camera run"):
         acquire(board, camera, [(0, 0.0)], AcquireOptions(sweep=SweepOptions()))

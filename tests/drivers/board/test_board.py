@@ -8,7 +8,6 @@ import pytest
 
 from drivers import BoardConfig, LaserBoard
 from drivers.board.protocol import BoardFault, Request
-from drivers.emulator import EmulatedBoard, Fault, FaultKind, emulated_backend
 from drivers.errors import (
     BoardNotOpen,
     HomeNotFound,
@@ -19,9 +18,10 @@ from drivers.errors import (
     MirrorOutOfRange,
     MirrorTimeout,
 )
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
-def test_laser_obeys(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_laser_obeys(board: LaserBoard, emulated: BenchBoard) -> None:
     """On is light, off is dark, and the status says which."""
     assert board.laser_on().laser_sensed
     assert emulated.view().laser_on
@@ -29,7 +29,7 @@ def test_laser_obeys(board: LaserBoard, emulated: EmulatedBoard) -> None:
     assert not emulated.view().laser_on
 
 
-def test_dead_laser_is_found_at_once(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_dead_laser_is_found_at_once(board: LaserBoard, emulated: BenchBoard) -> None:
     """The photodiode contradicts the command."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_OFF))
     with pytest.raises(LaserDead, match="senses no light"):
@@ -39,7 +39,7 @@ def test_dead_laser_is_found_at_once(board: LaserBoard, emulated: EmulatedBoard)
     assert board.laser_on().laser_sensed
 
 
-def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emulated: EmulatedBoard, eventually) -> None:
+def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emulated: BenchBoard, eventually) -> None:
     """A transistor that sticks raises an error, and the laser is dark nevertheless, until it is mended."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board.laser_on()
@@ -53,7 +53,7 @@ def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emula
     assert board.laser_on().laser_sensed and not board.laser_off().laser_sensed
 
 
-def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emulated: BenchBoard) -> None:
     """The board cannot know; only the camera or the watchdog helps (so acquisition proves it by pictures)."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
@@ -62,7 +62,7 @@ def test_stuck_laser_behind_a_blind_sensor_still_shines(board: LaserBoard, emula
     assert emulated.view().laser_on
 
 
-def test_hot_board_refuses_in_words(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_hot_board_refuses_in_words(board: LaserBoard, emulated: BenchBoard) -> None:
     """Over-temperature puts the laser out and keeps it out until the board is cool."""
     board.laser_on()
     emulated.inject(Fault(FaultKind.HOT, amount=61))
@@ -77,7 +77,7 @@ def test_hot_board_refuses_in_words(board: LaserBoard, emulated: EmulatedBoard) 
     assert board.laser_on().laser_sensed
 
 
-def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_mirror_goes_to_the_step_nearest_to_the_angle(board: LaserBoard, emulated: BenchBoard) -> None:
     """The true angle is within half a step of what was asked, and is what was returned."""
     board.home()
     for angle in (0.1, -0.2, 0.3, 0.0, 0.2999):
@@ -105,17 +105,17 @@ class Clock:
 
 
 @pytest.fixture
-def stopped() -> Iterator[tuple[LaserBoard, EmulatedBoard, Clock]]:
+def stopped() -> Iterator[tuple[LaserBoard, BenchBoard, Clock]]:
     """A homed board whose time stands still."""
     clock = Clock()
-    emulated = EmulatedBoard(clock=clock)
-    with LaserBoard(BoardConfig(motion_timeout=20.0), backend=emulated_backend(emulated)) as board:
+    emulated = BenchBoard(clock=clock)
+    with LaserBoard(BoardConfig(motion_timeout=20.0), backend=bench_backend(emulated)) as board:
         board.home()
         clock.running = False
         yield board, emulated, clock
 
 
-def test_motion_without_waiting_is_waited_for_later(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
+def test_motion_without_waiting_is_waited_for_later(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
     """`wait=False` returns while the mirror moves, `wait_until_still` when it rests."""
     board, emulated, clock = stopped
     reached = board.go_to_angle(0.4, wait=False)
@@ -148,7 +148,7 @@ def test_step_outside_the_travel_is_refused_by_the_board(board: LaserBoard, step
         board.go_to_step(step)
 
 
-def test_lost_steps_show_at_home(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> None:
     """A motor that missed 40 steps is off by as much until homing finds it out and sets it right."""
     assert board.home() == 0
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, amount=40))
@@ -162,7 +162,7 @@ def test_lost_steps_show_at_home(board: LaserBoard, emulated: EmulatedBoard) -> 
     assert board.home() == 0
 
 
-def test_missing_home_switch_is_reported(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_missing_home_switch_is_reported(board: LaserBoard, emulated: BenchBoard) -> None:
     """A switch that is never met ends in an error, and the mirror counts as not homed."""
     emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
     with pytest.raises(HomeNotFound, match="met no home switch"):
@@ -170,7 +170,7 @@ def test_missing_home_switch_is_reported(board: LaserBoard, emulated: EmulatedBo
     assert not board.status().homed
 
 
-def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
+def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
     """A board on its way home says so instead of mixing two motions."""
     board, _, _ = stopped
     board.command(Request.HOME)
@@ -178,16 +178,16 @@ def test_commands_while_homing_are_refused(stopped: tuple[LaserBoard, EmulatedBo
         board.command(Request.HOME)
 
 
-def test_jammed_mirror_times_out(emulated: EmulatedBoard) -> None:
+def test_jammed_mirror_times_out(emulated: BenchBoard) -> None:
     """A motion that never ends is given up in the configured time."""
     config = BoardConfig(home_timeout=0.1)
     emulated.inject(Fault(FaultKind.JAMMED))
-    with LaserBoard(config, backend=emulated_backend(emulated)) as board:
+    with LaserBoard(config, backend=bench_backend(emulated)) as board:
         with pytest.raises(MirrorTimeout, match=r"did not come to rest within 0\.1 s"):
             board.home()
 
 
-def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, EmulatedBoard, Clock]) -> None:
+def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, BenchBoard, Clock]) -> None:
     """After a halt the mirror rests short of where it was sent, and can be sent again."""
     board, emulated, clock = stopped
     begin = emulated.view().mirror_angle
@@ -202,7 +202,7 @@ def test_halt_stops_the_mirror_on_its_way(stopped: tuple[LaserBoard, EmulatedBoa
 
 
 @pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.TIMEOUT])
-def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
+def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: BenchBoard, kind: FaultKind) -> None:
     """When the interrupt endpoint fails, the status is asked for instead."""
     board.home()
     emulated.inject(Fault(kind, "report", count=5))
@@ -210,7 +210,7 @@ def test_a_lost_report_does_not_lose_the_motion(board: LaserBoard, emulated: Emu
     assert emulated.view().mirror_angle == pytest.approx(reached, abs=1e-9)
 
 
-def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, emulated: BenchBoard) -> None:
     """After a loss of power, one call makes the board fit for the next scan."""
     board.ensure_ready()
     emulated.unplug()
@@ -220,7 +220,7 @@ def test_ensure_ready_brings_back_a_board_that_was_replugged(board: LaserBoard, 
     board.go_to_angle(0.1)
 
 
-def test_a_board_that_was_reset_asks_for_a_new_session(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_a_board_that_was_reset_asks_for_a_new_session(board: LaserBoard, emulated: BenchBoard) -> None:
     """The laser cannot be switched on by a host that the board does not remember."""
     emulated.unplug()
     emulated.replug()

@@ -8,7 +8,8 @@ import pytest
 from drivers import BoardConfig, LaserBoard
 from drivers.board.board_records import BoardStatus
 from drivers.board.protocol import PROTOCOL_MAJOR, BoardFault, Request
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
+from drivers.emulator import EmulatorConfig
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 from testbed.remote_board import remote_backend
 
 SETTLE = 0.003
@@ -22,7 +23,7 @@ class Bench:
     def __init__(self, mirror_speed: float = 7.0) -> None:
         self.now = 100.0
         config = EmulatorConfig(settle=SETTLE, mirror_speed=mirror_speed)
-        self.board = EmulatedBoard(config, clock=lambda: self.now)
+        self.board = BenchBoard(config, clock=lambda: self.now)
         self.ask(Request.HELLO, PROTOCOL_MAJOR << 8)
         self.ask(Request.HOME)
         self.now += 5.0
@@ -135,10 +136,10 @@ class Skewed:
 
 
 @pytest.fixture(params=["same", "wraps", "slow", "fast"])
-def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, EmulatedBoard, Skewed]]:
+def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, BenchBoard, Skewed]]:
     clock = Skewed(rate={"slow": 0.991, "fast": 1.05}.get(request.param, 1.0))
-    emulated = EmulatedBoard(EmulatorConfig(mirror_speed=2.0), clock=clock)
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    emulated = BenchBoard(EmulatorConfig(mirror_speed=2.0), clock=clock)
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         board.home()
         if request.param == "wraps":
             # The next motion, of 0.2 s, begins before the wrap and ends after it.
@@ -149,7 +150,7 @@ def skewed(request: pytest.FixtureRequest) -> Iterator[tuple[LaserBoard, Emulate
 @pytest.mark.slow
 @pytest.mark.parametrize("asleep", [0.0, 0.35])
 def test_end_of_a_motion_is_known_also_when_asked_late(
-    skewed: tuple[LaserBoard, EmulatedBoard, Skewed], asleep: float
+    skewed: tuple[LaserBoard, BenchBoard, Skewed], asleep: float
 ) -> None:
     """Never reported earlier than it was and hardly later, whatever origin and rate the two clocks have."""
     board, emulated, clock = skewed
@@ -166,8 +167,8 @@ def test_end_of_a_motion_is_known_also_when_asked_late(
 @pytest.mark.parametrize("kind", [FaultKind.GARBAGE, FaultKind.SHORT_READ, FaultKind.STALL, FaultKind.TIMEOUT])
 def test_status_stands_in_for_a_report_that_is_lost(kind: FaultKind) -> None:
     """Then all that is known is that the mirror stands still at the time of the status."""
-    emulated = EmulatedBoard(EmulatorConfig())
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    emulated = BenchBoard(EmulatorConfig())
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         board.home()
         board.go_to_angle(0.1, wait=False)
         time.sleep(0.2)
@@ -177,7 +178,7 @@ def test_status_stands_in_for_a_report_that_is_lost(kind: FaultKind) -> None:
         assert not status.moving and asked - 0.002 <= since <= time.monotonic()
 
 
-def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: BenchBoard) -> None:
     """A report that is older than its command proves no time; the mirror counts as still from now on."""
     board.home()
     board.go_to_angle(0.1, wait=False)
@@ -187,7 +188,7 @@ def test_clock_that_went_back_is_not_believed(board: LaserBoard, emulated: Emula
     assert asked <= board.still_since()[1] <= time.monotonic()
 
 
-def test_reports_of_earlier_motions_are_passed_over(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_reports_of_earlier_motions_are_passed_over(board: LaserBoard, emulated: BenchBoard) -> None:
     """Those of motions whose report nobody fetched, as in a scan that lost frames."""
     board.home()
     for angle in (0.1, 0.12, 0.14):

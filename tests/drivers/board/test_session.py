@@ -7,7 +7,7 @@ import pytest
 
 from drivers import BoardConfig, LaserBoard, timing
 from drivers.board.protocol import Request, Result
-from drivers.emulator import EmulatedBoard, EmulatedClock, Fault, FaultKind, emulated_backend
+from drivers.emulator import EmulatedClock
 from drivers.errors import (
     BadReply,
     BoardError,
@@ -19,6 +19,7 @@ from drivers.errors import (
     LaserStuckOn,
     ProtocolMismatch,
 )
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 TRANSIENT = [
     (FaultKind.TIMEOUT, BoardTimeout, "did not answer the command STATUS within 50 ms"),
@@ -29,7 +30,7 @@ TRANSIENT = [
 ]
 
 
-def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: BenchBoard) -> None:
     """The identity that arrives is the one the board was made with."""
     assert board.identity == emulated.config.identity
     assert board.serial == "EMU0001"
@@ -37,7 +38,7 @@ def test_handshake_reads_what_the_board_is(board: LaserBoard, emulated: Emulated
 
 @pytest.mark.parametrize(("kind", "error", "expected_text"), TRANSIENT)
 def test_a_transient_fault_is_overcome_by_repeating(
-    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], expected_text: str
+    board: LaserBoard, emulated: BenchBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
     """Two faults in a row pass unseen by the caller, since three attempts are made."""
     emulated.inject(Fault(kind, Request.STATUS, count=2))
@@ -46,7 +47,7 @@ def test_a_transient_fault_is_overcome_by_repeating(
 
 @pytest.mark.parametrize(("kind", "error", "expected_text"), TRANSIENT)
 def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
-    board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind, error: type[BoardError], expected_text: str
+    board: LaserBoard, emulated: BenchBoard, kind: FaultKind, error: type[BoardError], expected_text: str
 ) -> None:
     """The third failure in a row is raised, with the cause and the number of attempts."""
     emulated.inject(Fault(kind, Request.STATUS, count=3))
@@ -56,7 +57,7 @@ def test_a_lasting_fault_is_typed_and_says_how_often_it_was_tried(
     assert board.status().result is Result.OK
 
 
-def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoard, emulated: BenchBoard) -> None:
     """Commands are idempotent: a motion whose acknowledgement is lost is not made twice."""
     board.home()
     emulated.inject(Fault(FaultKind.TIMEOUT_AFTER, Request.GO_TO))
@@ -67,7 +68,7 @@ def test_repeating_a_command_whose_answer_was_lost_does_it_once(board: LaserBoar
 
 
 @pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.UNPLUG_AFTER])
-def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: EmulatedBoard, kind: FaultKind) -> None:
+def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: BenchBoard, kind: FaultKind) -> None:
     """A board that left the bus is not asked again; the error says to reconnect."""
     emulated.inject(Fault(kind, Request.STATUS))
     with pytest.raises(BoardUnplugged, match=r"left the bus during the command STATUS.*reconnect"):
@@ -75,7 +76,7 @@ def test_unplugging_is_not_repeated_but_reported(board: LaserBoard, emulated: Em
     assert emulated.view().laser_on is False
 
 
-def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated: BenchBoard) -> None:
     """A board plugged in again during `reconnect` works again, dark and with its home unknown."""
     board.home()
     board.laser_on()
@@ -89,7 +90,7 @@ def test_reconnecting_finds_a_board_that_comes_back(board: LaserBoard, emulated:
     assert not status.homed and not status.laser_commanded
 
 
-def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: BenchBoard) -> None:
     """A board that stays away is "not found" after the time given."""
     emulated.unplug()
     before = time.monotonic()
@@ -109,9 +110,9 @@ def test_reconnecting_gives_up_in_time(board: LaserBoard, emulated: EmulatedBoar
 )
 def test_another_version_of_the_protocol_is_refused(version: int, expected_text: str) -> None:
     """An older board needs a newer firmware, a newer one a newer driver; nothing is switched meanwhile."""
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
-    board = LaserBoard(backend=emulated_backend(emulated))
+    board = LaserBoard(backend=bench_backend(emulated))
     with pytest.raises(ProtocolMismatch, match=expected_text):
         board.open()
     assert not board.is_open
@@ -126,9 +127,9 @@ def test_an_older_minor_version_is_accepted_and_logged(
 ) -> None:
     """A board of 1.0 works as before; the log says which was found."""
     caplog.set_level("INFO")
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=version))
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         assert not board.status().faults
     assert expected_text in caplog.text
 
@@ -137,9 +138,9 @@ def test_repeats_end_before_the_watchdog_does() -> None:
     """However many attempts are configured: after half of the board's time the driver gives up, as it must."""
     clock = EmulatedClock()
     with timing.on_clock(clock):
-        emulated = EmulatedBoard()
+        emulated = BenchBoard()
         config = BoardConfig(timeout=0.05, attempts=10, handle_signals=False)
-        with LaserBoard(config, backend=emulated_backend(emulated)) as board:
+        with LaserBoard(config, backend=bench_backend(emulated)) as board:
             emulated.inject(Fault(FaultKind.TIMEOUT, Request.STATUS, count=10))
             begun = clock.monotonic()
             with pytest.raises(BoardTimeout, match=r"[45] attempts"):
@@ -150,9 +151,9 @@ def test_repeats_end_before_the_watchdog_does() -> None:
 
 def test_newer_minor_version_is_accepted() -> None:
     """A board that knows more than the driver is fine."""
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.WRONG_VERSION, amount=0x0105))
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         assert board.identity.protocol == (1, 5)
 
 
@@ -160,9 +161,9 @@ def test_newer_minor_version_is_accepted() -> None:
 @pytest.mark.parametrize("request_", [Request.IDENTIFY, Request.HELLO])
 def test_a_fault_in_the_handshake_leaves_the_board_free(kind: FaultKind, request_: Request) -> None:
     """Whatever fails while opening, the device is given back and a second try works."""
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(kind, request_, count=3))
-    board = LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated))
+    board = LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated))
     with pytest.raises(BoardError):
         board.open()
     assert not board.is_open
@@ -172,9 +173,9 @@ def test_a_fault_in_the_handshake_leaves_the_board_free(kind: FaultKind, request
         assert board.status().result is Result.OK
 
 
-def test_leaving_the_block_puts_the_laser_out(emulated: EmulatedBoard) -> None:
+def test_leaving_the_block_puts_the_laser_out(emulated: BenchBoard) -> None:
     """Normal end and exception alike."""
-    backend = emulated_backend(emulated)
+    backend = bench_backend(emulated)
     with LaserBoard(backend=backend) as board:
         board.laser_on()
         assert emulated.view().laser_on
@@ -185,17 +186,17 @@ def test_leaving_the_block_puts_the_laser_out(emulated: EmulatedBoard) -> None:
     assert not emulated.view().laser_on and not board.is_open
 
 
-def test_a_failure_while_closing_never_hides_the_error_under_way(emulated: EmulatedBoard) -> None:
+def test_a_failure_while_closing_never_hides_the_error_under_way(emulated: BenchBoard) -> None:
     """The user sees what went wrong first."""
-    with pytest.raises(ZeroDivisionError), LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated)):
+    with pytest.raises(ZeroDivisionError), LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated)):
         emulated.inject(Fault(FaultKind.TIMEOUT, Request.GOODBYE, count=3))
         raise ZeroDivisionError
 
 
 def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
     """A board that could not be switched dark is not passed over in silence."""
-    emulated = EmulatedBoard()
-    board = LaserBoard(BoardConfig(timeout=0.01), backend=emulated_backend(emulated))
+    emulated = BenchBoard()
+    board = LaserBoard(BoardConfig(timeout=0.01), backend=bench_backend(emulated))
     board.open()
     emulated.inject(Fault(FaultKind.TIMEOUT, Request.GOODBYE, count=3))
     with pytest.raises(BoardTimeout):
@@ -205,15 +206,15 @@ def test_a_failure_while_closing_is_raised_when_nothing_else_is() -> None:
 
 def test_laser_stuck_on_is_reported_while_closing(eventually) -> None:
     """A laser that does not go out on goodbye is an error, since someone must cut its power."""
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
-    board = LaserBoard(backend=emulated_backend(emulated))
+    board = LaserBoard(backend=bench_backend(emulated))
     with pytest.raises(LaserStuckOn, match="did not go off on command"), board:
         board.laser_on()
     eventually(lambda: not emulated.view().laser_on)
 
 
-def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: BenchBoard) -> None:
     """Without USB power the laser is out, so there is nothing to complain of."""
     emulated.unplug()
     board.close()
@@ -221,7 +222,7 @@ def test_closing_an_unplugged_board_is_quiet(board: LaserBoard, emulated: Emulat
 
 
 def test_after_an_answer_to_another_request_the_command_is_repeated(
-    board: LaserBoard, monkeypatch: pytest.MonkeyPatch, emulated: EmulatedBoard
+    board: LaserBoard, monkeypatch: pytest.MonkeyPatch, emulated: BenchBoard
 ) -> None:
     """A whole status that echoes another command is not believed."""
     real, wrong = emulated.serve, [2]
@@ -242,4 +243,4 @@ def test_after_an_answer_to_another_request_the_command_is_repeated(
 def test_identity_before_opening_is_refused() -> None:
     """There is no made-up identity."""
     with pytest.raises(BoardNotOpen, match="with LaserBoard"):
-        _ = LaserBoard(backend=emulated_backend(EmulatedBoard())).identity
+        _ = LaserBoard(backend=bench_backend(BenchBoard())).identity

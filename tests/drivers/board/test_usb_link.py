@@ -8,7 +8,7 @@ import usb.core
 from drivers import BoardConfig, LaserBoard
 from drivers.board.protocol import Request
 from drivers.board.usb_link import UsbLink, default_backend, udev_rule
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
+from drivers.emulator import EmulatorConfig
 from drivers.errors import (
     BadReply,
     BoardInUse,
@@ -18,6 +18,7 @@ from drivers.errors import (
     BoardTransferFailed,
     NoUsbBackend,
 )
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
 def test_real_libusb_loads_and_finds_no_board() -> None:
@@ -37,10 +38,10 @@ def test_missing_libusb_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_permission_denied_holds_the_udev_rule() -> None:
     """A user without permission is given the rule to install."""
-    emulated = EmulatedBoard()
+    emulated = BenchBoard()
     emulated.inject(Fault(FaultKind.NO_PERMISSION, "open"))
     with pytest.raises(BoardPermissionDenied) as caught:
-        LaserBoard(backend=emulated_backend(emulated)).open()
+        LaserBoard(backend=bench_backend(emulated)).open()
     assert udev_rule() in str(caught.value)
     assert isinstance(caught.value, PermissionError)
 
@@ -53,7 +54,7 @@ def test_pyusb_without_langid_counts_as_permission_denied(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("usb.util.get_string", unreadable)
     with pytest.raises(BoardPermissionDenied):
-        LaserBoard(backend=emulated_backend(EmulatedBoard())).open()
+        LaserBoard(backend=bench_backend(BenchBoard())).open()
 
 
 def test_unreadable_descriptors_are_a_bad_reply(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,10 +65,10 @@ def test_unreadable_descriptors_are_a_bad_reply(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr("usb.util.get_string", broken)
     with pytest.raises(BadReply, match=r"descriptors are unreadable \(odd\)"):
-        LaserBoard(backend=emulated_backend(EmulatedBoard())).open()
+        LaserBoard(backend=bench_backend(BenchBoard())).open()
 
 
-def test_second_program_finds_the_board_in_use(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_second_program_finds_the_board_in_use(board: LaserBoard, emulated: BenchBoard) -> None:
     """Two drivers cannot hold one board, and the second says why."""
     backend = board._link._backend
     with pytest.raises(BoardInUse, match="another program uses"):
@@ -79,8 +80,8 @@ def test_second_program_finds_the_board_in_use(board: LaserBoard, emulated: Emul
 
 def test_board_is_chosen_by_serial_number() -> None:
     """With several boards, the serial number decides; without one, the message lists those present."""
-    boards = [EmulatedBoard(EmulatorConfig(serial=serial)) for serial in ("A7", "B9")]
-    backend = emulated_backend(*boards)
+    boards = [BenchBoard(EmulatorConfig(serial=serial)) for serial in ("A7", "B9")]
+    backend = bench_backend(*boards)
     with pytest.raises(BoardNotFound, match=r"2 laser boards 1209:0001 are plugged in \(A7, B9\)"):
         LaserBoard(backend=backend).open()
     with pytest.raises(BoardNotFound, match="serial number 'C1'; present: A7, B9"):
@@ -93,7 +94,7 @@ def test_board_is_chosen_by_serial_number() -> None:
 
 def test_closed_link_says_how_to_open() -> None:
     """A transfer on a closed link is refused by name, not by an attribute error."""
-    link = UsbLink(BoardConfig(), emulated_backend(EmulatedBoard()))
+    link = UsbLink(BoardConfig(), bench_backend(BenchBoard()))
     with pytest.raises(BoardNotOpen, match="with LaserBoard"):
         link.request(Request.STATUS, 0, 26)
     with pytest.raises(BoardNotOpen):
@@ -103,7 +104,7 @@ def test_closed_link_says_how_to_open() -> None:
 @pytest.mark.parametrize("number", [errno.EIO, errno.EOVERFLOW, None])
 def test_any_other_bus_error_keeps_its_words(monkeypatch: pytest.MonkeyPatch, number: int | None) -> None:
     """Errors without a class of their own are typed too, with what libusb said."""
-    link = UsbLink(BoardConfig(), emulated_backend(EmulatedBoard()))
+    link = UsbLink(BoardConfig(), bench_backend(BenchBoard()))
     link.open()
 
     def fail(*_: object) -> None:
@@ -117,7 +118,7 @@ def test_any_other_bus_error_keeps_its_words(monkeypatch: pytest.MonkeyPatch, nu
 
 def test_device_without_configuration_is_given_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A board that the kernel has not configured is configured when it is opened."""
-    backend = emulated_backend(EmulatedBoard())
+    backend = bench_backend(BenchBoard())
     chosen: list[int] = []
     monkeypatch.setattr(backend, "get_configuration", lambda handle: chosen[-1] if chosen else 0)
     monkeypatch.setattr(backend, "set_configuration", lambda handle, value: chosen.append(value))

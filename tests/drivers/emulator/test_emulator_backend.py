@@ -5,13 +5,14 @@ import usb.core
 import usb.util
 
 from drivers.board.protocol import INTERFACE, PRODUCT_ID, REPORT_ENDPOINT, VENDOR_ID
-from drivers.emulator import EmulatedBoard, EmulatorConfig, emulated_backend
+from drivers.emulator import EmulatorConfig
+from testbed.bench_board import BenchBoard, bench_backend
 
 
 @pytest.fixture
 def device() -> usb.core.Device:
     found = usb.core.find(
-        backend=emulated_backend(EmulatedBoard(EmulatorConfig(serial="S-42"))), idVendor=VENDOR_ID, idProduct=PRODUCT_ID
+        backend=bench_backend(BenchBoard(EmulatorConfig(serial="S-42"))), idVendor=VENDOR_ID, idProduct=PRODUCT_ID
     )
     assert found is not None
     return found
@@ -58,8 +59,8 @@ def test_silent_interrupt_endpoint_times_out(device: usb.core.Device) -> None:
 
 def test_unplugged_board_is_not_listed() -> None:
     """Enumeration finds what is on the bus."""
-    board = EmulatedBoard()
-    backend = emulated_backend(board)
+    board = BenchBoard()
+    backend = bench_backend(board)
     board.unplug()
     assert usb.core.find(backend=backend, idVendor=VENDOR_ID) is None
     board.replug()

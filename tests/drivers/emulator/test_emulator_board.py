@@ -6,7 +6,8 @@ import pytest
 
 from drivers.board.board_records import BoardStatus
 from drivers.board.protocol import PROTOCOL_MAJOR, BoardFault, BoardFlag, Request, Result
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind
+from drivers.emulator import EmulatorConfig
+from testbed.bench_board import BenchBoard, Fault, FaultKind
 
 HELLO = PROTOCOL_MAJOR << 8
 
@@ -16,7 +17,7 @@ class Bench:
 
     def __init__(self, **changes: object) -> None:
         self.now = 100.0
-        self.board = EmulatedBoard(dataclasses.replace(EmulatorConfig(), **changes), clock=lambda: self.now)
+        self.board = BenchBoard(dataclasses.replace(EmulatorConfig(), **changes), clock=lambda: self.now)
 
     def ask(self, request: Request, argument: int = 0) -> BoardStatus:
         data = self.board.serve(request, argument)
@@ -174,7 +175,7 @@ def test_unknown_request_is_not_served(bench: Bench) -> None:
 
 def test_fault_strikes_where_and_as_often_as_planned() -> None:
     """Skip lets transfers pass, count repeats, other commands are left alone."""
-    board = EmulatedBoard()
+    board = BenchBoard()
     board.inject(Fault(FaultKind.STALL, Request.LASER, skip=2, count=2))
     kinds = (FaultKind.STALL,)
     assert board.plan.strike(Request.STATUS, kinds) is None
@@ -184,7 +185,7 @@ def test_fault_strikes_where_and_as_often_as_planned() -> None:
 
 def test_fault_without_request_strikes_any_command_but_no_report() -> None:
     """Commands are meant unless something else is named."""
-    board = EmulatedBoard()
+    board = BenchBoard()
     board.inject(Fault(FaultKind.STALL))
     assert board.plan.strike("report", (FaultKind.STALL,)) is None
     assert board.plan.strike(Request.HOME, (FaultKind.STALL,)) is not None

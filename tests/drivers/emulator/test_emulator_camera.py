@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from drivers import CameraSettings, LaserBoard
-from drivers.emulator import CameraFault, EmulatedBoard, EmulatedCamera
 from drivers.errors import CameraNotOpen, CameraTimeout
+from testbed.bench_board import BenchBoard, BenchCamera, CameraFault
 
 
 def red(image: np.ndarray) -> float:
     return float(image[:, :, 2].max())
 
 
-def test_frames_are_stamped_one_period_apart(camera: EmulatedCamera) -> None:
+def test_frames_are_stamped_one_period_apart(camera: BenchCamera) -> None:
     """Number times period is the time between stamps, whatever the reader does meanwhile."""
     first = camera.grab(5.0)
     time.sleep(0.03)
@@ -24,7 +24,7 @@ def test_frames_are_stamped_one_period_apart(camera: EmulatedCamera) -> None:
 
 
 def test_a_frame_shows_the_board_as_it_was_during_the_exposure(
-    camera: EmulatedCamera, board: LaserBoard, emulated: EmulatedBoard
+    camera: BenchCamera, board: LaserBoard, emulated: BenchBoard
 ) -> None:
     """A frame whose exposure began after the laser was on shows it, one that ended before does not."""
     board.laser_on()
@@ -38,14 +38,14 @@ def test_a_frame_shows_the_board_as_it_was_during_the_exposure(
             assert red(frame.image) < 60
 
 
-def test_exposure_is_taken_and_cut_to_the_period(camera: EmulatedCamera) -> None:
+def test_exposure_is_taken_and_cut_to_the_period(camera: BenchCamera) -> None:
     """`lock` answers with what is held, and `lag` follows."""
     assert camera.lock(CameraSettings(exposure=0.001, gain=3.0)).gain == 3.0
     assert camera.lag == pytest.approx(0.0015)
     assert camera.lock(CameraSettings(exposure=1.0)).exposure == pytest.approx(1 / 300)
 
 
-def test_flush_gives_a_frame_that_arrives_later(camera: EmulatedCamera) -> None:
+def test_flush_gives_a_frame_that_arrives_later(camera: BenchCamera) -> None:
     """The frame after a flush arrives after it."""
     time.sleep(0.02)
     before = time.monotonic()
@@ -67,26 +67,26 @@ class FakeTime:
 
 
 @pytest.fixture
-def slow_motion(monkeypatch: pytest.MonkeyPatch, scene) -> EmulatedCamera:
+def slow_motion(monkeypatch: pytest.MonkeyPatch, scene) -> BenchCamera:
     fake = FakeTime()
     monkeypatch.setattr("drivers.emulator.emulated_camera.timing", fake)
-    camera = EmulatedCamera(EmulatedBoard(clock=fake.monotonic), scene, fps=30.0, exposure=0.002)
+    camera = BenchCamera(BenchBoard(clock=fake.monotonic), scene, fps=30.0, exposure=0.002)
     camera.open()
     return camera
 
 
-def test_every_frame_comes_once(slow_motion: EmulatedCamera) -> None:
+def test_every_frame_comes_once(slow_motion: BenchCamera) -> None:
     """A reader that is quick enough gets each frame, in order."""
     assert [slow_motion.grab(1.0).counter for _ in range(20)] == list(range(20))
 
 
-def test_dropped_frame_is_a_gap(slow_motion: EmulatedCamera) -> None:
+def test_dropped_frame_is_a_gap(slow_motion: BenchCamera) -> None:
     """The frame never arrives, its number is missing."""
     slow_motion.faults.append(CameraFault("drop", 2, 2))
     assert [slow_motion.grab(1.0).counter for _ in range(4)] == [0, 1, 4, 5]
 
 
-def test_repeated_frame_has_the_old_number(slow_motion: EmulatedCamera) -> None:
+def test_repeated_frame_has_the_old_number(slow_motion: BenchCamera) -> None:
     """Picture, number and stamp come again."""
     slow_motion.faults.append(CameraFault("repeat", 2))
     frames = [slow_motion.grab(1.0) for _ in range(4)]
@@ -94,7 +94,7 @@ def test_repeated_frame_has_the_old_number(slow_motion: EmulatedCamera) -> None:
     assert frames[2] is frames[1]
 
 
-def test_frozen_picture_has_a_new_number(slow_motion: EmulatedCamera) -> None:
+def test_frozen_picture_has_a_new_number(slow_motion: BenchCamera) -> None:
     """The counter runs on, the picture does not."""
     slow_motion.faults.append(CameraFault("freeze", 1))
     frames = [slow_motion.grab(1.0) for _ in range(3)]
@@ -103,7 +103,7 @@ def test_frozen_picture_has_a_new_number(slow_motion: EmulatedCamera) -> None:
     assert not np.array_equal(frames[2].image, frames[1].image)
 
 
-def test_size_and_exposure_can_change(slow_motion: EmulatedCamera) -> None:
+def test_size_and_exposure_can_change(slow_motion: BenchCamera) -> None:
     """Half the size, twice the light, each for its frame only."""
     slow_motion.faults += [CameraFault("resize", 1), CameraFault("brighten", 2)]
     plain, small, bright, again = (slow_motion.grab(1.0).image for _ in range(4))
@@ -112,18 +112,18 @@ def test_size_and_exposure_can_change(slow_motion: EmulatedCamera) -> None:
     assert again.mean() == pytest.approx(plain.mean(), rel=0.1)
 
 
-def test_silence_is_a_timeout(camera: EmulatedCamera) -> None:
+def test_silence_is_a_timeout(camera: BenchCamera) -> None:
     """A camera that delivers nothing lets the caller go in time."""
     camera.faults.append(CameraFault("silence", 0, 10**6))
     with pytest.raises(CameraTimeout, match=r"no frame within 0\.02 s"):
         camera.grab(0.02)
 
 
-def test_bad_use_is_refused(emulated: EmulatedBoard, scene) -> None:
+def test_bad_use_is_refused(emulated: BenchBoard, scene) -> None:
     """Impossible rates, unknown faults and closed cameras say what is allowed."""
     with pytest.raises(ValueError, match="exposure above 0 and at most 1 / fps"):
-        EmulatedCamera(emulated, scene, fps=30.0, exposure=0.1)
+        BenchCamera(emulated, scene, fps=30.0, exposure=0.1)
     with pytest.raises(ValueError, match="unknown camera fault 'melt', allowed: drop, repeat"):
         CameraFault("melt", 0)
     with pytest.raises(CameraNotOpen):
-        EmulatedCamera(emulated, scene).grab(0.1)
+        BenchCamera(emulated, scene).grab(0.1)

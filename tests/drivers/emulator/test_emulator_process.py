@@ -9,8 +9,8 @@ import pytest
 
 from drivers import BoardConfig, LaserBoard
 from drivers.board.protocol import Request
-from drivers.emulator import EmulatedBoard, Fault, FaultKind
 from drivers.errors import BoardInUse, BoardStalled, BoardUnplugged
+from testbed.bench_board import BenchBoard, Fault, FaultKind
 from testbed.remote_board import RemoteBoard, remote_backend
 from testbed.remote_board.__main__ import main
 from testbed.remote_board.server import EmulatorServer, decode_fault, encode_fault
@@ -116,7 +116,7 @@ def test_other_addresses_are_refused(address: str, capsys: pytest.CaptureFixture
 
 def test_unknown_operation_is_answered_with_an_error() -> None:
     """A client of another version gets an error, not silence."""
-    server = EmulatorServer(EmulatedBoard())
+    server = EmulatorServer(BenchBoard())
     with pytest.raises(OSError, match="does not know the operation 'dance'"):
         server._answer({"op": "dance"})
     server.close()

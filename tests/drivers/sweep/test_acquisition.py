@@ -14,8 +14,8 @@ from drivers import (
     timing,
 )
 from drivers.board.protocol import BoardFault, Request
-from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind, emulated_backend
 from drivers.errors import AcquisitionNotEntered, BadFiringOrder, CameraEnded, MirrorOutOfRange
+from testbed.bench_board import BenchBoard, BenchCamera, Fault, FaultKind, bench_backend
 from tests.drivers.sweep.scan_options import ALL_MODES, options
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 @pytest.mark.slow
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_a_scan_brings_every_stripe_in_step(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, firing_order: list, off: OffFrames
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, firing_order: list, off: OffFrames
 ) -> None:
     """Each index once and in order, the stripe in each picture where its own mirror angle puts it."""
     rows = []
@@ -55,7 +55,7 @@ def band_of(scene, angle: float) -> tuple[int, int]:
     return row - 6, row + 7
 
 
-def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_shared_off_frame_is_one_array(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """With one off frame, all stripes carry the same, and its stamp is before theirs."""
     with acquire(board, camera, firing_order[:5], options(OffFrames.ONE)) as stripes:
         taken = list(stripes)
@@ -64,7 +64,7 @@ def test_shared_off_frame_is_one_array(board: LaserBoard, camera: EmulatedCamera
 
 
 @pytest.mark.slow
-def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_even_stripes_first_stay_in_step(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """The even stripes, then those between: all in step, in the order asked for."""
     order = sorted(firing_order, key=lambda stripe: stripe[0] % 2)
     with acquire(board, camera, order, options(OffFrames.ONE)) as stripes:
@@ -95,7 +95,7 @@ def test_replayed_frames_go_to_their_stripes(board: LaserBoard, scene, firing_or
         assert "no frame after" in (stripes.report.failure or "")
 
 
-def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """Frames are thrown away after every change instead."""
     camera.lag = None
     with acquire(board, camera, firing_order[:10], options(OffFrames.PER_STRIPE)) as stripes:
@@ -105,11 +105,9 @@ def test_a_camera_of_unknown_lag_is_in_step_too(board: LaserBoard, camera: Emula
 
 
 @pytest.mark.slow
-def test_a_lag_set_too_short_is_found_out(
-    emulated: EmulatedBoard, board: LaserBoard, scene, firing_order: list
-) -> None:
+def test_a_lag_set_too_short_is_found_out(emulated: BenchBoard, board: LaserBoard, scene, firing_order: list) -> None:
     """With a camera that is slower than it says, frames belong to earlier commands, and the proof says so."""
-    with EmulatedCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
+    with BenchCamera(emulated, scene, fps=100.0, exposure=0.002, latency=0.015) as camera:
         camera.lag = 0.0
         with acquire(board, camera, firing_order[:20], options(OffFrames.PER_STRIPE)) as stripes:
             list(stripes)
@@ -118,7 +116,7 @@ def test_a_lag_set_too_short_is_found_out(
 
 
 def test_prepare_counts_the_steps_lost_in_a_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """Homing between scans finds what the pictures cannot: a few steps lost in the middle of a scan."""
     assert prepare(board, firing_order) == 0
@@ -132,7 +130,7 @@ def test_prepare_counts_the_steps_lost_in_a_scan(
 
 
 def test_a_large_loss_of_steps_shows_in_the_band(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, firing_order: list
 ) -> None:
     """Steps of two stripes are lost: the stripes leave the rows where they can be."""
     emulated.inject(Fault(FaultKind.LOST_STEP, Request.GO_TO, skip=10, amount=160))
@@ -144,7 +142,7 @@ def test_a_large_loss_of_steps_shows_in_the_band(
 
 
 def test_a_scan_finds_home_and_clears_faults_by_itself(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """A board fresh from power-up scans without preparation."""
     emulated.unplug()
@@ -155,12 +153,12 @@ def test_a_scan_finds_home_and_clears_faults_by_itself(
 
 
 @pytest.mark.slow
-def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, scene, firing_order: list) -> None:
+def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: BenchBoard, scene, firing_order: list) -> None:
     """A host that slept for 0.8 s: the scan goes on, and says that the laser was out meanwhile."""
-    short = EmulatedBoard()
+    short = BenchBoard()
     with (
-        LaserBoard(backend=emulated_backend(short)) as board,
-        EmulatedCamera(short, scene, fps=100.0, exposure=0.002) as camera,
+        LaserBoard(backend=bench_backend(short)) as board,
+        BenchCamera(short, scene, fps=100.0, exposure=0.002) as camera,
     ):
         real, slept = camera.grab, []
 
@@ -177,7 +175,7 @@ def test_a_watchdog_that_bit_in_mid_scan_is_reported(emulated: EmulatedBoard, sc
         assert BoardFault.WATCHDOG not in board.status().faults
 
 
-def test_misuse_is_refused_in_words(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_misuse_is_refused_in_words(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """No with block, no stripes, an angle beyond the travel: each before anything moves."""
     with pytest.raises(AcquisitionNotEntered, match=r"with acquire\(\.\.\.\) as stripes"):
         list(acquire(board, camera, firing_order))

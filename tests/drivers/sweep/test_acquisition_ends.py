@@ -11,7 +11,7 @@ from drivers import (
     acquire,
     timing,
 )
-from drivers.emulator import EmulatedBoard, EmulatedCamera
+from testbed.bench_board import BenchBoard, BenchCamera
 from tests.drivers.sweep.scan_options import ALL_MODES, options
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("emulated_time")
 @pytest.mark.parametrize("off", ALL_MODES)
 @pytest.mark.parametrize("last", [0, 1, 34, 35, 69])
 def test_a_pause_that_ends_leaves_a_partial_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, last: int
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames, last: int
 ) -> None:
     """Stopped while stripe `last` is being taken: those before it are there, the others missing, the laser is off."""
     streams: list[StripeStream] = []
@@ -47,8 +47,8 @@ def test_a_pause_that_ends_leaves_a_partial_scan(
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_a_stopped_scan_ends_with_a_dark_flash(
     board: LaserBoard,
-    camera: EmulatedCamera,
-    emulated: EmulatedBoard,
+    camera: BenchCamera,
+    emulated: BenchBoard,
     firing_order: list,
     off: OffFrames,
     together: int,
@@ -74,7 +74,7 @@ def test_a_stopped_scan_ends_with_a_dark_flash(
     assert not emulated.view().laser_on
 
 
-def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """In a pause that is over already no stripe is fired."""
     with acquire(board, camera, firing_order, should_stop=lambda: True) as stripes:
         assert list(stripes) == []
@@ -83,7 +83,7 @@ def test_a_scan_that_may_not_begin_is_empty(board: LaserBoard, camera: EmulatedC
 
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_an_exception_in_the_loop_puts_the_laser_out(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames
 ) -> None:
     """Whatever the caller's code raises, the laser is off when the block has been left, and stays off."""
     with pytest.raises(ZeroDivisionError), acquire(board, camera, firing_order, options(off)) as stripes:
@@ -97,7 +97,7 @@ def test_an_exception_in_the_loop_puts_the_laser_out(
 
 
 def test_laser_is_out_as_soon_as_the_scan_has_ended(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """Not only when the block is left: the caller may take its time over the last stripe."""
     streams: list[StripeStream] = []
@@ -115,7 +115,7 @@ def test_laser_is_out_as_soon_as_the_scan_has_ended(
 
 
 def test_laser_goes_off_although_the_camera_hangs(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """The thread of the scan sits in a grab; leaving the block puts the laser out without waiting for it."""
     real, outcome = camera.grab, []
@@ -138,7 +138,7 @@ def test_laser_goes_off_although_the_camera_hangs(
 
 
 def test_leaving_the_loop_early_ends_the_scan(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """`break` is enough; the report lists the stripes that the caller got."""
     with acquire(board, camera, firing_order, options(OffFrames.ONE)) as stripes:
@@ -152,7 +152,7 @@ def test_leaving_the_loop_early_ends_the_scan(
 
 @pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
 def test_a_slow_caller_makes_the_scan_wait_with_the_laser_off(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, off: OffFrames, eventually
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, off: OffFrames, eventually
 ) -> None:
     """A full queue interrupts the scan; afterwards it goes on in step, and no frame counts as dropped."""
     with acquire(board, camera, firing_order[:12], options(off, queue_size=2)) as stripes:

@@ -4,15 +4,8 @@ import pytest
 
 from drivers import AcquireOptions, BoardConfig, DriverError, LaserBoard, OffFrames, StripeVerdict, acquire
 from drivers.board.protocol import Request
-from drivers.emulator import (
-    CameraFault,
-    EmulatedBoard,
-    EmulatedCamera,
-    Fault,
-    FaultKind,
-    emulated_backend,
-)
 from drivers.errors import BoardError, CameraTimeout, LaserDead, LaserRefused, LaserStuckOn
+from testbed.bench_board import BenchBoard, BenchCamera, CameraFault, Fault, FaultKind, bench_backend
 
 FIRING_ORDER = [(index, -0.1 + 0.02 * index) for index in range(12)]
 PHASES = {  # where in the scan a transfer fails: which command, how many pass first
@@ -34,7 +27,7 @@ TRANSFER_FAULTS = [
 pytestmark = pytest.mark.usefixtures("emulated_time")
 
 
-def scan(board: LaserBoard, camera: EmulatedCamera, off: OffFrames = OffFrames.ONE):
+def scan(board: LaserBoard, camera: BenchCamera, off: OffFrames = OffFrames.ONE):
     """Take a scan; return its stripes, its report and the error that ended it."""
     taken, failure = [], None
     choices = AcquireOptions(off=off, frame_timeout=0.5)
@@ -48,8 +41,8 @@ def scan(board: LaserBoard, camera: EmulatedCamera, off: OffFrames = OffFrames.O
 
 
 @pytest.fixture
-def quick_board(emulated: EmulatedBoard):
-    device = LaserBoard(BoardConfig(timeout=0.02), backend=emulated_backend(emulated))
+def quick_board(emulated: BenchBoard):
+    device = LaserBoard(BoardConfig(timeout=0.02), backend=bench_backend(emulated))
     device.open()
     yield device
     emulated.mend()
@@ -57,7 +50,7 @@ def quick_board(emulated: EmulatedBoard):
     device.close()
 
 
-def next_scan_is_whole(board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
+def next_scan_is_whole(board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
     emulated.mend()
     emulated.replug()
     camera.faults.clear()
@@ -69,7 +62,7 @@ def next_scan_is_whole(board: LaserBoard, camera: EmulatedCamera, emulated: Emul
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS)
 def test_single_transfer_faults(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, kind: FaultKind, phase: str
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: FaultKind, phase: str
 ) -> None:
     """A retry overcomes a transient fault without a trace; an unplugged board ends the scan with the stripes so far."""
     request, skip = PHASES[phase]
@@ -88,7 +81,7 @@ def test_single_transfer_faults(
 
 @pytest.mark.parametrize("kind", TRANSFER_FAULTS[2:])
 def test_lasting_transfer_faults_end_the_scan(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, kind: FaultKind
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: FaultKind
 ) -> None:
     """When all attempts fail, the scan ends with the typed error, the laser off, and the stripes so far."""
     quick_board.ensure_ready()
@@ -102,7 +95,7 @@ def test_lasting_transfer_faults_end_the_scan(
 
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_dead_laser_ends_the_scan(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
     """A photodiode that sees nothing stops the scan before a frame is taken for a stripe."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_OFF))
@@ -113,7 +106,7 @@ def test_dead_laser_ends_the_scan(
 
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_stuck_laser_ends_the_scan(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames, eventually
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames, eventually
 ) -> None:
     """A laser that does not go out is an error of the scan, and the board's relay puts it out."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
@@ -126,7 +119,7 @@ def test_stuck_laser_ends_the_scan(
 
 
 def test_dead_laser_behind_a_blind_sensor_shows_in_the_pictures(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard
 ) -> None:
     """Every stripe is dark, nothing is proved, and the report says what that means."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
@@ -138,7 +131,7 @@ def test_dead_laser_behind_a_blind_sensor_shows_in_the_pictures(
 
 
 def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard
 ) -> None:
     """Off frames with a stripe in them are leaks (or hide the stripe, before the mirror turned): none is in step."""
     emulated.inject(Fault(FaultKind.BLIND_SENSOR))
@@ -149,7 +142,7 @@ def test_stuck_laser_behind_a_blind_sensor_shows_in_the_pictures(
     assert not report.in_step and any("light in the off frame" in problem for problem in report.problems)
 
 
-def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
+def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
     """Over-temperature in mid scan: refused with a message, dark, and whole again when cool."""
     stop_at = 4
     choices = AcquireOptions(off=OffFrames.PER_STRIPE, queue_size=1)
@@ -164,7 +157,7 @@ def test_hot_board_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera
 @pytest.mark.parametrize("off", list(OffFrames))
 @pytest.mark.parametrize("kind", ["drop", "repeat"])
 def test_dropped_and_repeated_frames_cost_time_but_no_truth(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, kind: str, off: OffFrames
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, kind: str, off: OffFrames
 ) -> None:
     """The counter gives them away; the scan takes the next frame instead, and counts."""
     quick_board.ensure_ready()
@@ -179,7 +172,7 @@ def test_dropped_and_repeated_frames_cost_time_but_no_truth(
 
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_frozen_camera_is_found_out(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
     """New numbers, old picture: no stripe taken while it is frozen counts as in step."""
     quick_board.ensure_ready()
@@ -193,7 +186,7 @@ def test_frozen_camera_is_found_out(
     next_scan_is_whole(quick_board, camera, emulated)
 
 
-def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
+def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
     """After two stripes in a row without a frame the scan ends; a lit stripe without a frame is handed out as lost."""
     camera.faults.append(CameraFault("silence", 0, 10**6))
     taken, report, failure = scan(quick_board, camera, OffFrames.NONE)
@@ -205,7 +198,7 @@ def test_silent_camera_ends_the_scan(quick_board: LaserBoard, camera: EmulatedCa
 
 @pytest.mark.parametrize("off", [OffFrames.ONE, OffFrames.PER_STRIPE])
 def test_lost_off_frame_is_reported(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
     """A stripe without its off frame is compared with the one before, comes without one, and the report says so."""
     quick_board.ensure_ready()
@@ -232,7 +225,7 @@ def test_lost_off_frame_is_reported(
 
 @pytest.mark.parametrize("off", list(OffFrames))
 def test_changed_size_is_not_handed_out(
-    quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, off: OffFrames
+    quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, off: OffFrames
 ) -> None:
     """A picture of another size is not used: its stripe comes without a frame."""
     quick_board.ensure_ready()
@@ -256,7 +249,7 @@ def test_changed_size_is_not_handed_out(
     next_scan_is_whole(quick_board, camera, emulated)
 
 
-def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard) -> None:
+def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: BenchCamera, emulated: BenchBoard) -> None:
     """A camera that doubles its exposure after the off frame changes the whole picture."""
     quick_board.ensure_ready()
     first = camera.grab(5.0)
@@ -270,12 +263,12 @@ def test_changed_exposure_is_reported(quick_board: LaserBoard, camera: EmulatedC
 
 @pytest.mark.parametrize("kind", [FaultKind.NO_HOME_SWITCH, FaultKind.JAMMED])
 def test_a_mirror_that_cannot_move_prevents_the_scan(
-    camera: EmulatedCamera, another_board: EmulatedBoard, kind: FaultKind
+    camera: BenchCamera, another_board: BenchBoard, kind: FaultKind
 ) -> None:
     """Faults of the mechanics end the scan before the first stripe, with the laser off."""
     another_board.inject(Fault(kind))
     config = BoardConfig(home_timeout=0.3, motion_timeout=0.3)
-    with LaserBoard(config, backend=emulated_backend(another_board)) as board:
+    with LaserBoard(config, backend=bench_backend(another_board)) as board:
         with pytest.raises(BoardError), acquire(board, camera, FIRING_ORDER):
             pytest.fail("the scan must not begin")
         assert not another_board.view().laser_on

@@ -6,8 +6,8 @@ import pytest
 
 from drivers import AcquireOptions, LaserBoard, OffFrames, StripeStream, acquire, timing
 from drivers.board.protocol import Request
-from drivers.emulator import EmulatedBoard, EmulatedCamera, Fault, FaultKind
 from drivers.errors import BoardUnplugged
+from testbed.bench_board import BenchBoard, BenchCamera, Fault, FaultKind
 
 pytestmark = pytest.mark.usefixtures("emulated_time")
 
@@ -22,7 +22,7 @@ SIZES = {1: [1] * 11, 3: [3, 3, 3, 1, 1], 4: [4, 4, 2, 1], 100: [7, 2, 1, 1]}
 
 @pytest.mark.parametrize("together", SIZES)
 def test_stripes_together_arrive_in_order_and_the_last_alone(
-    board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
+    board: LaserBoard, camera: BenchCamera, firing_order: list, together: int
 ) -> None:
     """A group is handed over after its last stripe was fired; the last stripe of all waits for nobody."""
     with acquire(board, camera, firing_order[:11], options(together=together, queue_size=80)) as stream:
@@ -37,7 +37,7 @@ def test_stripes_together_arrive_in_order_and_the_last_alone(
 
 
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stopped(
-    board: LaserBoard, camera: EmulatedCamera, firing_order: list
+    board: LaserBoard, camera: BenchCamera, firing_order: list
 ) -> None:
     """What was taken before a pause ended is not lost in a group that never fills."""
     streams: list[StripeStream] = []
@@ -58,7 +58,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_is_stop
 
 @pytest.mark.parametrize("together", SIZES)
 def test_groups_hold_the_stripes_that_are_handed_over_together(
-    board: LaserBoard, camera: EmulatedCamera, firing_order: list, together: int
+    board: LaserBoard, camera: BenchCamera, firing_order: list, together: int
 ) -> None:
     """As large as asked for, at most twice the number still to come, the last stripe alone; all stripes, in order."""
     with acquire(board, camera, firing_order[:11], options(together=together)) as stream:
@@ -68,13 +68,13 @@ def test_groups_hold_the_stripes_that_are_handed_over_together(
     assert [index for group in groups for index in group] == list(range(11))
 
 
-def test_a_scan_of_one_stripe_is_one_group(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_a_scan_of_one_stripe_is_one_group(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """The first stripe is the last."""
     with acquire(board, camera, firing_order[:1], options(together=8)) as stream:
         assert [len(group) for group in stream.groups()] == [1]
 
 
-def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: EmulatedCamera, firing_order: list) -> None:
+def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """A caller that leaves its loop and begins another loses nothing; only what was handed out is in the report."""
     with acquire(board, camera, firing_order[:9], options(together=4)) as stream:
         for stripe in stream:
@@ -86,7 +86,7 @@ def test_what_is_left_of_a_group_comes_next(board: LaserBoard, camera: EmulatedC
 
 
 def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list
 ) -> None:
     """A board that is unplugged in the middle of a group costs what was not yet taken, no more."""
     board.ensure_ready()
@@ -101,7 +101,7 @@ def test_stripes_that_wait_for_their_group_are_handed_over_when_the_scan_fails(
 
 
 def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_was_taken(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, eventually
 ) -> None:
     """The laser cannot be put out for the wait, which ends the scan; the group that found no room is handed over."""
     board.ensure_ready()
@@ -116,7 +116,7 @@ def test_a_board_lost_while_the_scan_waits_for_the_caller_costs_no_stripe_that_w
 
 
 def test_a_slow_caller_of_groups_makes_the_scan_wait_in_the_dark(
-    board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, firing_order: list, eventually
+    board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, firing_order: list, eventually
 ) -> None:
     """The size of the queue is rounded up to whole groups."""
     with acquire(board, camera, firing_order[:20], options(together=3, queue_size=4)) as stream:

@@ -3,20 +3,20 @@
 import pytest
 
 from drivers import AcquireOptions, LaserBoard, OffFrames, ReplayCamera, acquire, measure_lag
-from drivers.emulator import EmulatedBoard, EmulatedCamera
 from drivers.errors import CameraTimeout, LaserNotSeen, StripeClipped
+from testbed.bench_board import BenchBoard, BenchCamera
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("exposure", "latency"), [(0.004, 0.002), (0.006, 0.03)])
 def test_measured_lag_is_never_too_short(
-    board: LaserBoard, emulated: EmulatedBoard, scene, exposure: float, latency: float
+    board: LaserBoard, emulated: BenchBoard, scene, exposure: float, latency: float
 ) -> None:
     """The upper end covers exposure and latency, also beyond a period; and a scan that relies on it is in step."""
     board.ensure_ready()
     board.go_to_angle(0.1)
     scene.ambient, scene.brightness = 10.0, 50.0
-    with EmulatedCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
+    with BenchCamera(emulated, scene, fps=60.0, exposure=exposure, latency=latency) as camera:
         measured = measure_lag(board, camera)
         assert not emulated.view().laser_on
         # A frame with nine tenths of the light is taken as wholly lit: the lag may be short by a tenth of the exposure.
@@ -33,7 +33,7 @@ def test_measured_lag_is_never_too_short(
         assert stripes.report.in_step
 
 
-def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: BenchCamera, scene) -> None:
     """Half an exposure of a clipped stripe looks like a whole one: the lag would come out too short."""
     board.ensure_ready()
     board.go_to_angle(0.1)
@@ -42,7 +42,7 @@ def test_a_clipped_stripe_is_refused(board: LaserBoard, camera: EmulatedCamera, 
         measure_lag(board, camera)
 
 
-def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene) -> None:
+def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene) -> None:
     """Pictures that do not depend on the laser say nothing; the laser is off afterwards."""
     scene.swallow = True
     with pytest.raises(LaserNotSeen, match="on and off do not differ"):
@@ -50,7 +50,7 @@ def test_a_covered_laser_has_no_lag(board: LaserBoard, camera: EmulatedCamera, e
     assert not emulated.view().laser_on
 
 
-def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_a_laser_that_stops_answering_is_reported(board: LaserBoard, camera: BenchCamera, scene) -> None:
     """When pictures no longer follow the switch, the measurement gives up in bounded time."""
     real, calls = board.laser_on, []
 
@@ -74,7 +74,7 @@ def test_a_replay_has_no_rhythm(board: LaserBoard, scene) -> None:
         measure_lag(board, tape)
 
 
-def test_too_few_toggles_are_refused(board: LaserBoard, camera: EmulatedCamera) -> None:
+def test_too_few_toggles_are_refused(board: LaserBoard, camera: BenchCamera) -> None:
     """Three switchings say too little."""
     with pytest.raises(ValueError, match="toggles is 3; allowed: at least 4"):
         measure_lag(board, camera, toggles=3)

@@ -7,8 +7,8 @@ from collections import Counter
 import pytest
 
 from drivers import AcquireOptions, LaserBoard, OffFrames, acquire, draw_code
-from drivers.emulator import CameraFault, EmulatedCamera
 from drivers.errors import CameraTimeout
+from testbed.bench_board import BenchCamera, CameraFault
 from tests.drivers.sweep.scan_options import ALL_MODES, options
 
 CODE = frozenset({3, 31, 60, 69})
@@ -35,7 +35,7 @@ def test_short_sweeps_have_fewer(count: int, darks: int) -> None:
 @pytest.mark.usefixtures("emulated_time")
 @pytest.mark.parametrize("off", ALL_MODES)
 def test_a_scan_step_by_step_takes_them(
-    board: LaserBoard, camera: EmulatedCamera, firing_order: list, off: OffFrames
+    board: LaserBoard, camera: BenchCamera, firing_order: list, off: OffFrames
 ) -> None:
     """After the stripes named, dark, and at the cost of these frames."""
     with acquire(board, camera, firing_order, options(off)) as plain:
@@ -57,9 +57,7 @@ def test_a_scan_step_by_step_takes_them(
 
 
 @pytest.mark.usefixtures("emulated_time")
-def test_a_dark_frame_that_is_lost_is_taken_again(
-    board: LaserBoard, camera: EmulatedCamera, firing_order: list
-) -> None:
+def test_a_dark_frame_that_is_lost_is_taken_again(board: LaserBoard, camera: BenchCamera, firing_order: list) -> None:
     """By a camera that runs freely, the next frame serves; where none comes, the stripe is lost."""
     given = AcquireOptions(off=OffFrames.NONE, frame_timeout=0.2, dark_after=frozenset({0, 2}))
     camera.faults.append(CameraFault("drop", 2))

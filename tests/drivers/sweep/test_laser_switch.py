@@ -5,12 +5,13 @@ import dataclasses
 import pytest
 
 from drivers import BoardFault, LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatorConfig, Fault, FaultKind, emulated_backend
+from drivers.emulator import EmulatorConfig
 from drivers.errors import LaserRefused
 from drivers.sweep.stripe_worker import LaserSwitch, ScanStopped
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
 
-def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: BenchBoard) -> None:
     """The thread of a scan that lags behind cannot light the laser again."""
     switch = LaserSwitch(board)
     switch.on()
@@ -26,8 +27,8 @@ def test_after_closing_nothing_switches_on(board: LaserBoard, emulated: Emulated
 def test_laser_put_out_by_the_board_is_switched_on_again_and_counted() -> None:
     """A watchdog that bit is cleared once; the interruption shows."""
     now = [100.0]
-    emulated = EmulatedBoard(clock=lambda: now[0])
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    emulated = BenchBoard(clock=lambda: now[0])
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         switch = LaserSwitch(board)
         switch.on()
         now[0] += 1.0
@@ -39,7 +40,7 @@ def test_laser_put_out_by_the_board_is_switched_on_again_and_counted() -> None:
         assert switch.interruptions == 1
 
 
-def test_a_fault_that_stays_is_raised(board: LaserBoard, emulated: EmulatedBoard) -> None:
+def test_a_fault_that_stays_is_raised(board: LaserBoard, emulated: BenchBoard) -> None:
     """Heat cannot be cleared away."""
     emulated.inject(Fault(FaultKind.HOT, amount=80))
     with pytest.raises(LaserRefused, match="too hot"):
@@ -49,8 +50,8 @@ def test_a_fault_that_stays_is_raised(board: LaserBoard, emulated: EmulatedBoard
 def test_laser_rests_before_its_time_limit() -> None:
     """A scan longer than the limit never trips it: the laser is off for the board's rest in between."""
     identity = dataclasses.replace(EmulatorConfig().identity, watchdog=20.0, laser_limit=0.2, laser_rest=0.02)
-    emulated = EmulatedBoard(dataclasses.replace(EmulatorConfig(), identity=identity))
-    with LaserBoard(backend=emulated_backend(emulated)) as board:
+    emulated = BenchBoard(dataclasses.replace(EmulatorConfig(), identity=identity))
+    with LaserBoard(backend=bench_backend(emulated)) as board:
         switch = LaserSwitch(board)
         switch.on()
         started = emulated.view().laser_since

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drivers import LaserBoard, ReplayCamera, meter_exposure
-from drivers.emulator import EmulatedBoard, EmulatedCamera
 from drivers.errors import CameraError, CameraSettingRefused, CameraTimeout, LaserNotSeen
+from testbed.bench_board import BenchBoard, BenchCamera
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def ready(board: LaserBoard) -> LaserBoard:
 
 @pytest.mark.parametrize("exposure", [0.0002, 0.002, 0.0045])
 def test_ridge_ends_within_the_wanted_levels(
-    ready: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene, exposure: float
+    ready: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene, exposure: float
 ) -> None:
     """From far too dark, right, or clipped: the stripe ends bright but unclipped, with the laser off."""
     scene.ambient, scene.brightness = 20.0, 120.0
@@ -29,7 +29,7 @@ def test_ridge_ends_within_the_wanted_levels(
     assert not emulated.view().laser_on
 
 
-def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, scene) -> None:
     """At the shortest exposure still clipped: close the iris."""
     scene.brightness = 2000.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.001, 0.005))
@@ -37,23 +37,21 @@ def test_too_bright_a_scene_is_reported(ready: LaserBoard, camera: EmulatedCamer
     assert "close the iris" in result.advice and result.exposure == pytest.approx(0.001)
 
 
-def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: EmulatedCamera, scene) -> None:
+def test_too_dark_a_scene_is_reported(ready: LaserBoard, camera: BenchCamera, scene) -> None:
     """At the longest exposure still dim: open the iris."""
     scene.ambient, scene.brightness = 5.0, 25.0
     result = meter_exposure(ready, camera, 0.1, exposure=0.002, limits=(0.0005, 0.004))
     assert not result.settled and "open the iris" in result.advice
 
 
-def test_without_exposure_it_only_measures(ready: LaserBoard, camera: EmulatedCamera) -> None:
+def test_without_exposure_it_only_measures(ready: LaserBoard, camera: BenchCamera) -> None:
     """A camera whose exposure cannot be set is measured as it is."""
     result = meter_exposure(ready, camera, 0.1)
     assert result.exposure is None
     assert result.stripe_level == pytest.approx(190 / 255, abs=0.03)
 
 
-def test_no_stripe_at_all_is_an_error(
-    ready: LaserBoard, camera: EmulatedCamera, emulated: EmulatedBoard, scene
-) -> None:
+def test_no_stripe_at_all_is_an_error(ready: LaserBoard, camera: BenchCamera, emulated: BenchBoard, scene) -> None:
     """A covered laser cannot be metered, and the laser is off afterwards."""
     scene.swallow = True
     with pytest.raises(LaserNotSeen, match="no column of the picture shows the laser"):
@@ -83,7 +81,7 @@ def test_no_frame_is_a_timeout(ready: LaserBoard) -> None:
 
 @pytest.mark.parametrize(("name", "pair"), [("limits", (0.02, 0.01)), ("levels", (0.0, 0.5))])
 def test_impossible_ranges_are_refused(
-    ready: LaserBoard, camera: EmulatedCamera, name: str, pair: tuple[float, float]
+    ready: LaserBoard, camera: BenchCamera, name: str, pair: tuple[float, float]
 ) -> None:
     """Both ends are in the message."""
     with pytest.raises(ValueError, match=f"{name} are {pair[0]} ... {pair[1]}, they must rise"):

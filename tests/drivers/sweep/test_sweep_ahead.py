@@ -21,18 +21,9 @@ from drivers import (
     timing,
 )
 from drivers.board.protocol import BoardFault, Request
-from drivers.emulator import (
-    CameraFault,
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatedClock,
-    EmulatorConfig,
-    ExposureView,
-    Fault,
-    FaultKind,
-    emulated_backend,
-)
+from drivers.emulator import EmulatedClock, EmulatorConfig, ExposureView
 from drivers.errors import LaserRefused, MirrorTimeout
+from testbed.bench_board import BenchBoard, BenchCamera, CameraFault, Fault, FaultKind, bench_backend
 from tests.drivers.conftest import Scene, patient_config
 
 FIRING_ORDER = [(index, -0.1 + 0.012 * index) for index in range(24)]
@@ -67,9 +58,9 @@ class Watched:
 class Rig:
     """Devices whose every exposure is remembered."""
 
-    emulated: EmulatedBoard
+    emulated: BenchBoard
     board: LaserBoard
-    camera: EmulatedCamera
+    camera: BenchCamera
     scene: Watched
 
     def scan(self, options: AcquireOptions | None = None) -> list[StripeCapture]:
@@ -83,9 +74,9 @@ class Rig:
 @contextmanager
 def rig_of(config: EmulatorConfig, fps: float, exposure: float, latency: float) -> Iterator[Rig]:
     with timing.on_clock(EmulatedClock()):
-        emulated, scene = EmulatedBoard(config), Watched()
-        camera = EmulatedCamera(emulated, scene, fps=fps, exposure=exposure, latency=latency)
-        with LaserBoard(BoardConfig(timeout=0.05), backend=emulated_backend(emulated)) as board, camera:
+        emulated, scene = BenchBoard(config), Watched()
+        camera = BenchCamera(emulated, scene, fps=fps, exposure=exposure, latency=latency)
+        with LaserBoard(BoardConfig(timeout=0.05), backend=bench_backend(emulated)) as board, camera:
             yield Rig(emulated, board, camera, scene)
         assert not emulated.view().laser_on
 
@@ -243,7 +234,7 @@ def test_laser_rests_before_its_limit() -> None:
 class Obedient(ReplayCamera):
     """Frames that must not be asked for while the mirror moves: each grab takes the next one."""
 
-    def watch(self, emulated: EmulatedBoard, moving: list[bool]) -> None:
+    def watch(self, emulated: BenchBoard, moving: list[bool]) -> None:
         self._emulated, self._moving = emulated, moving
 
     def grab(self, timeout: float) -> Frame:

@@ -21,16 +21,9 @@ from drivers import (
     prepare,
     timing,
 )
-from drivers.emulator import (
-    EmulatedBoard,
-    EmulatedCamera,
-    EmulatedClock,
-    EmulatorConfig,
-    Fault,
-    FaultKind,
-    emulated_backend,
-)
+from drivers.emulator import EmulatedClock, EmulatorConfig
 from drivers.errors import BoardTooOld, CameraNotTriggered, LaserRefused
+from testbed.bench_board import BenchBoard, BenchCamera, Fault, FaultKind, bench_backend
 from testbed.triggered_camera import EmulatedTriggeredCamera
 from tests.drivers.conftest import PATIENCE
 
@@ -43,7 +36,7 @@ class Rig:
     """An emulated board with a triggered camera whose picture shows where the mirror stood."""
 
     def __init__(self, config: EmulatorConfig | None = None) -> None:
-        self.emulated = EmulatedBoard(config)
+        self.emulated = BenchBoard(config)
         self.camera = EmulatedTriggeredCamera(self.emulated, self.emulated.shutter, self.render)
 
     @staticmethod
@@ -70,7 +63,7 @@ def rig() -> Iterator[Rig]:
 
 @pytest.fixture
 def board(rig: Rig) -> Iterator[LaserBoard]:
-    with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as device:
+    with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(rig.emulated)) as device:
         yield device
 
 
@@ -118,7 +111,7 @@ def test_a_board_of_the_protocol_before_takes_none(board: LaserBoard) -> None:
     """The scan goes on without them, and says so."""
     old = EmulatorConfig(identity=replace(EmulatorConfig().identity, protocol=(1, 1)))
     rig = Rig(old)
-    with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as device:
+    with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(rig.emulated)) as device:
         stripes, report = rig.scan(device, AcquireOptions(sweep=SweepOptions(), dark_after=frozenset({69})))
     assert report.in_step and all(stripe.dark is None for stripe in stripes)
     assert any(note.startswith("no dark flashes: the board speaks protocol 1.1") for note in report.notes)
@@ -191,7 +184,7 @@ def test_what_is_missed_every_time_is_lost(rig: Rig, board: LaserBoard) -> None:
 
 def test_a_camera_without_trigger_is_refused(rig: Rig, board: LaserBoard) -> None:
     with (
-        EmulatedCamera(rig.emulated, rig.render, fps=100, exposure=0.004) as camera,
+        BenchCamera(rig.emulated, rig.render, fps=100, exposure=0.004) as camera,
         pytest.raises(CameraNotTriggered, match="runs freely"),
         acquire(board, camera, FIRING_ORDER, SWEEP) as stripes,
     ):
@@ -205,7 +198,7 @@ def test_a_board_of_1_0_is_distinguished_from_one_that_sweeps(rig: Rig) -> None:
     old = dataclasses.replace(EmulatorConfig().identity, protocol=(1, 0))
     rig = Rig(EmulatorConfig(identity=old))
     with (
-        LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as board,
+        LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(rig.emulated)) as board,
         pytest.raises(BoardTooOld, match=r"speaks protocol 1\.0 .*flash"),
     ):
         rig.scan(board)
@@ -274,7 +267,7 @@ def test_a_slow_camera_is_proved_too(fps: int, off: OffFrames) -> None:
     with timing.on_clock(EmulatedClock()):
         rig = Rig()
         rig.camera = EmulatedTriggeredCamera(rig.emulated, rig.emulated.shutter, rig.render, fps=fps)
-        with LaserBoard(BoardConfig(handle_signals=False), backend=emulated_backend(rig.emulated)) as board:
+        with LaserBoard(BoardConfig(handle_signals=False), backend=bench_backend(rig.emulated)) as board:
             prepare(board, FIRING_ORDER)
             taken, report = rig.scan(board, AcquireOptions(off=off, sweep=SweepOptions(flash=0.004)))
         assert [stripe.verdict for stripe in taken] == [StripeVerdict.OK] * STRIPES

@@ -10,19 +10,20 @@ import pytest
 
 from drivers import LaserBoard, timing
 from drivers.board.protocol import Request
-from drivers.emulator import EmulatedBoard, EmulatedClock, Fault, FaultKind, emulated_backend
+from drivers.emulator import EmulatedClock
 from guara_perception.app.bring_up import RECORD, bring_up
 from guara_perception.app.main import run
 from guara_perception.exceptions import InvalidInput
+from testbed.bench_board import BenchBoard, Fault, FaultKind, bench_backend
 
-Deed = Callable[[EmulatedBoard], object]
+Deed = Callable[[BenchBoard], object]
 
 
 def inject(kind: FaultKind, **more: object) -> Deed:
     return lambda board: board.inject(Fault(kind, **more))  # type: ignore[arg-type]
 
 
-def cut_while_lit(board: EmulatedBoard) -> None:
+def cut_while_lit(board: BenchBoard) -> None:
     """The light goes with the third command that follows."""
     serve, count = board.serve, iter(range(100))
 
@@ -56,7 +57,7 @@ class Bench:
     """An emulated board, and a person who does as asked, but for what a test changes."""
 
     def __init__(self, folder: Path) -> None:
-        self.board, self.folder = EmulatedBoard(), folder
+        self.board, self.folder = BenchBoard(), folder
         self.said: list[str] = []
 
     def run(self, deeds: dict[str, Deed] | None = None, **answers: str) -> bool:
@@ -72,7 +73,7 @@ class Bench:
                     return answer
             return "led" if question.startswith("What") else "done" if question.endswith("[done]") else "yes"
 
-        device = LaserBoard(backend=emulated_backend(self.board))
+        device = LaserBoard(backend=bench_backend(self.board))
         return bring_up(device, self.folder, ask, self.said.append)
 
     @property

@@ -11,9 +11,9 @@ import pytest
 
 import guara_perception as gp
 from drivers import LaserBoard
-from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.node.rangefinder import Rangefinder
 from kinematics import RobotModel
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.recorded_view import RecordedView
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ class Rig:
     """An open rangefinder and what it is made of."""
 
     rangefinder: Rangefinder
-    board: EmulatedBoard
-    camera: EmulatedCamera
+    board: BenchBoard
+    camera: BenchCamera
     processor: Callable[[], gp.ScanProcessor]
     firing_order: list[tuple[int, float]]
     reference: gp.TerrainGrid
@@ -53,9 +53,9 @@ def rig(
     robot: RobotModel,
 ) -> Iterator[Rig]:
     """Open devices."""
-    board = EmulatedBoard()
-    camera = EmulatedCamera(board, recorded_view.render, fps=FPS, exposure=0.004, latency=0.002)
-    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    board = BenchBoard()
+    camera = BenchCamera(board, recorded_view.render, fps=FPS, exposure=0.004, latency=0.002)
+    rangefinder = Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
     with rangefinder:
         yield Rig(
             rangefinder,

@@ -10,11 +10,11 @@ import pytest
 import guara_perception as gp
 from drivers import CameraSettings, DriverError, Frame, StripeCapture, StripeStream
 from drivers.board.protocol import Request
-from drivers.emulator import CameraFault, Fault, FaultKind
 from drivers.errors import CameraEnded
 from guara_perception.app.node.live_scan import LiveScan, live_scan
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.terrain.layers.hazard import Hazard
+from testbed.bench_board import CameraFault, Fault, FaultKind
 from tests.guara_perception.app.node.conftest import Rig
 from tests.thorough import further
 

@@ -12,7 +12,6 @@ import pytest
 import guara_perception as gp
 from drivers import CameraSettings
 from drivers.board.protocol import Request
-from drivers.emulator import Fault, FaultKind
 from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.recorder import ScanRecorder
@@ -20,6 +19,7 @@ from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.app.scene.scene import Scene, cloud_points
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 from kinematics import RobotModel, Stance
+from testbed.bench_board import Fault, FaultKind
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, wait_until
 from transport import Health, PausePhase

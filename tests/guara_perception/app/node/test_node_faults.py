@@ -11,13 +11,13 @@ import pytest
 
 import guara_perception as gp
 from drivers import LaserBoard, StripeStream
-from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
 from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.scan import Scan, ScanStripe
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, Stance
+from testbed.bench_board import BenchBoard, BenchCamera, bench_backend
 from testbed.recorded_view import RecordedView
 from tests.guara_perception.app.node.conftest import Rig
 from tests.guara_perception.app.node.live_bench import TIMEOUT, Bench, running, wait_until
@@ -69,9 +69,9 @@ def standard_bench(
     free_endpoint: str,
 ) -> Iterator[Bench]:
     scan, calibration = standard_scan
-    board = EmulatedBoard()
-    camera = EmulatedCamera(board, RecordedView(scan).render, fps=FPS, exposure=0.002, latency=0.001)
-    rangefinder = Rangefinder(LaserBoard(backend=emulated_backend(board)), camera)
+    board = BenchBoard()
+    camera = BenchCamera(board, RecordedView(scan).render, fps=FPS, exposure=0.002, latency=0.001)
+    rangefinder = Rangefinder(LaserBoard(backend=bench_backend(board)), camera)
     rig = Rig(rangefinder, board, camera, lambda: pytest.fail("not used"), [], standard_terrain)
     with rangefinder, running(rig, free_endpoint, robot, calibration, scan.stance, mode="standard") as made:
         yield made

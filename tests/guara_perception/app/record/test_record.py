@@ -14,8 +14,6 @@ import pytest
 
 import guara_perception as gp
 from drivers import CameraSettings
-from drivers.emulator import EmulatedBoard, EmulatedCamera, emulated_backend
-from drivers.emulator.emulated_camera import CameraFault
 from guara_perception.app.devices_file import Devices, load_devices, save_devices
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.app.record.plate_scan import PlateScanFailed, nominal_order, scan_uncalibrated
@@ -30,6 +28,7 @@ from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import renderer
 from guara_perception.simulation.world import World
 from kinematics import Stance, load_robot
+from testbed.bench_board import BenchBoard, BenchCamera, CameraFault, bench_backend
 from tests.made_once import made_once
 
 pytestmark = pytest.mark.slow
@@ -131,16 +130,16 @@ def devices_of_the_session(recorded: Path, tmp_path: Path, monkeypatch: pytest.M
     view = SimulatedRangefinder(World(), truth, robot, seed=3)
     standing = Stance(robot.posture(robot.config.scan_posture), robot.legs, None)
     view.set_pose(robot.stance_pose(standing).transform_base_to_footprint, standing.joint_positions)
-    board = EmulatedBoard()
+    board = BenchBoard()
 
-    class RigCamera(EmulatedCamera):
+    class RigCamera(BenchCamera):
         def __init__(self) -> None:
             super().__init__(board, renderer(view), fps=60.0, exposure=0.002, latency=0.001, name="rig camera")
 
     module = types.ModuleType("emulated_rig")
     module.RigCamera = RigCamera  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "emulated_rig", module)
-    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: emulated_backend(board))
+    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: bench_backend(board))
     kept = replace(load_devices(recorded / "devices.toml"), source="emulated_rig:RigCamera")
     save_devices(kept, tmp_path / "devices.toml")
     return tmp_path / "devices.toml"
@@ -166,7 +165,7 @@ def test_doctor_checks_camera_and_board_of_the_session(
     assert scan.code == 0, scan.err
     assert "locked" not in scan.err and "light" not in scan.err
 
-    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: emulated_backend())
+    monkeypatch.setattr("drivers.board.usb_link.default_backend", lambda: bench_backend())
     said = guara(*arguments)
     found = {line["name"]: line for line in map(json.loads, said.out.splitlines())}
     assert said.code == 1 and found["board"]["level"] == "FAIL" and found["camera"]["level"] == "ok"

@@ -7,10 +7,12 @@ import math
 from collections import deque
 from dataclasses import replace
 
+from drivers.board.board_records import seal
 from drivers.board.protocol import (
     FLASH_LONGEST_US,
     FLASH_SHORTEST_US,
     PERIOD_LONGEST_US,
+    STRIPE_MARK,
     SWEEP_PLACES,
     SWEEP_STRIPES,
     WAIT_UNIT_US,
@@ -20,10 +22,10 @@ from drivers.board.protocol import (
     Shot,
     SweepOffFrames,
 )
-from drivers.board.sweep_records import StripeRecord
-from drivers.emulator.light import LightUnit
-from drivers.emulator.mirror import MirrorUnit
-from drivers.emulator.shutter import Opening, Shutter
+from drivers.board.sweep_records import STRIPE, StripeRecord
+from testbed.bench_board.light import BenchLight
+from testbed.bench_board.mirror import BenchMirror
+from testbed.bench_board.shutter import Opening, Shutter
 
 # Time after a trigger within which an exposure must start, and after the last one for surplus exposures [s].
 EXPOSURE_WAIT, LAST_WAIT = 0.005, 0.002
@@ -53,7 +55,7 @@ class Phase(enum.Enum):
 class SweepUnit:
     """Sweep run by the board; the caller must call `act` at the time `due`."""
 
-    def __init__(self, mirror: MirrorUnit, light: LightUnit, shutter: Shutter) -> None:
+    def __init__(self, mirror: BenchMirror, light: BenchLight, shutter: Shutter) -> None:
         """Start without settings."""
         self._mirror, self._light, self.shutter = mirror, light, shutter
         self.triggers: list[float] = []
@@ -255,3 +257,23 @@ class SweepUnit:
         self.records.append(
             replace(shot, exposures=len(seen), delay=delay, exposure=exposure, lit=self._lit, faults=faults)
         )
+
+
+def packed(record: StripeRecord) -> bytes:
+    """Bytes of the record as the board sends it."""
+    return seal(
+        STRIPE.pack(
+            STRIPE_MARK,
+            record.shot,
+            record.motion & 0xFFFF,
+            record.place,
+            record.left,
+            round(record.clock * 1e6) & 0xFFFFFFFF,
+            record.exposures,
+            *(min(65535, round(seconds * 1e6)) for seconds in (record.delay, record.exposure, record.lit)),
+            record.faults,
+            record.step,
+            0,
+            0,
+        )
+    )
