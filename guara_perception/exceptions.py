@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -95,3 +97,12 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
         from transport.exceptions import StaleTerrain
 
         raise StaleTerrain(f"{'; '.join(stale_because)}. Ask a newer grid; allow_stale=True answers from this one")
+
+
+@contextmanager
+def errors_as(kind: type[PerceptionError], source: object, *causes: type[Exception]) -> Iterator[None]:
+    """Convert errors of these `causes` to one of this `kind`, with `source` in front of the text."""
+    try:
+        yield
+    except causes as error:
+        raise kind(f"{source}: {error}") from None

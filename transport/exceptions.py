@@ -97,3 +97,12 @@ def os_errors(kind: type[TransportError], what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise kind(f"{what}: {error.strerror}") from error
+
+
+@contextmanager
+def errors_as(kind: type[TransportError], what: str, *causes: type[Exception]) -> Iterator[None]:
+    """Convert errors of these `causes` to one of this `kind`, with `what` and the cause as its message."""
+    try:
+        yield
+    except causes as error:
+        raise kind(f"{what}: {error}") from error

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_toml, whole_file
 
@@ -127,10 +127,8 @@ class Devices:
 
         if self.trigger is None:
             return None
-        try:
+        with errors_as(InvalidInput, "the laser shines while a triggered camera exposes", ValueError):
             return SweepOptions(flash=self.settings.get("exposure", TRIGGERED_EXPOSURE_S))
-        except ValueError as error:
-            raise InvalidInput(f"the laser shines while a triggered camera exposes: {error}") from None
 
     def camera_settings(self) -> CameraSettings:
         """Settings that are locked when the camera is opened."""

@@ -17,7 +17,7 @@ from guara_perception.app.files.scan_folder import ScanFolderWriter, read_pictur
 from guara_perception.app.record.plate_scan import nominal_order
 from guara_perception.app.record.session_writer import CROSSES_PICTURE, FLOOR_PICTURE, SessionPlan, SessionWriter
 from guara_perception.calibration.calibration import Calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, PerceptionError, errors_as
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
@@ -117,11 +117,9 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
         if not abs(angle) <= LARGEST_ANGLE:
             raise FileFormatError(f"{path}: {name} is {angle:g}, allowed: -6.28 ... 6.28 rad; give radians")
         joints[name] = angle
-    try:
+    with errors_as(FileFormatError, path, KinematicsError):
         stance = Stance(joints, robot.legs, None)
         robot.stance_pose(stance)
-    except KinematicsError as error:
-        raise FileFormatError(f"{path}: {error}") from None
     return stance
 
 

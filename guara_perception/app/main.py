@@ -52,13 +52,13 @@ COMMANDS = {name: line for group in GROUPS.values() for name, line in group.item
 MODULES = {"import": "import_"}
 # Earlier names of commands, still accepted, with the command of which each is a part now.
 ALIASES = {
-    "cameras": "doctor",
-    "fleet": "listen",
     "export": "convert",
     "recover": "convert",
     "acceptance": "robot",
     "service": "robot",
 }
+# Earlier commands, still accepted, that are options of others now.
+EARLIER = {"cameras": ["doctor", "--cameras"], "fleet": ["listen", "--all"]}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Set before numpy and OpenCV are loaded. Matrices are small: threads of linear algebra would only spin, which costs
 # a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
@@ -83,6 +83,18 @@ class LazyGroup(click.Group):
         for group, commands in GROUPS.items():
             with formatter.section(group):
                 formatter.write_dl([(name.ljust(10), line) for name, line in commands.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, by its earlier name too."""
+        if args[0] in EARLIER:
+            from guara_perception.app.options import note_new_spelling
+
+            new = EARLIER[args[0]]
+            note_new_spelling(f"guara {args[0]}", f"guara {' '.join(new)}")
+            args = [*new, *args[1:]]
+        return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import one command.

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float32
-from guara_perception.exceptions import UnsafeGrid
+from guara_perception.exceptions import UnsafeGrid, errors_as
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, check_safe, with_neighbours
@@ -162,7 +162,7 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
     """
     heights = message.heights.astype(np.float32) * np.float32(1e-3)
     heights[message.heights == UNKNOWN_HEIGHT] = np.nan
-    try:
+    with errors_as(UnsafeGrid, f"summary received from {message.robot!r}, step {message.step}", UnsafeGrid):
         return TerrainSummary(
             robot=message.robot,
             elevation=heights,
@@ -172,8 +172,6 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
             frame=message.frame_id,
             **_source(message),
         )
-    except UnsafeGrid as error:
-        raise UnsafeGrid(f"summary received from {message.robot!r}, step {message.step}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)

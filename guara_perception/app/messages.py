@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.exceptions import UnsafeGrid
+from guara_perception.exceptions import UnsafeGrid, errors_as
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import check_invariant
@@ -100,7 +100,7 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
         "instance": message.robot,
     }
     layers = {name: np.asarray(array) for name, array in message.layers.items()}
-    try:
+    with errors_as(UnsafeGrid, f"grid received from {message.robot!r}, step {message.step}", UnsafeGrid):
         ny, nx = message.shape
         return TerrainGrid(
             layers=layers,
@@ -112,8 +112,6 @@ def message_to_terrain(message: TerrainMessage) -> TerrainGrid:
             record=RECORDS[message.extent].from_json({**json.loads(message.metadata), **stated}),
             stale_because=message.stale_because,
         )
-    except UnsafeGrid as error:
-        raise UnsafeGrid(f"grid received from {message.robot!r}, step {message.step}: {error}") from None
 
 
 def stance_to_message(stance: Stance) -> StanceMessage:

@@ -23,56 +23,8 @@ WATCHDOG_S = 20
 STOP_S = 40
 # A node that starts more often than this within the time [s] stays down until somebody looks at it.
 BURST, BURST_S = 5, 120
-
-UNIT = """\
-[Unit]
-Description=Guara perception node {name}
-After=network.target
-StartLimitIntervalSec={burst_s}
-StartLimitBurst={burst}
-
-[Service]
-Type=notify
-ExecStart={program} run --node {node}
-WatchdogSec={watchdog}
-Restart=on-failure
-RestartSec=2
-# Restarting mends neither a wrong configuration nor a calibration that does not fit.
-RestartPreventExitStatus={bad_input} {calibration}
-TimeoutStopSec={stop}
-
-User={user}
-# Cameras and, by the udev rule of `guara doctor`, the laser board.
-SupplementaryGroups=video plugdev
-StateDirectory={name}
-CacheDirectory={name}
-WorkingDirectory=/var/lib/{name}
-Environment=MPLCONFIGDIR=/var/cache/{name}
-UMask=0027
-
-NoNewPrivileges=yes
-CapabilityBoundingSet=
-ProtectSystem=strict
-ProtectHome=read-only
-PrivateTmp=yes
-ProtectClock=yes
-ProtectHostname=yes
-ProtectKernelLogs=yes
-ProtectKernelModules=yes
-ProtectKernelTunables=yes
-ProtectControlGroups=yes
-RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
-RestrictNamespaces=yes
-RestrictSUIDSGID=yes
-LockPersonality=yes
-SystemCallArchitectures=native
-DevicePolicy=closed
-DeviceAllow=char-usb_device rw
-DeviceAllow=char-video4linux rw
-
-[Install]
-WantedBy=multi-user.target
-"""
+# Template of the unit.
+UNIT = Path(__file__).with_suffix(".unit")
 
 
 def unit(name: str, node: Path, user: str) -> str:
@@ -93,7 +45,7 @@ def unit(name: str, node: Path, user: str) -> str:
         raise InvalidInput("--user is 'root'; allowed: a user of its own, who may use camera and board by their groups")
     # The program of this installation; `%` begins a specifier of systemd.
     program = [sys.executable, "-m", "guara_perception.app.main"]
-    return UNIT.format(
+    return UNIT.read_text(encoding="utf-8").format(
         name=name,
         node=shlex.quote(str(node.absolute()).replace("%", "%%")),
         program=" ".join(shlex.quote(word.replace("%", "%%")) for word in program),

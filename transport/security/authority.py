@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from transport.exceptions import SecurityError
+from transport.exceptions import SecurityError, errors_as
 
 T = TypeVar("T")
 
@@ -85,10 +85,8 @@ def read_certificate(path: Path, take: Callable[[Any], T]) -> T:
     """
     from cryptography import x509
 
-    try:
+    with errors_as(SecurityError, f"cannot read {path}", OSError, ValueError, LookupError, x509.ExtensionNotFound):
         return take(x509.load_pem_x509_certificate(path.read_bytes()))
-    except (OSError, ValueError, LookupError, x509.ExtensionNotFound) as error:
-        raise SecurityError(f"cannot read {path}: {error}") from error
 
 
 def make_authority(common_name: str) -> Credentials:

@@ -19,7 +19,7 @@ from transport.configuration import (
     node_configuration,
     tls_endpoint,
 )
-from transport.exceptions import SecurityError
+from transport.exceptions import SecurityError, errors_as
 from transport.keys import DEFAULT_ROBOT, check_name
 from transport.security.access_rules import ROLES, access_control
 from transport.security.authority import Credentials, make_authority, make_certificate
@@ -229,7 +229,7 @@ def load_configuration(
     """
     for endpoint in (*listen, *(endpoint for endpoint in (connect, uplink) if endpoint is not None)):
         check_tls(endpoint, allows_quic=True)
-    try:
+    with errors_as(SecurityError, f"cannot use {folder / CONFIGURATION}", OSError, ValueError, zenoh_api.zenoh_error()):
         text = _configuration_text(folder)
         values: dict[str, Any] = {}
         for name in FILES:
@@ -237,8 +237,6 @@ def load_configuration(
             if value is not None:
                 value = Path(value).name if local else value
                 values[f"{TLS}/{name}"] = str(_existing(folder, value, is_key=name.endswith("private_key")))
-    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
-        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
     values["transport/shared_memory/enabled"] = shared_memory
     if local:
         values["connect/endpoints"] = []
@@ -272,10 +270,8 @@ def read_configuration(folder: Path, key: str) -> Any:
     Raises:
         SecurityError: the configuration cannot be read.
     """
-    try:
+    with errors_as(SecurityError, f"cannot use {folder / CONFIGURATION}", OSError, ValueError, zenoh_api.zenoh_error()):
         return zenoh_api.configuration_value(_configuration_text(folder), key)
-    except (OSError, ValueError, zenoh_api.zenoh_error()) as error:
-        raise SecurityError(f"cannot use {folder / CONFIGURATION}: {error}") from error
 
 
 def configured_robot(folder: Path) -> str:
@@ -284,11 +280,9 @@ def configured_robot(folder: Path) -> str:
     Raises:
         SecurityError: the configuration cannot be read, or has no rules.
     """
-    try:
+    with errors_as(SecurityError, f"cannot find the access rules in {folder / CONFIGURATION}", LookupError, TypeError):
         rules = read_configuration(folder, "access_control/rules") or []
         return str(rules[0]["key_exprs"][0]).partition("/")[0]
-    except (LookupError, TypeError) as error:
-        raise SecurityError(f"cannot find the access rules in {folder / CONFIGURATION}: {error}") from error
 
 
 def configured_endpoints(folder: Path, kind: str) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from transport.exceptions import SecurityError, os_errors
+from transport.exceptions import SecurityError, errors_as, os_errors
 from transport.security.access_rules import FLEET, ROLES, ROUTER, Neighbours, access_control, router_access_control
 from transport.security.authority import Credentials, read_certificate
 from transport.security.folder import CONFIGURATION, configured_robot, read_configuration
@@ -198,7 +198,7 @@ def open_members(folder: str | Path) -> Members:
         folders.insert(0, root)
     robots = {configured_robot(folder / "node"): Robot(folder) for folder in folders}
     path = root / "ca" / MEMBERS
-    try:
+    with errors_as(SecurityError, f"cannot read {path}", OSError, ValueError, AttributeError, TypeError, KeyError):
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         lists = found.get("robots")
         if lists is None:
@@ -213,8 +213,6 @@ def open_members(folder: str | Path) -> Members:
             for name, router in found.get("routers", {}).items()
         }
         return Members(root, members, routers, tuple(found.get("fleet", [])), tuple(found.get("revoked", [])))
-    except (OSError, ValueError, AttributeError, TypeError, KeyError) as error:
-        raise SecurityError(f"cannot read {path}: {error}") from error
 
 
 def take_in(folder: Path, write: Callable[[Path], None], larger: Callable[[], Members]) -> Path:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from pathlib import Path
+from string import Template
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +23,8 @@ VERDICT_TEXTS = {
     "usable": "This calibration can be used, but something could be better. The reasons are below.",
     "refused": "Do not use this calibration: heights measured with it cannot be trusted. The reasons are below.",
 }
-STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 2rem auto; padding: 0 1rem }
-h2 { margin-top: 2.2rem; border-bottom: 1px solid #ccc } img { max-width: 100%; display: block; margin: .6rem 0 }
-table { border-collapse: collapse; font-size: .92rem } td, th { padding: .25rem .6rem; text-align: left;
-vertical-align: top; border-bottom: 1px solid #ddd } td.number { white-space: nowrap; text-align: right }
-.verdict { padding: .8rem 1rem; border-radius: .4rem; color: white; font-size: 1.15rem }
-.good { background: #00805a } .usable { background: #b37400 } .refused { background: #b3330e }
-td span { color: white; border-radius: .3rem; padding: 0 .4rem } .note { color: #555 }
-"""
+PAGE = Path(__file__).with_name(REPORT_FILE)
+STYLE = PAGE.with_suffix(".css").read_text(encoding="utf-8")
 MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
@@ -49,70 +45,41 @@ def write_report(result: CalibrationResult, folder: str | Path) -> Path:
 
 def report_page(result: CalibrationResult) -> str:
     """HTML text of the whole page."""
-    parts = [
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Calibration report</title><style>{STYLE}</style>',
-        f"<h1>Calibration of {escape(result.session.robot)}</h1>",
-        f'<p class="verdict {result.verdict}"><b>{result.verdict}</b>: {VERDICT_TEXTS[result.verdict]}</p>',
-        _reasons(result),
-        "<h2>The numbers behind the verdict</h2>",
-        _checks(result),
-        _found(result),
-        *_lens(result),
-        "<h2>Where the camera sits: the crosses on the floor</h2>",
-        "<p>The crosses are at positions measured with a tape. Detected and expected positions should coincide.</p>",
-        image(drawing.fiducials(result), "fiducials"),
-        "<h2>The laser planes</h2>",
-        "<p>A turning mirror projects the laser onto the floor as one line after another. Scans of a flat plate at "
-        "known heights determine each laser plane in space.</p>",
-        image(drawing.side_view(result), "laser planes from the side"),
-        image(drawing.stripes_over_plate(result), "stripes over plates"),
-        "<h2>How well heights are measured</h2>",
-        "<p>Left: height errors on the plates; values near zero are good, a slope or a step is not. Right, the "
-        "stricter test: each plate measured with laser planes fitted to the other plates only.</p>",
-        image(drawing.plate_errors(result), "height errors on the plates"),
-        "<p>Expected height error of a scan (one standard deviation):</p>",
-        image(drawing.height_sigma(result), "predicted sigma of heights"),
-        _paper(result),
-        "<h2>The mirror</h2>",
-        "<p>A regular wave is caused by the motor; a jump would be a missed step.</p>",
-        image(drawing.mirror_steps(result), "mirror steps"),
-        "</html>",
-    ]
-    return "\n".join(parts)
-
-
-def _lens(result: CalibrationResult) -> list[str]:
-    """Figures of the lens: corners of the board and their errors."""
-    if not result.intrinsics.views:
-        return ["<p>The lens was given; no picture of a board checks it.</p>"]
-    parts = []
-    ground = result.session.ground_board_image
-    if ground is not None:
-        parts = [
-            "<h2>The board, before and after</h2>",
-            "<p>A lens bends straight lines and a tilted view makes far squares small. If lens and mount are right, "
-            "the board has even squares when it is rectified to a view from straight above.</p>",
-            image(drawing.board_before_after(result, ground), "board before and after correction"),
-        ]
-    parts += [
-        "<h2>Does the lens model fit?</h2>",
-        "<p>Each arrow is the residual of one corner of the board, enlarged. Arrows in all directions are noise; "
-        "arrows like their neighbours (for instance all outward in one corner) mean a bent board or a wrong model. A "
-        "picture with a long bar is blurred, or the board moved.</p>",
-        image(drawing.corner_residuals(result), "corner errors"),
-        "<h2>Was the whole picture used?</h2>",
-        "<p>The lens is only calibrated where the board was seen. On the right, the resulting position error of points "
-        "on the floor.</p>",
-        image(drawing.coverage_and_sigma(result), "coverage and uncertainty"),
-    ]
-    halves = drawing.halves(result)
-    if halves is not None:
-        parts += [
-            "<p>A small error proves little: a wrong model can fit its own pictures well. The lens is therefore "
-            "calibrated twice, from every other picture, and the two must agree:</p>",
-            image(halves, "difference between the two halves"),
-        ]
-    return parts
+    ground = result.session.ground_board_image if result.intrinsics.views else None
+    halves = drawing.halves(result) if result.intrinsics.views else None
+    page = PAGE.read_text(encoding="utf-8")
+    sections = {
+        "lens": result.intrinsics.views,
+        "given": not result.intrinsics.views,
+        "board": ground,
+        "halves": halves,
+    }
+    for name, content in sections.items():
+        if not content:
+            page = re.sub(rf'<section id="{name}">.*?</section>\n', "", page, flags=re.DOTALL)
+    drawn: dict[str, Callable[[CalibrationResult], Any]] = {
+        **vars(drawing),
+        "board_before_after": lambda _: drawing.board_before_after(result, str(ground)),
+        "halves": lambda _: halves,
+    }
+    # Pictures of the page are named after the functions that draw them.
+    pictures = {name: data_url(drawn[name](result)) for name in re.findall(r'src="\$(\w+)"', page)}
+    by_name = {check.name: check.value for check in result.checks}
+    depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
+    near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
+    return Template(page).substitute(
+        pictures,
+        style=STYLE,
+        robot=escape(result.session.robot),
+        verdict=result.verdict,
+        meaning=VERDICT_TEXTS[result.verdict],
+        reasons=_reasons(result),
+        checks=_checks(result),
+        found=_found(result),
+        depth=f"{depth:.0f}",
+        near=f"{near:.2f}",
+        far=f"{far:.2f}",
+    )
 
 
 def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
@@ -161,18 +128,7 @@ def _found(result: CalibrationResult) -> str:
         ("floor homography", f"condition number {result.surface.condition:.1f}, misfit {misfit:.3f} mm"),
         ("stripes", str(len(result.calibration.stripes))),
     )
-    return f"<h2>What was found</h2>{table(rows)}"
-
-
-def _paper(result: CalibrationResult) -> str:
-    """Height errors as the paper states them, in per cent of the surface's depth, near and far."""
-    by_name = {check.name: check.value for check in result.checks}
-    depth = 1e3 * (drawing.AREA_X[1] - drawing.AREA_X[0])
-    near, far = (100 * 2 * by_name[f"height sigma {where}"] / depth for where in ("near", "far"))
-    return (
-        f'<p class="note">In the terms of the paper, as per cent of the {depth:.0f} mm deep surface (two '
-        f"standard deviations): +-{near:.2f} % for near objects, +-{far:.2f} % for far ones (paper: 0.5 %, 2.5 %).</p>"
-    )
+    return table(rows)
 
 
 def summary(result: CalibrationResult) -> str:

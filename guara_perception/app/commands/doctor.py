@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
-from guara_perception.app.options import FILE, note_new_spelling
+from guara_perception.app.options import FILE
 
 
 @click.command(name="doctor")
@@ -26,17 +27,14 @@ from guara_perception.app.options import FILE, note_new_spelling
 @click.pass_context
 def command(
     context: click.Context,
-    calibration: Path | None,
     devices: Path | None,
     camera: str | None,
     trigger: str | None,
-    listen: str,
-    scan: Path | None,
-    security: Path | None,
     checks: tuple[str, ...],
     lists_cameras: bool,
     powers_up: bool,
     as_json: bool,
+    **looked_at: Any,
 ) -> None:
     """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when a check fails.
 
@@ -67,15 +65,8 @@ def command(
     if unknown:
         raise InvalidInput(f"--only is {', '.join(unknown)}, allowed: {', '.join(CHECKS)}")
     failed = False
-    for name, finding in examine(
-        devices=devices_of(devices, camera=camera, trigger=trigger),
-        calibration=calibration,
-        listen=listen,
-        folder=Path.cwd(),
-        scan=scan,
-        checks=checks,
-        security=security,
-    ):
+    chosen = devices_of(devices, camera=camera, trigger=trigger)
+    for name, finding in examine(devices=chosen, folder=Path.cwd(), checks=checks, **looked_at):
         if as_json:
             click.echo(json.dumps({"name": name, **dataclasses.asdict(finding)}))
         else:
@@ -103,12 +94,3 @@ def list_cameras(context: click.Context, as_json: bool) -> None:
     if not found:
         click.echo("no camera found: check cable, power and that your user is in the group `video`", err=True)
         context.exit(1)
-
-
-@click.command(name="cameras", hidden=True)
-@click.option("--json", "as_json", is_flag=True, help="print one JSON object per camera instead")
-@click.pass_context
-def cameras(context: click.Context, as_json: bool) -> None:
-    """List the cameras of this machine: now `guara doctor --cameras`."""
-    note_new_spelling("guara cameras", "guara doctor --cameras")
-    list_cameras(context, as_json)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -17,6 +18,27 @@ if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
 SCAN, SESSION = "scan", "session"
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """Options of the command, as its help describes them."""
+
+    posture: str | None
+    joints: Path | None
+    stance: Path | None
+    off: str
+    number: int | None
+    mode: str | None
+    indices: bool
+    calibration: Path | None
+    board: str
+    pattern: str
+    square: float
+    ground: str | None
+    crosses_picture: str | None
+    crosses: Path | None
+    plate: tuple[str, ...]
 
 
 @click.command(name="import")
@@ -40,28 +62,7 @@ SCAN, SESSION = "scan", "session"
 @click.option("--crosses", type=FILE, help="session: JSON with points_in_footprint [m]; default: those of the mat")
 @click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: scan folder of a plate, its height [m]")
 @click.option("--preview", is_flag=True, help="only show what belongs together")
-def command(
-    pictures: tuple[Path, ...],
-    out: Path,
-    kind: str | None,
-    robot: str,
-    posture: str | None,
-    joints: Path | None,
-    stance: Path | None,
-    off: str,
-    number: int | None,
-    mode: str | None,
-    indices: bool,
-    calibration: Path | None,
-    board: str,
-    pattern: str,
-    square: float,
-    ground: str | None,
-    crosses_picture: str | None,
-    crosses: Path | None,
-    plate: tuple[str, ...],
-    preview: bool,
-) -> None:
+def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str, preview: bool, **values: Any) -> None:
     """Make a scan folder or a calibration session of PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
 
     Pictures of a scan are put in order by a number in their names, and in pairs by it and by words such as on and off.
@@ -78,19 +79,19 @@ def command(
 
     if out.exists() or not out.parent.is_dir():
         raise InvalidInput(f"{out}: {'exists' if out.exists() else 'its folder does not exist'}; give another name")
-    files = picture_files(pictures)
-    is_session = bool(ground or crosses_picture or plate or crosses)
+    given, files = Given(**values), picture_files(pictures)
+    is_session = bool(given.ground or given.crosses_picture or given.plate or given.crosses)
     if kind is None:
         kind = SESSION if is_session else (_ask("a scan, or the pictures of a session", SCAN) or SCAN)
     model = load_robot(robot)
-    standing = _standing(model, posture, joints, stance)
+    standing = _standing(model, given)
     width, height = check_sizes(files)
     if kind == SCAN:
         if is_session:
             raise InvalidInput("--ground, --crosses-picture, --crosses and --plate are for a session: leave --kind out")
-        write = _scan(files, out, model, standing, off, number, mode, indices, calibration)
+        write = _scan(files, out, model, standing, given)
     elif kind == SESSION:
-        write = _session(files, out, model, standing, (board, pattern, square), ground, crosses_picture, crosses, plate)
+        write = _session(files, out, model, standing, given)
     else:
         raise InvalidInput(f"kind is {kind!r}, allowed: {SCAN}, {SESSION}")
     if preview:
@@ -106,40 +107,30 @@ def _ask(question: str, default: str) -> str | None:
     return str(click.prompt(question, default=default, err=True)) if sys.stdin.isatty() else None
 
 
-def _standing(robot: RobotModel, posture: str | None, joints: Path | None, stance: Path | None) -> Stance:
+def _standing(robot: RobotModel, given: Given) -> Stance:
     from guara_perception.app.import_pictures import read_joints
     from kinematics import Stance
 
-    given = [name for name, value in (("--posture", posture), ("--joints", joints), ("--stance", stance)) if value]
-    if len(given) > 1:
-        raise InvalidInput(f"{' and '.join(given)} are given: give one of them")
-    if joints is not None:
-        return read_joints(joints, robot)
-    if stance is not None:
-        return stance_of(stance, robot)
-    name = posture or _ask("posture in which the robot stood", robot.config.scan_posture)
+    chosen = [f"--{name}" for name in ("posture", "joints", "stance") if getattr(given, name)]
+    if len(chosen) > 1:
+        raise InvalidInput(f"{' and '.join(chosen)} are given: give one of them")
+    if given.joints is not None:
+        return read_joints(given.joints, robot)
+    if given.stance is not None:
+        return stance_of(given.stance, robot)
+    name = given.posture or _ask("posture in which the robot stood", robot.config.scan_posture)
     return Stance(robot.posture(name or robot.config.scan_posture), robot.legs, None)
 
 
-def _scan(
-    files: list[Path],
-    out: Path,
-    robot: RobotModel,
-    stance: Stance,
-    off: str,
-    number: int | None,
-    mode: str | None,
-    is_index: bool,
-    calibration: Path | None,
-) -> Callable[[], None]:
+def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
     """Show which pictures belong to which stripe; return the function that writes the scan."""
     from guara_perception.app.files.pair_pictures import pair_pictures
     from guara_perception.app.import_pictures import mirror_angles, stripe_indices, write_scan
     from guara_perception.calibration.file import load_calibration
 
-    known = None if calibration is None else load_calibration(calibration)
-    pairs = pair_pictures(files, off, number)
-    order = stripe_indices(pairs, robot, mode, is_index)
+    known = None if given.calibration is None else load_calibration(given.calibration)
+    pairs = pair_pictures(files, given.off, given.number)
+    order = stripe_indices(pairs, robot, given.mode, given.indices)
     angles = mirror_angles(order, robot, known)
     for index, pair in zip(order, pairs, strict=True):
         degrees = np.rad2deg(angles[index])
@@ -148,17 +139,7 @@ def _scan(
     return lambda: write_scan(out, dict(zip(order, pairs, strict=True)), angles, robot, stance)
 
 
-def _session(
-    files: list[Path],
-    out: Path,
-    robot: RobotModel,
-    stance: Stance,
-    board: tuple[str, str, float],
-    ground: str | None,
-    crosses_picture: str | None,
-    crosses: Path | None,
-    plates: tuple[str, ...],
-) -> Callable[[], None]:
+def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
     """Show what each picture is of; return the function that writes the session."""
     from guara_perception.app.import_pictures import write_session
     from guara_perception.app.record.record import check_crosses
@@ -168,24 +149,25 @@ def _session(
 
     by_name = {path.name: path for path in files}
     chosen = {
-        "--ground": ground or _ask("picture of the board on the floor", files[0].name),
-        "--crosses-picture": crosses_picture or _ask("picture of the crosses", files[-1].name),
+        "--ground": given.ground or _ask("picture of the board on the floor", files[0].name),
+        "--crosses-picture": given.crosses_picture or _ask("picture of the crosses", files[-1].name),
     }
     for option, name in chosen.items():
         if name not in by_name:
-            given = "is missing" if name is None else f"is {name!r}, which is none of the pictures"
-            raise InvalidInput(f"{option} {given}; allowed: the name of one of the {len(files)} pictures")
+            found = "is missing" if name is None else f"is {name!r}, which is none of the pictures"
+            raise InvalidInput(f"{option} {found}; allowed: the name of one of the {len(files)} pictures")
     floor, mat = (by_name[str(name)] for name in chosen.values())
     boards = [path for path in files if path not in (floor, mat)]
     if floor == mat or not boards:
         raise InvalidInput("a session needs pictures of the board, one of it on the floor and one of the crosses")
-    pieces = plates or tuple((_ask("plates, HEIGHT=FOLDER with spaces between", "") or "").split())
+    pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER with spaces between", "") or "").split())
     tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces))
     scans = [Path(piece.partition("=")[2]) for piece in pieces]
+    crosses = given.crosses
     points = cross_points(robot) if crosses is None else read_json(crosses).array("points_in_footprint", (None, 2))
     check_crosses(points, "crosses" if crosses is None else str(crosses))
-    corners, pattern, square = board
-    plan = SessionPlan(robot.name, parse_board(corners, square, pattern), np.asarray(points), tops, stance)
+    board = parse_board(given.board, given.square, given.pattern)
+    plan = SessionPlan(robot.name, board, np.asarray(points), tops, stance)
     for path in boards:
         click.echo(f"board: {path.name}")
     click.echo(f"board on the floor: {floor.name}\ncrosses: {mat.name}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from guara_perception.app.options import FILE, note_new_spelling
+from guara_perception.app.options import FILE
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.layers.layered_grid import EXTENTS
 from transport.keys import DEFAULT_ROBOT
@@ -120,15 +120,3 @@ def _row(state: RobotState) -> tuple[str, ...]:
 def _plain(state: RobotState) -> dict[str, object]:
     plain = dataclasses.asdict(state)
     return {**plain, "age": None if math.isnan(state.age) else state.age, "health": state.health.name.lower()}
-
-
-@click.command(name="fleet", hidden=True)
-@click.option("--connect", "endpoint", help="router of the site; default: tcp/127.0.0.1:7447")
-@click.option("--robot", "--name", "names", multiple=True, help="only this instance name; repeatable")
-@click.option("--security", type=FILE, help="folder of a member with the role fleet")
-@click.option("--timeout", type=click.FloatRange(min=0.1), default=ANSWER_SECONDS, help="seconds to wait")
-@click.option("--json", "as_json", is_flag=True, help="print one JSON list instead")
-def fleet(endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool) -> None:
-    """List the robots that are alive: now `guara listen --all`."""
-    note_new_spelling("guara fleet", "guara listen --all")
-    list_robots(endpoint, names, security, timeout, as_json)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -70,18 +71,7 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--scans", is_flag=True, help="let its planners request scans from nodes that connect to it")
 @click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
 @click.option("--place", help="path of its folder on the machine where it runs; default: as created")
-def router(
-    folder: Path,
-    robots: tuple[str, ...],
-    name: str,
-    hosts: tuple[str, ...],
-    listen: str,
-    uplink: str,
-    uplink_host: str,
-    scans: bool,
-    summary_only: bool,
-    place: str | None,
-) -> None:
+def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
     """Make the certificate and configuration of a Zenoh router (`zenohd`) that serves several robots.
 
     \b
@@ -93,18 +83,7 @@ def router(
     from transport.security.router_folder import make_router
 
     before = set(open_members(folder).robots) if folder.exists() else set()
-    made = make_router(
-        folder,
-        robots,
-        name=name,
-        hosts=hosts,
-        listen=listen,
-        uplink=uplink,
-        uplink_host=uplink_host,
-        scans=scans,
-        summary_only=summary_only,
-        place=place,
-    )
+    made = make_router(folder, robots, uplink=uplink, **given)
     click.echo(f"{made}: for {', '.join(robots)}; start it with: zenohd -c {made / 'zenoh.json5'}")
     fresh = [robot for robot in robots if robot not in before]
     if fresh:

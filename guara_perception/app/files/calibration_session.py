@@ -9,7 +9,7 @@ from typing import Any
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder, read_picture
 from guara_perception.calibration.board import CHECKERBOARD, COLOURS, PATTERNS, BoardSpec
 from guara_perception.calibration.calibration_input import SQUARES, CalibrationSession, Fiducials, Plate
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import Fields, read_json
 from kinematics import KinematicsError, Stance
 
@@ -43,10 +43,8 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
         raise MissingFile(f"{folder}: no {SESSION_FILE} in it; a calibration session has one{kind}")
     fields = read_json(folder / SESSION_FILE)
     fields.text("format", (FORMAT,))
-    try:
+    with errors_as(FileFormatError, folder / SESSION_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
-    except KinematicsError as error:
-        raise FileFormatError(f"{folder / SESSION_FILE}: {error}") from None
     images = tuple(
         _picture_name(name, folder, fields.path_to("board_images"))
         for name in (fields.sequence("board_images") if fields.has("board_images") else ())
@@ -91,10 +89,8 @@ def _fiducials(fields: Fields, folder: Path) -> Fiducials:
     image = _picture_name(fields.text("image"), folder, fields.path_to("image"))
     points = fields.array("points_in_footprint", (None, 2))
     pixels = fields.array("points_px", (None, 2)) if fields.has("points_px") else None
-    try:
+    with errors_as(FileFormatError, fields.source, InvalidInput):
         return Fiducials(image, points, pixels)
-    except InvalidInput as error:
-        raise FileFormatError(f"{fields.source}: {error}") from None
 
 
 def _plate(item: Fields, folder: Path) -> Plate:

@@ -10,7 +10,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import CameraModel
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
@@ -63,12 +63,10 @@ def read_camera_info(path: str | Path) -> CameraModel:
     path = existing_file(path)
     content = _read_yaml(path)
     cameras = [name for name, value in content.items() if isinstance(value, dict) and "intrinsics" in value]
-    try:
+    with errors_as(FileFormatError, path, InvalidInput):
         if cameras:
             return _of_kalibr(content, cameras, str(path))
         return _of_ros_or_opencv(Fields(_with_ros_names(content), str(path)))
-    except InvalidInput as error:
-        raise FileFormatError(f"{path}: {error}") from None
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

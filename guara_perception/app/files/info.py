@@ -11,7 +11,7 @@ from guara_perception.app.files.scan_calibration import CALIBRATION_FILE
 from guara_perception.app.files.scan_folder import SCAN_FILE, open_scan_folder
 from guara_perception.app.summary import facts
 from guara_perception.calibration.file import load_calibration
-from guara_perception.exceptions import InvalidInput, MissingFile
+from guara_perception.exceptions import InvalidInput, MissingFile, errors_as
 from guara_perception.fields import read_json
 from guara_perception.terrain.file import load_terrain
 from kinematics import KinematicsError, load_robot
@@ -100,10 +100,8 @@ def _session(path: Path) -> dict[str, Any]:
 
 
 def _robot(path: Path) -> dict[str, Any]:
-    try:
+    with errors_as(InvalidInput, path, KinematicsError):
         robot = load_robot(path)
-    except KinematicsError as error:
-        raise InvalidInput(f"{path}: {error}") from None
     return {"kind": "robot", "robot": robot.name, "legs": list(robot.legs), "joints": len(robot.joint_names)}
 
 

@@ -18,7 +18,7 @@ from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Image
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.calibration.file import save_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import Fields, read_json
 from guara_perception.files import existing_file, read_bounded
 from guara_perception.picture_file import LARGEST_PICTURE, decode_picture
@@ -63,13 +63,11 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
                 raise MissingFile(
                     f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}, it is not there"
                 )
-    try:
+    with errors_as(FileFormatError, folder / SCAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
         stance_end = None
         if fields.has("stance_end"):
             stance_end = Stance.from_dict(fields.sub("stance_end").data, "stance_end")
-    except KinematicsError as error:
-        raise FileFormatError(f"{folder / SCAN_FILE}: {error}") from None
     try:
         return Scan(
             robot=fields.text("robot"),

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from guara_perception.app.messages import message_to_stance
 from guara_perception.calibration.file import parse_calibration
-from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import existing_file
 from guara_perception.picture_file import decode_picture
 from guara_perception.scan import Scan, ScanStripe
@@ -97,7 +97,7 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
         for stripe in record.stripes
         if stripe.on is not None
     )
-    try:
+    with errors_as(FileFormatError, source, InvalidInput, KinematicsError):
         return Scan(
             robot=record.robot,
             mode=record.mode,
@@ -113,5 +113,3 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
             dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
             camera_identity=camera_identity,
         )
-    except (InvalidInput, KinematicsError) as error:
-        raise FileFormatError(f"{source}: {error}") from None

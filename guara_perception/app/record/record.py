@@ -24,7 +24,7 @@ from guara_perception.calibration.calibration_input import Fiducials
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.intrinsics import calibrate_intrinsics
 from guara_perception.calibration.mount import MOUNTS, check_extent, locate_camera
-from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError
+from guara_perception.exceptions import CalibrationRefused, InvalidInput, PerceptionError, errors_as
 from guara_perception.settings import Settings
 from kinematics import RobotModel
 
@@ -120,10 +120,8 @@ def check_crosses(points: Float, source: str) -> None:
         raise InvalidInput(
             f"{source}: a cross lies {farthest:g} m away, allowed: {FARTHEST_CROSS_M:g} m; give metres, not millimetres"
         )
-    try:
+    with errors_as(InvalidInput, source, CalibrationRefused, InvalidInput):
         check_extent(Fiducials(CROSSES_PICTURE, points).points_in_footprint)
-    except (CalibrationRefused, InvalidInput) as error:
-        raise InvalidInput(f"{source}: {error}") from None
 
 
 def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:

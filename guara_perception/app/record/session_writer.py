@@ -16,7 +16,7 @@ from guara_perception.app.files.scan_folder import read_picture
 from guara_perception.app.files.write_picture import write_picture
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec
-from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
+from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile, errors_as
 from guara_perception.fields import read_json
 from guara_perception.files import check_folder, whole_file
 from kinematics import KinematicsError, Stance
@@ -66,10 +66,8 @@ def read_plan(folder: Path) -> SessionPlan:
     if not (folder / PLAN_FILE).is_file():
         raise MissingFile(f"{folder}: no {PLAN_FILE} in it, so `guara record` did not make it: nothing to record again")
     fields = read_json(folder / PLAN_FILE)
-    try:
+    with errors_as(FileFormatError, folder / PLAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
-    except KinematicsError as error:
-        raise FileFormatError(f"{folder / PLAN_FILE}: {error}") from None
     board, crosses = read_board(fields.sub("board")), fields.array("crosses", (None, 2))
     return SessionPlan(fields.text("robot"), board, crosses, tuple(fields.array("plates", (None,)).tolist()), stance)
 
