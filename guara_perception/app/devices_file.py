@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -232,22 +234,19 @@ def save_devices(devices: Devices, path: str | Path) -> None:
     Raises:
         MissingFile: the folder does not exist.
     """
+    numbers = {"fps": devices.fps, "lag": devices.lag, **devices.settings}
+    camera = {
+        "source": devices.source,
+        **{name: getattr(devices, name) for name in LINES},
+        "identity": devices.identity or None,
+        "off_frames": None if devices.off_frames == "one" else devices.off_frames,
+        "size": devices.size,
+        **{name: float(value) for name, value in numbers.items() if value is not None},
+    }
     lines = ["# Camera and laser board as `guara record` found them; every command takes it as --devices.", ""]
-    lines += [f'format = "{FORMAT}"', "", "[camera]", f"source = {_quoted(devices.source)}"]
-    lines += [f"{name} = {_quoted(value)}" for name in LINES if (value := getattr(devices, name)) is not None]
-    if devices.identity:
-        lines.append(f"identity = {_quoted(devices.identity)}")
-    if devices.off_frames != "one":
-        lines.append(f"off_frames = {_quoted(devices.off_frames)}")
-    if devices.size is not None:
-        lines.append(f"size = [{devices.size[0]}, {devices.size[1]}]")
-    for name, value in (("fps", devices.fps), ("lag", devices.lag), *devices.settings.items()):
-        if value is not None:
-            lines.append(f"{name} = {float(value)!r}")
+    lines += [f'format = "{FORMAT}"', "", "[camera]", *_toml_lines(camera)]
     if devices.board:
-        lines += ["", "[board]"]
-        for name, entry in devices.board.items():
-            lines.append(f"{name} = {_quoted(entry) if isinstance(entry, str) else entry}")
+        lines += ["", "[board]", *_toml_lines(devices.board)]
     with whole_file(path) as temporary:
         temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
@@ -273,6 +272,6 @@ def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _D
     return made
 
 
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+def _toml_lines(values: Mapping[str, Any]) -> list[str]:
+    # Texts, numbers and lists of numbers are written alike in JSON and TOML.
+    return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items() if value is not None]
