@@ -12,12 +12,12 @@ import pytest
 
 import guara_perception as gp
 from drivers import HeldSettings
+from drivers.emulator import EmulatedCamera
 from guara_perception.app.commands.run import command as run_command
 from guara_perception.app.commands.run import recording_size
 from guara_perception.app.figures import figures
 from guara_perception.app.main import run
 from kinematics import RobotModel
-from testbed.bench_board import BenchCamera
 from tests.forked import ForkedProcess
 from tests.ports import free_endpoint as free_port_endpoint
 from transport import open_node
@@ -53,7 +53,7 @@ def test_scan_says_which_setting_is_not_as_it_was_locked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: list[str]
 ) -> None:
     """A scan is taken and reports it; a scan to calibrate with is not taken."""
-    monkeypatch.setattr(BenchCamera, "held", lambda self, locked: HeldSettings(automatic=("exposure",)))
+    monkeypatch.setattr(EmulatedCamera, "held", lambda self, locked: HeldSettings(automatic=("exposure",)))
     out = tmp_path / "scan"
     code = run(["scan", "--simulated", "--mode", "coarse", "-o", str(out), *more])
     printed = capsys.readouterr()
