@@ -51,24 +51,7 @@ HAZARD_COLOURS: dict[Hazard, str] = {
 """Colours of hazards in order of precedence: a cell with several flags shows the first of them."""
 
 DOTS_PER_INCH = 150
-_RC: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 8.0,
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 8.0,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 7.0,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "image.interpolation": "nearest",
-    "savefig.dpi": DOTS_PER_INCH,
-}
+STYLE_SHEET = Path(__file__).with_name("figures.mplstyle")
 
 
 @contextmanager
@@ -83,7 +66,8 @@ def styled() -> Iterator[None]:
     matplotlib = optional_library("matplotlib", None, "a plot")
     from cycler import cycler
 
-    with matplotlib.rc_context({**_RC, "axes.prop_cycle": cycler(color=LINE_COLOURS)}):
+    own: Any = {"savefig.dpi": DOTS_PER_INCH, "axes.prop_cycle": cycler(color=LINE_COLOURS)}
+    with matplotlib.rc_context(own, fname=STYLE_SHEET):
         yield
 
 
