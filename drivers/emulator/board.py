@@ -117,8 +117,7 @@ class EmulatedBoard:
         self._reports.append(self._status(Result.OK, 0, instant))
 
     def _faults(self) -> BoardFault:
-        mirror, light = self._mirror.faults, self._light.faults
-        return mirror | light if mirror and light else mirror or light
+        return self._light.faults
 
     def _knows(self, request: Request) -> bool:
         return request < Request.SWEEP_STEP
@@ -160,9 +159,7 @@ class EmulatedBoard:
             case Request.HALT:
                 self._mirror.halt(now)
             case Request.CLEAR_FAULTS:
-                faults = BoardFault(argument & 0x7F)
-                self._mirror.faults &= ~faults
-                self._light.clear(faults, now)
+                self._light.clear(BoardFault(argument & 0x7F), now)
         return Result.OK
 
     def _flags(self, instant: float) -> int:

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from drivers.board.protocol import BoardFault, BoardFlag, Result
+from drivers.board.protocol import BoardFlag, Result
 from drivers.emulator.config import EmulatorConfig
 
 # Period of a stepper's error [steps]: 8 full steps of 256 microsteps.
@@ -38,7 +38,6 @@ class Motor:
         speed: speed of the motor [steps/s].
         settle: settling time after a motion [s].
         still_at: end of the current motion, including settling [s].
-        lost: true position minus the firmware's position [steps].
     """
 
     def __init__(self, speed: float, settle: float, overshoot: int, position: float, now: float) -> None:
@@ -54,21 +53,19 @@ class Motor:
         self.speed, self.settle, self._overshoot = speed, settle, overshoot
         self._segments: deque[Segment] = deque([Segment(now, now, position, position)], maxlen=4096)
         self.still_at = now
-        self.lost = 0.0
 
     def move(self, target: float, now: float) -> None:
-        """Start a motion to the position `target` according to the firmware."""
+        """Start a motion to the position `target`."""
         start, origin = now, self.true_position(now)
-        goal = target + self.lost
-        if goal < origin:
-            start = self._add(start, origin, goal - self._overshoot)
-            origin = goal - self._overshoot
-        self.still_at = self._add(start, origin, goal) + self.settle
+        if target < origin:
+            start = self._add(start, origin, target - self._overshoot)
+            origin = target - self._overshoot
+        self.still_at = self._add(start, origin, target) + self.settle
 
     def move_on(self, target: float) -> None:
-        """Append a segment to the position `target` according to the firmware to the current motion."""
+        """Append a segment to the position `target` to the current motion."""
         last = self._segments[-1]
-        self.still_at = self._add(last.end, last.target, target + self.lost) + self.settle
+        self.still_at = self._add(last.end, last.target, target) + self.settle
 
     def halt(self, now: float) -> None:
         """Stop where the motor is."""
@@ -83,10 +80,6 @@ class Motor:
             if segment.start <= time:
                 return segment.at(time)
         return self._segments[0].origin
-
-    def believed_position(self, time: float) -> float:
-        """Position according to the firmware [steps]."""
-        return self.true_position(time) - self.lost
 
     def _add(self, start: float, origin: float, target: float) -> float:
         self._cut(start)
@@ -103,26 +96,28 @@ class MirrorUnit:
     """Motor, home switch, and the firmware's estimate of the position.
 
     Attributes:
-        faults: faults that are set.
         motions: number of motions started.
-        home_error: error of the step count when the home switch was last found.
+        home_error: error of the step count when the home switch was last found; this motor loses no step.
         homed: True if the home position is known.
     """
+
+    home_error = 0
 
     def __init__(self, config: EmulatorConfig, now: float) -> None:
         """Start at the centre of the travel, with unknown home."""
         self._config, self._identity = config, config.identity
         centre = (self._identity.min_step + self._identity.max_step) // 2
         speed = config.mirror_speed / self._identity.step_angle
-        self._motor = Motor(speed, config.settle, config.overshoot, centre, now)
+        self._motor = self._made_motor(speed, centre, now)
         self.power_on(now)
+
+    def _made_motor(self, speed: float, position: float, now: float) -> Motor:
+        return Motor(speed, self._config.settle, self._config.overshoot, position, now)
 
     def power_on(self, now: float) -> None:
         """Start as after a reset."""
         self._motor.halt(now)
-        self.faults = BoardFault(0)
         self.motions = 0
-        self.home_error = 0
         self.homed = self._homing = False
         self._target: int | None = None
         self._under_way = False
@@ -143,15 +138,11 @@ class MirrorUnit:
 
     def _come_home(self) -> None:
         self.homed = True
-        if abs(self.home_error) > 1:
-            self.faults |= BoardFault.LOST_STEPS
 
     def home(self, now: float) -> Result:
         """Start homing."""
         if self._homing:
             return Result.BUSY
-        self.home_error = round(-self._motor.lost) if self.homed else 0
-        self._motor.lost = 0.0
         self.homed, self._homing = False, True
         self._begin(self._identity.min_step)
         self._motor.move(0.0, now)
@@ -194,7 +185,7 @@ class MirrorUnit:
 
     def step(self, instant: float) -> int:
         """Step according to the firmware."""
-        return round(self._motor.believed_position(instant))
+        return round(self._motor.true_position(instant))
 
     def flags(self, instant: float) -> int:
         """Bits of the mirror in the status flags."""

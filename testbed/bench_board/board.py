@@ -158,6 +158,10 @@ class BenchBoard(EmulatedBoard):
         if ended is not None and not self._mirror.moving(ended):
             self._report(ended)
 
+    def _faults(self) -> BoardFault:
+        mirror, light = self._mirror.faults, super()._faults()
+        return mirror | light if mirror and light else mirror or light
+
     def _knows(self, request: Request) -> bool:
         return self.config.identity.protocol[1] >= minor_of(request)
 
@@ -175,6 +179,8 @@ class BenchBoard(EmulatedBoard):
         if request is Request.HELLO and argument >> 8 == PROTOCOL_MAJOR:
             self._sweep.forget(now)
             self._mirror.reset_motion()
+        if request is Request.CLEAR_FAULTS and self._session:
+            self._mirror.faults &= ~BoardFault(argument & 0x7F)
         ends = request is Request.GOODBYE or (request is Request.LASER and not argument)
         if ends or (request is Request.HALT and self._session):
             self._sweep.end(now)

@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.mirror import Motor
+from testbed.bench_board.mirror import LossyMotor
 from tests.thorough import examples
 
 SPEED, SETTLE, OVERSHOOT = 1000.0, 0.01, 32
 
 
-def motor(position: float = 0.0) -> Motor:
-    return Motor(SPEED, SETTLE, OVERSHOOT, position, 0.0)
+def motor(position: float = 0.0) -> LossyMotor:
+    return LossyMotor(SPEED, SETTLE, OVERSHOOT, position, 0.0)
 
 
 @pytest.mark.slow
