@@ -19,6 +19,8 @@ ROOTS = (
     "guara_perception.terrain.file",
     "guara_perception.terrain.grid",
 )
+# Endings of files of data.
+SUFFIXES = ("", ".md", ".mplstyle", ".msg", ".pyi", ".typed")
 PACKAGES = ("guara_perception", "kinematics", "transport", "drivers")
 
 
@@ -37,7 +39,7 @@ def client_files(checkout: Path) -> list[str]:
     folders = {path.parent for path in files if path.name == "__init__.py"}
     for top in PACKAGES:
         for path in (checkout / top).rglob("*"):
-            is_data = path.is_file() and path.suffix in ("", ".md", ".msg", ".pyi", ".typed") and path.name[0] != "."
+            is_data = path.is_file() and path.suffix in SUFFIXES and path.name[0] != "."
             if is_data and _package(path) in folders:
                 files.add(path)
     return sorted(path.relative_to(checkout).as_posix() for path in files)
