@@ -297,8 +297,9 @@ def test_crosses_that_are_not_there_are_asked_for_again(
 
 
 @pytest.mark.heavy
-def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path):
+def test_a_plate_is_scanned_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A lost frame leaves no folder; the message names the stripe."""
+    monkeypatch.setattr("drivers.emulator.emulated_camera.EmulatedCamera", BenchCamera)
     workshop = SimulatedWorkshop()
     workshop.rangefinder.camera.faults.append(CameraFault("silence", first=20, count=400))
     with workshop.rangefinder, pytest.raises(PlateScanFailed, match=r"plate_0: stripe \d+: frame .*; scan it again"):
