@@ -42,8 +42,7 @@ def report(data: Path, scans: str) -> None:
     turn = np.rad2deg(np.linalg.norm(cv2.Rodrigues(change[:3, :3])[0]))
     shift = 1e3 * np.linalg.norm(estimate.transform_camera_to_base[:3, 3] - true.transform_camera_to_base[:3, 3])
     pose = robot.stance_pose(result.session.stance).transform_base_to_footprint
-    stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in result.seconds.items())
-    print(f"{data.name}: verdict {estimate.quality['verdict']}, processing {seconds:.1f} s ({stages})")
+    print(f"{data.name}: verdict {estimate.quality['verdict']}, processing {seconds:.1f} s")
     for reason in estimate.quality["reasons"]:
         print(f"  - {reason}")
     print(f"  focal lengths {focal[0]:+.3f} {focal[1]:+.3f} %, principal point {centre[0]:+.2f} {centre[1]:+.2f} px")

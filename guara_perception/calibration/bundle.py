@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -54,12 +55,13 @@ class CameraFit(FrozenArrays):
         """The estimated lens parameters in the order of `free`."""
         return _lens_of(self.camera)[[LENS_COLUMNS[name] - 6 for name in self.free]]
 
-    def with_parameters(self, change: Float) -> tuple[CameraModel, Float]:
-        """Camera and (4, 4) transform_camera_to_footprint with all parameters moved by `change`."""
-        n = len(self.free)
-        lens = _lens_of(self.camera)
-        lens[[LENS_COLUMNS[name] - 6 for name in self.free]] += change[:n]
-        return _camera_of(self.camera.size, lens), _inverse_of(self.pose + change[n:])
+    def moved(self) -> Iterator[tuple[float, CameraModel, Float]]:
+        """Each sigma of a parameter, with camera and (4, 4) transform_camera_to_footprint when it is off by as much."""
+        n, sigmas = len(self.free), np.sqrt(np.diag(self.covariance))
+        for sigma, change in zip(sigmas.tolist(), np.diag(sigmas), strict=True):
+            lens = _lens_of(self.camera)
+            lens[[LENS_COLUMNS[name] - 6 for name in self.free]] += change[:n]
+            yield sigma, _camera_of(self.camera.size, lens), _inverse_of(self.pose + change[n:])
 
 
 def fit_camera(

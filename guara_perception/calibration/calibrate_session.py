@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -110,8 +109,6 @@ def calibrate_session(
     check_heights(session.plates)
     if not_mirrored:
         session = replace(session, board=replace(session.board, first_square=None))
-    seconds: dict[str, float] = {}
-    start = time.perf_counter()
     total, done = _pictures(session), itertools.count(1)
 
     def advance() -> None:
@@ -130,7 +127,6 @@ def calibrate_session(
         )
     views, size = find_boards(session, advance, camera)
     intrinsics = calibrate_boards(session, views, size, distortion, camera)
-    start = _lap(seconds, "boards", start)
 
     check_size(floor_picture, size, session.fiducials.image, session.source)
     camera_nominal = to_footprint @ robot.transform_camera_to_base
@@ -147,14 +143,11 @@ def calibrate_session(
         square = measured_square(*by_crosses) / session.board.square
     points = session.fiducials.points_in_footprint
     fit = fit_camera(intrinsics, session.board, session.ground_board_image, floor, points)
-    start = _lap(seconds, "mount", start)
 
     mirror = nominal_mirror((to_footprint @ robot.transform_laser_to_base)[:3, 3])
     lines, lost = find_lines(session, fit, mirror, advance)
-    start = _lap(seconds, "plates", start)
     laser = fit_laser(lines, session.plates, fit, mirror, np.asarray(np.linalg.inv(to_footprint)))
     check_mirror(laser.sweep)
-    start = _lap(seconds, "laser", start)
 
     cells = coverage(intrinsics.views, size)
     distance = float(fit.transform_camera_to_footprint[2, 3])
@@ -190,7 +183,6 @@ def calibrate_session(
         covariance=covariance_record(fit, laser),
         quality={**quality_record(checks, verdict, reasons), "handedness": handedness or None},
     )
-    _lap(seconds, "quality", start)
     return CalibrationResult(
         calibration=calibration,
         session=session,
@@ -207,19 +199,12 @@ def calibrate_session(
         coverage=cells,
         cross_validation=halves,
         floor_sigma=floor_sigma,
-        seconds=seconds,
     )
 
 
 def _pictures(session: CalibrationSession) -> int:
     """Number of pictures that are processed: boards, fiducials, laser frames."""
     return len(session.board_images) + 1 + sum(len(plate.scan.stripes) for plate in session.plates)
-
-
-def _lap(seconds: dict[str, float], name: str, start: float) -> float:
-    now = time.perf_counter()
-    seconds[name] = now - start
-    return now
 
 
 def find_boards(

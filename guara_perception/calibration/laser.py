@@ -207,11 +207,7 @@ def _uncertainty(
     point, pixel, row = point[seen], pixel[seen], row[seen]
 
     errors = []
-    sigmas = np.sqrt(np.diag(fit.covariance))
-    for i, sigma in enumerate(sigmas):
-        change = np.zeros(len(sigmas))
-        change[i] = sigma
-        camera, transform = fit.with_parameters(change)
+    for sigma, camera, transform in fit.moved():
         moved = [line_points(camera, transform, line) for line in lines]
         refitted = fit_stripes(lines, moved, fit_sweep(lines, moved, nominal, sweep), nominal, noise_of=stripes)
         heights = np.empty(len(point))

@@ -125,13 +125,8 @@ def projection_uncertainty(fit: CameraFit) -> tuple[Float, Float]:
     """
     pixels = picture_grid(fit.camera.size)
     floor = to_floor(fit.camera, fit.transform_camera_to_footprint, pixels)
-    sigmas = np.sqrt(np.diag(fit.covariance))
-    derivative = np.empty((len(pixels), 2, len(sigmas)))
-    for i, sigma in enumerate(sigmas):
-        change = np.zeros(len(sigmas))
-        change[i] = sigma
-        camera, transform = fit.with_parameters(change)
-        derivative[:, :, i] = (to_floor(camera, transform, pixels) - floor) / sigma
+    moved = [(to_floor(camera, transform, pixels) - floor) / sigma for sigma, camera, transform in fit.moved()]
+    derivative = np.stack(moved, axis=-1)
     covariance = np.einsum("nij,jk,nlk->nil", derivative, fit.covariance, derivative)
     return pixels, np.sqrt(np.trace(covariance, axis1=1, axis2=2))
 

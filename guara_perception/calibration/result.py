@@ -42,7 +42,6 @@ class CalibrationResult:
         coverage: (6, 8) board corners per cell of the picture.
         cross_validation: pixels and differences of the two halves, or None.
         floor_sigma: pixels and standard deviation of the floor point they see [m].
-        seconds: time of each stage.
     """
 
     calibration: Calibration
@@ -60,7 +59,6 @@ class CalibrationResult:
     coverage: Index
     cross_validation: tuple[Float, Float] | None
     floor_sigma: tuple[Float, Float]
-    seconds: dict[str, float]
 
     @property
     def verdict(self) -> str:
