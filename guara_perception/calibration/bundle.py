@@ -37,7 +37,6 @@ class CameraFit(FrozenArrays):
         corner_sigma_px: standard deviation of one corner coordinate.
         residuals_px: per used view (n, 2) corner residuals, in the order of the views.
         mark_residuals_px: (m, 2) residuals of the fiducials.
-        board_poses: (v, 6) board to camera of each used view.
     """
 
     camera: CameraModel
@@ -48,7 +47,6 @@ class CameraFit(FrozenArrays):
     corner_sigma_px: float
     residuals_px: tuple[Float, ...]
     mark_residuals_px: Float
-    board_poses: Float
 
     @property
     def lens(self) -> Float:
@@ -101,7 +99,6 @@ def fit_camera(
         corner_sigma_px=sigma,
         residuals_px=tuple(problem.view_residuals(x)),
         mark_residuals_px=problem.mark_residuals(x),
-        board_poses=problem.poses(x),
     )
 
 
@@ -247,19 +244,6 @@ class _Problem:
             if float(np.abs(update * scale).max()) < 1e-4:
                 break
         return x
-
-    def poses(self, x: Float) -> Float:
-        poses = np.zeros((len(self.intrinsics.views), 6))
-        for k, i in enumerate(self.free_views):
-            poses[i] = x[self.view_columns(k)]
-        if self.ground is not None:
-            to_camera = np.linalg.inv(_inverse_of(x[self.pose_columns]))
-            px, py, heading = x[self.ground_columns]
-            c, s = np.cos(heading), np.sin(heading)
-            turn = np.array([[c, -s * self.flip, 0], [s, c * self.flip, 0], [0, 0, self.flip]])
-            poses[self.ground, :3] = np.ravel(cv2.Rodrigues(to_camera[:3, :3] @ turn)[0])
-            poses[self.ground, 3:] = to_camera[:3, :3] @ np.array([px, py, 0.0]) + to_camera[:3, 3]
-        return poses
 
 
 def _lens_of(camera: CameraModel) -> Float:

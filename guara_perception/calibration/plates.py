@@ -49,7 +49,6 @@ class PlateLine(FrozenArrays):
         height: height of the plate [m].
         pixels: (n, 2) points on the line, each the mean of neighbouring columns.
         weights: (n,) number of columns that each point averages.
-        span: share of the columns in which the line could be seen.
         rms_px: scatter of single columns about the straight line, in rows.
         sigma_px: mean predicted sigma of the columns.
     """
@@ -60,7 +59,6 @@ class PlateLine(FrozenArrays):
     height: float
     pixels: Float
     weights: Float
-    span: float
     rms_px: float
     sigma_px: float
 
@@ -157,8 +155,8 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
-) -> tuple[Float, Float, float, float, float] | str:
-    """Binned points, weights, span, scatter and sigma of a straight line on a level plane, or the reason for none."""
+) -> tuple[Float, Float, float, float] | str:
+    """Binned points, weights, scatter and sigma of a straight line on a level plane, or the reason for none."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:
@@ -191,7 +189,7 @@ def _line(
     off = np.bincount(group, residual[kept], BINS)[used] / count[used]
     points = np.column_stack((np.polyval(coefficients, y) + off, y))
     sigma = float(np.sqrt(np.mean(profile.sigma_px[columns[kept]] ** 2)))
-    return level_pixels(camera, transform, points, height), count[used], float(span), rms_px, sigma
+    return level_pixels(camera, transform, points, height), count[used], rms_px, sigma
 
 
 def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:
