@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from kinematics.urdf import Joint, Urdf
 
@@ -68,10 +67,7 @@ def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
 
 
 def _leg(urdf: Urdf, chain: tuple[Joint, ...], below: dict[str, list[Joint]]) -> FoundLeg:
-    transform: Float = np.eye(4)
-    for joint in urdf.path_to(chain[0].child):
-        transform = transform @ joint.transform_child_to_parent
-    x, y, z = (float(v) for v in transform[:3, 3])
+    x, y, z = urdf.transform_at_zero(chain[0].child)[:3, 3].tolist()
     # Along the fixed links: the foot is the last one that has a shape, or has no further link.
     foot, link = chain[-1].child, chain[-1].child
     links = {item.name: item for item in urdf.links}

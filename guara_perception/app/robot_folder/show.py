@@ -18,6 +18,7 @@ from guara_perception.view.browser import BrowserView
 from guara_perception.view.moment import Moment
 from guara_perception.view.robot_looks import visual_shapes
 from kinematics import RobotModel, Stance
+from kinematics.scan_pattern import plane_on_floor
 from kinematics.stance_pose import StancePose
 from kinematics.transforms import transform_points
 
@@ -41,23 +42,29 @@ def show_robot(robot: RobotModel, port: int) -> None:
 def robot_moment(robot: RobotModel) -> Moment:
     """Moment of the robot over a flat floor, unknown where camera or laser do not reach, with cone and laser planes."""
     settings, seen = Settings.of(robot), coverage(robot)
-    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
-    pose = robot.stance_pose(stance, find_unloaded=False)
+    stance, pose, camera, laser, planes = _mounts(robot, settings)
     heights = np.where(seen.in_view & ~seen.hidden & seen.lit, 0.0, np.nan)
     resolution = float(seen.x[1] - seen.x[0])
     origin = (settings.footprint_x[0], settings.footprint_y[0])
     floor = assess_terrain(heights, resolution, origin=origin, limits=settings.limits)
     to_footprint = np.asarray(pose.transform_base_to_footprint)
     grid = floor.restated(robot=robot.name, mode="nominal", stance=stance, transform_base_to_footprint=to_footprint)
-    camera = (pose.transform_base_to_footprint @ robot.transform_camera_to_base)[:3, 3]
-    laser = (pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0))[:3]
     (near, far), (right, left) = settings.footprint_x, settings.footprint_y
     lines = [_line(camera, np.array([x, y, 0.0])) for x in (near, far) for y in (right, left)]
-    for angle in settings.mirror_angles:
-        x = laser[0] + laser[2] * np.tan(2.0 * angle)
+    for x in planes:
         ends = [np.array([x, y, 0.0]) for y in (right, left)]
         lines += [_line(laser, ends[0]), _line(laser, ends[1]), _line(*ends)]
     return Moment({"footprint": grid}, stripes=lambda: lines)
+
+
+def _mounts(robot: RobotModel, settings: Settings) -> tuple[Stance, StancePose, Float, Float, list[float]]:
+    """Stance and pose of a scan; camera and mirror (3,) in base_footprint; x of the outer laser planes on the floor."""
+    stance = Stance(robot.posture(robot.config.scan_posture), robot.legs)
+    pose = robot.stance_pose(stance, find_unloaded=False)
+    mounts = robot.transform_camera_to_base, robot.transform_laser_to_base
+    camera, laser = (transform_points(pose.transform_base_to_footprint, mount[:3, 3]) for mount in mounts)
+    planes = [plane_on_floor(float(laser[0]), float(laser[2]), angle) for angle in settings.mirror_angles]
+    return stance, pose, camera, laser, planes
 
 
 def _line(start: Float, end: Float) -> Float:
@@ -68,23 +75,20 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
     """Save a picture of two panels: from the side, and from above with hidden or unseen ground in red."""
     from matplotlib.patches import Rectangle
 
-    pose = robot.stance_pose(Stance(robot.posture(robot.config.scan_posture), robot.legs), find_unloaded=False)
     settings, seen = Settings.of(robot), coverage(robot)
+    _, pose, camera, laser, planes = _mounts(robot, settings)
     with styled():
         figure, ((side, top),) = new_figure(1, 2, size=(13.0, 4.0))
         for axes, across in ((side, 2), (top, 1)):
             _draw_links(axes, robot, pose, across)
         (near, far), (right, left) = settings.footprint_x, settings.footprint_y
-        camera = pose.transform_base_to_footprint @ robot.transform_camera_to_base
-        laser = (pose.transform_base_to_footprint @ np.append(robot.transform_laser_to_base[:3, 3], 1.0))[:3]
         side.plot([-1.0, 2.0], [0.0, 0.0], color="0.6", linewidth=0.8, zorder=0)
         side.plot([near, far], [0.0, 0.0], color=AREA, linewidth=4.0, label="scanned area")
         for x in (near, far):
-            side.plot([camera[0, 3], x], [camera[2, 3], 0.0], color=CAMERA, linewidth=1.2)
-        for angle in settings.mirror_angles:
-            x = laser[0] + laser[2] * np.tan(2.0 * angle)
+            side.plot([camera[0], x], [camera[2], 0.0], color=CAMERA, linewidth=1.2)
+        for x in planes:
             side.plot([laser[0], x], [laser[2], 0.0], color=LASER, linewidth=1.2)
-        side.plot(camera[0, 3], camera[2, 3], "o", color=CAMERA, label="camera")
+        side.plot(camera[0], camera[2], "o", color=CAMERA, label="camera")
         side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and the first and last laser plane")
         side.set(xlabel="x [m]", ylabel="z [m]", title=f"{robot.name} in its scan posture, from the side")
         top.add_patch(Rectangle((near, right), far - near, left - right, color=AREA, alpha=0.35, label="scanned area"))
@@ -92,8 +96,8 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
         rows, columns = np.nonzero(bad)
         top.plot(seen.x[columns], seen.y[rows], ".", color=BAD, markersize=3, label=f"not seen: {bad.mean():.0%}")
         for x, y in ((near, right), (near, left), (far, right), (far, left)):
-            top.plot([camera[0, 3], x], [camera[1, 3], y], color=CAMERA, linewidth=0.8)
-        top.plot(camera[0, 3], camera[1, 3], "o", color=CAMERA, label="camera and its cone")
+            top.plot([camera[0], x], [camera[1], y], color=CAMERA, linewidth=0.8)
+        top.plot(camera[0], camera[1], "o", color=CAMERA, label="camera and its cone")
         top.plot(laser[0], laser[1], "s", color=LASER, label="mirror")
         length, width = robot.sole
         for x, y, _ in pose.soles_in_footprint:
