@@ -49,7 +49,6 @@ class PlateLine(FrozenArrays):
         height: height of the plate [m].
         pixels: (n, 2) points on the line, each the mean of neighbouring columns.
         weights: (n,) number of columns that each point averages.
-        rms_px: scatter of single columns about the straight line, in rows.
         sigma_px: mean predicted sigma of the columns.
     """
 
@@ -59,7 +58,6 @@ class PlateLine(FrozenArrays):
     height: float
     pixels: Float
     weights: Float
-    rms_px: float
     sigma_px: float
 
 
@@ -155,8 +153,8 @@ def _beside(profile: StripeProfile, floor: PlateLine | None, tolerance: float) -
 
 def _line(
     profile: StripeProfile, beside: Mask, camera: CameraModel, transform: Float, height: float
-) -> tuple[Float, Float, float, float] | str:
-    """Binned points, weights, scatter and sigma of a straight line on a level plane, or the reason for none."""
+) -> tuple[Float, Float, float] | str:
+    """Binned points, weights and sigma of a straight line on a level plane, or the reason for none."""
     border = np.convolve(beside, np.ones(2 * BORDER_COLUMNS + 1), mode="same") > 0
     columns = np.flatnonzero(np.isfinite(profile.position_px) & ~border)
     if columns.size < MIN_COLUMNS and beside.sum() > columns.size:
@@ -180,8 +178,6 @@ def _line(
     span = kept.sum() / max(visible - int(beside.sum()), 1)
     if span < MIN_SPAN:
         return f"{IN_PART} {100 * span:.0f} % of its length, {100 * MIN_SPAN:.0f} % are needed"
-    metres_per_row = _metres_per_row(camera, transform, height, pixels[kept])
-    rms_px = float(np.sqrt(np.mean((residual[kept] / metres_per_row) ** 2)))
     group = np.minimum(columns[kept] * BINS // camera.size[0], BINS - 1)
     count = np.bincount(group, minlength=BINS).astype(np.float64)
     used = count > 0
@@ -189,7 +185,7 @@ def _line(
     off = np.bincount(group, residual[kept], BINS)[used] / count[used]
     points = np.column_stack((np.polyval(coefficients, y) + off, y))
     sigma = float(np.sqrt(np.mean(profile.sigma_px[columns[kept]] ** 2)))
-    return level_pixels(camera, transform, points, height), count[used], rms_px, sigma
+    return level_pixels(camera, transform, points, height), count[used], sigma
 
 
 def level_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float, height: float) -> Float:
@@ -207,9 +203,3 @@ def _visible_columns(camera: CameraModel, transform: Float, height: float, coeff
     pixels = pixels[np.argsort(pixels[:, 0])]
     rows = np.interp(np.arange(camera.size[0]), pixels[:, 0], pixels[:, 1], left=np.nan, right=np.nan)
     return int(((rows > 0) & (rows < camera.size[1] - 1)).sum())
-
-
-def _metres_per_row(camera: CameraModel, transform: Float, height: float, pixels: Float) -> Float:
-    """Displacement along x of a point on the plane per row of its pixel [m]."""
-    moved = to_floor(camera, transform, pixels + np.array([0.0, 1.0]), height)
-    return np.asarray((moved - to_floor(camera, transform, pixels, height))[:, 0])
