@@ -14,6 +14,7 @@ from guara_perception.calibration.calibration import CameraModel
 from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
 from guara_perception.calibration.floor_lines import floor_pixels
+from guara_perception.calibration.plates import level_pixels
 from guara_perception.settings import Settings
 from guara_perception.shown import eight_bits
 from transport.supervision import supervised
@@ -90,9 +91,7 @@ def area_look(camera: CameraModel, transform_camera_to_footprint: Float, setting
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
     share = np.linspace(0, 4, 4 * SIDE_POINTS + 1)
     outline = np.column_stack([np.interp(share, np.arange(5), corners[:, axis]) for axis in (0, 1)])
-    above = transform_camera_to_footprint.copy()
-    above[2, 3] -= height
-    pixels = np.rint(floor_pixels(camera, above, outline)).astype(np.int32)
+    pixels = np.rint(level_pixels(camera, transform_camera_to_footprint, outline, height)).astype(np.int32)
 
     def look(picture: Image) -> tuple[Image, str]:
         drawn = _colour(picture)
