@@ -201,7 +201,7 @@ def _allowed(pose_covariance: npt.ArrayLike | None, centre_x: float) -> tuple[fl
 
 def _stripe_reasons(lines: FloorLines, stray: Float, on_floor: Mask, rms: float, allowed: float) -> list[str]:
     """Reasons why the stripes are not on one floor."""
-    jump = _jump(lines, stray, on_floor) if rms > allowed or not on_floor[-1] else None
+    jump = _jump(lines, stray) if rms > allowed or not on_floor[-1] else None
     if jump is not None:
         return [
             f"from stripe index {jump[0]} on all points lie {1e3 * jump[1]:+.1f} mm off the floor before: the mirror "
@@ -239,7 +239,7 @@ def _form(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[float, float
     return float(np.hypot(np.std(bend), np.std(twist))), float(np.sqrt(rest / len(x)))
 
 
-def _jump(lines: FloorLines, stray: Float, on_floor: Mask) -> tuple[int, float] | None:
+def _jump(lines: FloorLines, stray: Float) -> tuple[int, float] | None:
     """Index of the first stripe after a jump, and the height of the jump [m]; None for no jump."""
     count = len(stray)
     near = np.abs(stray) < HIGHEST_JUMP_M

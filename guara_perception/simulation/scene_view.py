@@ -80,7 +80,7 @@ def view_scene(
     slope = relief.sample(relief.slope, points[..., 0], points[..., 1])
     steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
-    albedo, shine = _surface(relief, points, directions, normals)
+    albedo, shine = _surface(relief, points, normals)
     if light.chessboard:
         # The chessboard does not cover absorbing material: dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
@@ -132,7 +132,7 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
     return points
 
 
-def _surface(relief: Relief, points: Float32, directions: Float32, normals: Float32) -> tuple[Float32, Float32]:
+def _surface(relief: Relief, points: Float32, normals: Float32) -> tuple[Float32, Float32]:
     """Albedo (h, w, 3) red, green, blue and shine (h, w); those of a wall are sampled just behind it."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]

@@ -60,7 +60,7 @@ class BoardAdvice:
         for other in self.views:
             moved = _moved(view, other)
             if moved.size and moved.mean() < SAME_OF_WIDTH * width:
-                return view, f"shown before; {self.missing(picture.shape[:2])}"
+                return view, f"shown before; {self.missing()}"
         return view, ""
 
     def take(self, view: BoardView, shape: tuple[int, ...]) -> None:
@@ -75,7 +75,7 @@ class BoardAdvice:
         """True if there are enough pictures, and these show every zone and every tilt."""
         return len(self.views) >= WANTED_PICTURES and len(self._zones) == ZONES**2 and len(self._tilts) == len(SIDES)
 
-    def missing(self, shape: tuple[int, ...]) -> str:
+    def missing(self) -> str:
         """Request for the next picture."""
         advice = []
         empty = [(r, c) for r in range(ZONES) for c in range(ZONES) if (r, c) not in self._zones]

@@ -188,7 +188,7 @@ def _record_boards(
         if not problem:
             writer.write(name, picture)
             advice.take(view, picture.shape)
-        request = problem or advice.missing(picture.shape)
+        request = problem or advice.missing()
         watch(picture, request)
     raise RecordingFailed(f"the board was not shown as needed: {request}")
 

@@ -68,7 +68,7 @@ def test_the_poses_of_the_workshop_complete_the_advice(show):
         assert not problem, problem
         advice.take(view, picture.shape)
         if count == 3:
-            assert not advice.is_complete() and advice.missing(picture.shape).startswith("3 of 12 pictures: ")
+            assert not advice.is_complete() and advice.missing().startswith("3 of 12 pictures: ")
         if advice.is_complete():
             break
     assert advice.is_complete() and len(advice.views) >= 12
