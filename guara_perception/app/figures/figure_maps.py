@@ -22,7 +22,6 @@ from guara_perception.terrain.layers.hazard import Hazard
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
 Extent = tuple[float, float, float, float]
@@ -51,7 +50,7 @@ def draw_image(path: Path, image: Grey, area: tuple[Interval, Interval] | None, 
         axes.imshow(image[::-1, ::-1], cmap="gray", vmin=0, vmax=255, extent=_extent(area))
         _label(axes)
     axes.set_title(title)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_range_image(
@@ -78,7 +77,7 @@ def draw_range_image(
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3)
     _label(axes)
     axes.set_title(title)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
@@ -106,7 +105,7 @@ def draw_surface(path: Path, terrain: TerrainGrid, title: str) -> Path:
     mappable = matplotlib.cm.ScalarMappable(norm=scale, cmap="viridis")
     figure.colorbar(mappable, ax=axes, label="height above the soles [mm]", shrink=0.7)
     axes.set_title(title)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
@@ -117,7 +116,7 @@ def draw_hazards(path: Path, terrain: TerrainGrid, title: str) -> Path:
     figure.colorbar(shown, ax=score, label="traversability", shrink=0.8)
     draw_flags(hazards, terrain.geometry, terrain.hazard)
     figure.suptitle(title)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _extent(area: tuple[Interval, Interval]) -> Extent:
@@ -142,8 +141,3 @@ def _hatch(axes: Axes, mask: Mask, extent: Extent, colour: str, label: str) -> l
     rgba[..., 3] = shown
     axes.imshow(rgba, extent=extent, interpolation="nearest")
     return [Patch(facecolor=colour, edgecolor="white", hatch="//", label=label)]
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    save_figure(figure, path)
-    return path

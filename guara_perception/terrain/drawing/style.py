@@ -92,14 +92,15 @@ def new_figure(
     return figure, axes
 
 
-def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure to a .png, .svg or .pdf file, whole or not at all.
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure to a .png, .svg or .pdf file, whole or not at all; return the path.
 
     Raises:
         MissingFile: the folder does not exist.
     """
     with styled(), whole_file(path) as temporary:
         figure.savefig(temporary, facecolor="white")
+    return path
 
 
 def draw_layer(axes: Axes, geometry: GridGeometry, values: Array, **options: Any) -> AxesImage:
