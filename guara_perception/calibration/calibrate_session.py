@@ -187,7 +187,6 @@ def calibrate_session(
         calibration=calibration,
         session=session,
         transform_base_to_footprint=to_footprint,
-        views=tuple(views),
         intrinsics=intrinsics,
         floor=floor,
         fit=fit,

@@ -30,7 +30,6 @@ class CalibrationResult:
         calibration: ready to be saved; its `quality` holds verdict and reasons.
         session: the session that was calibrated.
         transform_base_to_footprint: (4, 4) of the session's stance.
-        views: every board picture, usable or not.
         intrinsics: lens by the boards alone.
         floor: mount by the fiducials alone.
         fit: lens and mount by everything.
@@ -47,7 +46,6 @@ class CalibrationResult:
     calibration: Calibration
     session: CalibrationSession
     transform_base_to_footprint: Float
-    views: tuple[BoardView, ...]
     intrinsics: Intrinsics
     floor: FloorPose
     fit: CameraFit
