@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -123,8 +123,7 @@ def paper_record(surface: SurfaceMap, fit: CameraFit, lines: Sequence[PlateLine]
         if len(pairs) < 2:
             continue
         heights, x = zip(*pairs, strict=True)
-        constants = stripe_constants(index, float(camera_position[2]), x, heights)
-        stripes.append(asdict(constants))
+        stripes.append(stripe_constants(index, float(camera_position[2]), x, heights))
     return {
         "homography": surface.homography.tolist(),
         "condition": surface.condition,

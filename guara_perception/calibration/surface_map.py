@@ -73,37 +73,23 @@ def apply_homography(homography: Float, points: npt.ArrayLike) -> Float:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-@dataclass(frozen=True, slots=True)
-class StripeConstants:
-    """The paper's constants of one stripe, in rectified floor coordinates: H - h = n / (v d - k) (eqs. 17 to 19).
-
-    Attributes:
-        index: index of the stripe.
-        n, d, k: constants; v is the rectified x [m] in the column through the nadir, d the difference of the
-            first and last calibrated depth as in eq. 17.
-        residual: rms error of height at the calibrated heights [m]; zero for two heights.
-    """
-
-    index: int
-    n: float
-    d: float
-    k: float
-    residual: float
-
-
 def stripe_constants(
     index: int, height_of_camera: float, x: Sequence[float], heights: Sequence[float]
-) -> StripeConstants:
-    """Fit n, d, k to where one stripe is seen on plates of known height.
+) -> dict[str, float]:
+    """Fit the paper's constants n, d, k of one stripe to where it is seen on plates of known height.
 
-    With H the height of the optical centre and rectified v, z = H - h, eq. 18 is exact: two heights solve it, more
-    give a residual. z v d - z k = n is linear in k and n once d = z_last - z_first fixes the scale.
+    With H the height of the optical centre and v the rectified x [m] in the column through the nadir, z = H - h =
+    n / (v d - k) is exact (eqs. 17 to 19): two heights solve it, more give a residual. z v d - z k = n is linear in k
+    and n once d = z_last - z_first, the difference of the calibrated depths as in eq. 17, fixes the scale.
 
     Args:
         index: index of the stripe.
         height_of_camera: H [m].
         x: rectified x of the stripe on each plate [m]: where the ray through it meets the floor.
         heights: heights of the plates [m].
+
+    Returns:
+        index, n, d, k, and residual: rms error of height at the calibrated heights [m], zero for two.
 
     Raises:
         InvalidInput: fewer than two heights, or the stripe does not move between them (eq. 17 is singular).
@@ -116,7 +102,7 @@ def stripe_constants(
     d = float(z.min() - z.max())
     k, n = np.linalg.lstsq(np.column_stack((z, np.ones(len(z)))), z * v * d, rcond=None)[0].tolist()
     error = n / (v * d - k) - z
-    return StripeConstants(index, n, d, k, float(np.sqrt(np.mean(error**2))))
+    return {"index": index, "n": n, "d": d, "k": k, "residual": float(np.sqrt(np.mean(error**2)))}
 
 
 def _normaliser(points: Float) -> Float:

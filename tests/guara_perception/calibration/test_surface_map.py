@@ -67,10 +67,10 @@ def test_constants_are_exact(floor_x: float, slope: float, heights_mm: list[int]
     heights = [1e-3 * h for h in heights_mm]
     x = [seen_at(h, 0.5, 0.4, floor_x, slope) for h in heights]
     constants = stripe_constants(7, 0.5, x, heights)
-    assert constants.residual < 1e-9
+    assert constants["residual"] < 1e-9
     for height in (0.0, 0.033, 0.2):
         v = seen_at(height, 0.5, 0.4, floor_x, slope)
-        found = 0.5 - constants.n / (v * constants.d - constants.k)
+        found = 0.5 - constants["n"] / (v * constants["d"] - constants["k"])
         assert found == pytest.approx(height, abs=1e-7)
 
 
