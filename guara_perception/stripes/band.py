@@ -13,8 +13,6 @@ import numpy as np
 from guara_perception.arrays import Codes, Float, Float32, Image, Mask
 from kinematics.arrays import FrozenArrays
 
-# Rows and columns from one sample of a band's statistics to the next.
-SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
 # A band is checked for white in every eighth row, and in 40 to 79 columns of a wide picture.
 CHECKED_ROWS, CHECKED_COLUMNS = 8, 40
 # From this share of full scale a pixel counts as clipped; JPEG and demosaicing keep it from reaching 1.

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
-from guara_perception.stripes.band import Band, StripeProfile, bad_frame, has_colour
-from guara_perception.stripes.kernel.library import addresses, kernel
-from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, judge, pictures_of
-from guara_perception.stripes.measure import (
-    ROW_MEAN_PX,
-    DetectedStripe,
-    measure,
-    noise_gain,
-    responses,
-    sigma_of_filter,
-)
+from guara_perception.stripes.band import Band, StripeProfile, bad_frame
+from guara_perception.stripes.kernel.library import addresses, kernel, memory
+from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, pictures_of
+from guara_perception.stripes.measure import measure, profile_of
+
+# Results that are no numbers of doubtful columns, as in extract.c.
+SWAPPED, CHANGED = -2, -3
 
 
 def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
@@ -37,48 +35,50 @@ def extract_precise(bands: Sequence[Band]) -> list[StripeProfile]:
 
 def _extract(band: Band) -> StripeProfile:
     """Profile of one band."""
-    stripe = detect(band)
-    return bad_frame(band.on.shape[1], stripe) if isinstance(stripe, str) else measure(stripe)
-
-
-def detect(band: Band) -> DetectedStripe | str:
-    """Detect the stripe of a band, row by column; returns the reason as text if its frames cannot be used."""
     if band.off is None:
-        return detect_in_any_light(band)
-    seen = judge(band.on, band.off)
-    full_scale = float(np.iinfo(band.on.dtype).max)
-    if seen.is_swapped:
-        return "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
-    if abs(seen.change) > MAX_AMBIENT_CHANGE * full_scale:
-        change = f"{seen.change:+.0f} of {full_scale:.0f}"
+        return measure(detect_in_any_light(band))
+    first, second = pictures_of(band.on, band.off)
+    rows, n, channels = first.shape
+    work, full_scale = memory(kernel().clean_size(rows, n, channels)), float(np.iinfo(band.on.dtype).max)
+    profile, status = np.empty((3, n), np.float32), np.empty(n, np.uint8)
+    given = (first, second, band.first_row, MAX_AMBIENT_CHANGE * full_scale)
+    doubts = kernel().extract_clean(*given, *addresses(work, profile, status))
+    if doubts == 0:
+        return profile_of(profile, status)
+    found = ClearStripe.of(work, n)
+    if doubts > 0:
+        return profile_of(profile, status, found.doubtful.copy())
+    if doubts == SWAPPED:
+        reason = "the stripe is darker than its surroundings: laser-on and laser-off frames are swapped"
+        return bad_frame(n, reason)
+    if doubts == CHANGED:
+        change = f"{found.told[2]:+.0f} of {full_scale:.0f}"
         remark = f"brightness beside the stripe changed by {change} between laser off and on"
-        return replace(detect_in_any_light(replace(band, off=None)), remark=remark)
-    rows, columns = band.on.shape[:2]
-    is_fused = seen.is_core_clipped and has_colour(band.on)
-    smooth = np.empty((rows, columns), np.float32 if is_fused or band.on.dtype == np.uint16 else np.int16)
-    work, found = np.empty(kernel().find_size(rows, columns, smooth.itemsize), np.uint8), np.empty(2)
-    top, height = np.empty(columns, np.int64), np.empty(columns, np.float32)
-    is_peak, is_clipped, is_unsure = np.empty((3, columns), np.bool_)
-    is_doubtful = kernel().find_stripe(
-        *pictures_of(band.on, band.off),
-        *(seen.channel, smooth.dtype == np.float32, is_fused, seen.is_uneven),
-        *addresses(work, smooth, top, height, is_peak, is_clipped, is_unsure, found),
-    )
-    if is_doubtful:
-        return detect_in_any_light(band, top, is_peak)
-    sigma, noise = found.tolist()
-    width = sigma_of_filter(sigma)
-    return DetectedStripe(
-        top=top,
-        height=height,
-        is_peak=is_peak,
-        is_clipped=is_clipped,
-        is_unsure=is_unsure,
-        responses=responses(smooth, top, width),
-        background=band.off,
-        channel=seen.channel,
-        sigma=sigma,
-        noise=noise * noise_gain(width, ROW_MEAN_PX),
-        rows=rows,
-        first_row=band.first_row,
-    )
+        return measure(replace(detect_in_any_light(replace(band, off=None)), remark=remark))
+    return measure(detect_in_any_light(band, found.top.copy(), found.masks[0].copy()))
+
+
+class ClearStripe(NamedTuple):
+    """What the highest peaks of a band show; views of memory that the next band of the thread overwrites.
+
+    Attributes:
+        told: what was judged, then the stripe's width [px] and the noise of a response.
+        top: (columns,) row of the peak within the band.
+        height: (columns,) float32 light at the peak, sum of 9 pixels.
+        doubtful: (columns,) float32 row of a return that may not be used, NaN where there is none.
+        masks: (3, columns) whether there is a peak, its core is clipped, and it is unsure.
+    """
+
+    told: Float
+    top: Index
+    height: Float32
+    doubtful: Float32
+    masks: Mask
+
+    @classmethod
+    def of(cls, work: Array, n: int) -> ClearStripe:
+        """Read the beginning of the kernel's memory, as extract.c has it, after a band of n columns."""
+        ends = np.cumsum((64, 8 * n, 4 * n, 4 * n, 3 * n))
+        told, top, height, doubtful, masks = np.split(work[: ends[-1]], ends[:-1])
+        masks = masks.view(np.bool_).reshape(3, n)
+        return cls(told.view(float), top.view(np.intp), height.view(np.float32), doubtful.view(np.float32), masks)

@@ -1,31 +1,19 @@
-"""Detects a stripe that its highest peaks do not show: its path in any light, then its peaks about that path."""
+"""Detects a stripe that its highest peaks do not show: its path in a shrunk picture, then its peaks about that path."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 
-from guara_perception.arrays import Float32, Index, Mask
-from guara_perception.stripes.any_light.stripe_path import StripePath, find_path
-from guara_perception.stripes.band import Band
-from guara_perception.stripes.laser_light import clipped_columns, opening
-from guara_perception.stripes.measure import (
-    ROW_MEAN_PX,
-    ROW_SMOOTHING_SIGMA_PX,
-    SHIFTS,
-    DetectedStripe,
-    noise_gain,
-    responses,
-    sigma_of_filter,
-)
-from guara_perception.stripes.peaks import WIDE_SIGMA_PX, noise_of_columns, smooth_light, smooth_wide, stripe_sigma
+from guara_perception.arrays import Image, Index, Mask
+from guara_perception.stripes.any_light.stripe_path import find_path, find_path_of_pair
+from guara_perception.stripes.band import Band, has_colour
+from guara_perception.stripes.kernel.library import Picture, addresses, kernel, memory
+from guara_perception.stripes.laser_light import clipped_columns
+from guara_perception.stripes.measure import SHIFTS, DetectedStripe
+from guara_perception.stripes.peaks import select
 
-# Distance of the columns in which the stripe's width is measured.
-WIDTH_COLUMNS = 8
-# How far from the path a peak may be, in sigmas of its ridge, or of the whole stripe where that is wide, and [px].
-REACH_SIGMAS, LEAST_REACH_PX = 1.5, 2
+# Columns of a picture of at least this many that become one where a path is looked for in a pair of colour pictures.
+SHRUNK_FROM = ((1000, 4), (480, 2))
 
 
 def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask | None = None) -> DetectedStripe:
@@ -36,71 +24,55 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
         weak_row, is_weak: (columns,) row of a peak that may be a stripe, and whether there is one: where no stripe is
             found these are doubtful returns.
     """
-    off = band.off
-    path = find_path(band.on, off)
+    on, off, n = band.on, band.off, band.on.shape[1]
+    is_pair = off is not None and has_colour(on) and on.dtype == np.uint8
+    factor = next((f for least, f in SHRUNK_FROM if n >= least), 1) if is_pair else 1
+    some, dark = _shrunk(on, factor), None if off is None else _shrunk(off, factor)
+    if dark is not None and factor > 1 and kernel().path_size(*some.shape[:2]):
+        path = find_path_of_pair(some, dark, factor)
+    else:
+        path = find_path(some, dark, factor)
+    off = None if path.remark else off
+    top, masks = np.empty(n, np.intp), np.empty((3, n), np.bool_)
+    kernel().expand(*addresses(path.row, path.masks), path.row.size, n, *addresses(top, masks))
+    use = path.sigma[path.masks[1]]
+    # Of a wide stripe three quarters are as wide as this, or less.
+    ridge = select(use, 3 * (use.size - 1) // 4) if use.size else 1.0
+    found, height, responses = np.empty(2), np.empty(n, np.float32), np.empty((SHIFTS, n), np.float32)
+    weights, gains = (np.ascontiguousarray(each, np.float64) for each in (path.weights, path.gains))
+    kernel().measure_window(
+        *(Picture(on), None if off is None else Picture(off)),
+        *addresses(weights, gains, *masks),
+        *(factor, ridge),
+        *addresses(memory(4 * kernel().window_size(n)), top, height, responses, found),
+    )
+    is_path, is_stripe, _ = masks
     if weak_row is not None and is_weak is not None:
-        path = replace(path, row=np.where(path.is_path, path.row, weak_row), is_path=path.is_path | is_weak)
-    scale = np.float32(np.iinfo(band.on.dtype).max / 255)
-    n = path.row.size
-    columns = np.arange(n)
-    top, height, sigma = path.row.copy(), np.zeros(n, np.float32), 1.0
-    every_response, noise = np.zeros((SHIFTS, n), np.float32), 0.0
-    for where, light in _lights(path):
-        light = (light - opening(light)) * scale
-        smooth = smooth_light(light)
-        rows, width = _peaks(light, smooth, path, where)
-        top = np.where(where, rows, top)
-        height = np.where(where, smooth[rows, columns], height)
-        response = responses(smooth, rows, sigma_of_filter(width))
-        every_response = np.where(where, response, every_response)
-        noise = max(noise, noise_of_columns(light) * noise_gain(sigma_of_filter(width), ROW_MEAN_PX))
-        sigma = max(sigma, width)
-    is_clipped, is_lost = clipped_columns(band.on, top, sigma, path.channel, is_fused=band.on.ndim == 3)
+        top = np.where(is_path, top, weak_row)
+        is_path = is_path | is_weak
+    is_clipped, is_lost = clipped_columns(on, top, found[0], path.channel, is_fused=on.ndim == 3)
     return DetectedStripe(
         top=top,
-        height=np.where(path.is_path, np.maximum(height, np.float32(1e-3)), 0).astype(np.float32),
-        is_peak=path.is_path,
-        is_clipped=is_clipped & path.is_path,
-        is_unsure=~path.is_stripe | is_lost,
-        responses=every_response,
-        background=None if path.remark else off,
+        height=np.where(is_path, np.maximum(height, np.float32(1e-3)), 0).astype(np.float32),
+        is_peak=is_path,
+        is_clipped=is_clipped & is_path,
+        is_unsure=~is_stripe | is_lost,
+        responses=responses,
+        background=off,
         channel=path.channel,
-        sigma=sigma,
-        noise=noise,
-        rows=len(path.laser),
+        sigma=float(found[0]),
+        noise=float(found[1]),
+        rows=len(on),
         first_row=band.first_row,
         remark=path.remark,
     )
 
 
-def _lights(path: StripePath) -> list[tuple[Mask, Float32]]:
-    """Columns of the stripe, and the light (rows, columns) in which these are measured; later entries replace earlier.
-
-    The laser's own colour shows the stripe with the least of the scene; where that is clipped, all channels together.
-    """
-    everywhere = np.ones(path.row.size, dtype=bool)
-    if not path.is_core.any():
-        return [(everywhere, path.laser)]
-    every_channel = cv2.transform(path.light, np.ones((1, path.light.shape[2]), np.float32))
-    return [(everywhere, path.laser), (path.is_core, np.asarray(every_channel, np.float32).reshape(path.laser.shape))]
-
-
-def _peaks(light: Float32, smooth: Float32, path: StripePath, where: Mask) -> tuple[Index, float]:
-    """Row of the peak next to the path in each column, and the width of the stripe [px]."""
-    use = np.flatnonzero(where & path.is_stripe)
-    if not use.size:
-        return path.row, 1.0
-    rows = _highest_near(smooth, path.row, float(np.percentile(path.sigma[use], 75)))
-    some = use[:: min(WIDTH_COLUMNS, max(use.size // WIDTH_COLUMNS, 1))]
-    sigma = round(stripe_sigma(smooth, rows[some], some, smooth[rows[some], some], ROW_SMOOTHING_SIGMA_PX), 1)
-    if sigma > WIDE_SIGMA_PX:
-        rows = _highest_near(smooth_wide(light, sigma), rows, sigma)
-    return rows, sigma
-
-
-def _highest_near(light: Float32, rows: Index, sigma: float) -> Index:
-    """Row of the highest value within some sigmas [px] of given rows (columns,)."""
-    reach = max(int(np.ceil(REACH_SIGMAS * sigma)), LEAST_REACH_PX)
-    around = np.clip(rows + np.arange(-reach, reach + 1)[:, None], 0, len(light) - 1)
-    columns = np.arange(rows.size)
-    return np.asarray(around[light[around, columns].argmax(axis=0), columns])
+def _shrunk(picture: Image, factor: int) -> Image:
+    """The means of so many columns of a colour picture of 8 bits; any other picture as it is."""
+    if factor == 1:
+        return picture
+    rows, columns = picture.shape[:2]
+    line, means = memory(2 * columns), np.empty((rows, columns // factor, 3), np.uint8)
+    kernel().shrink(Picture(picture), factor, *addresses(line, means))
+    return means

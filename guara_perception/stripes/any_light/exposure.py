@@ -22,14 +22,14 @@ MOST_SCENE_LEFT, LEAST_SCENE_LEFT = 0.5, 6.0
 SAMPLE, BLOCK = 4, 8
 
 
-def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
+def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32, str]:
     """On minus off and an offset per channel, with a gain where exposures differ.
 
     Args:
         on, off: (rows, columns, channels) float32, 0 to 255.
 
     Returns:
-        The light, and the reason for which it is that of `on` alone; empty where `off` could be used.
+        The light, the gains (channels,) of `off`, and why it is that of `on` alone; empty where `off` could be used.
     """
     gains, offsets = np.ones(on.shape[2], np.float32), np.zeros(on.shape[2], np.float32)
     on_blocks, off_blocks = (_blocks(picture) for picture in (on, off))
@@ -44,17 +44,27 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, str]:
         if left < MOST_LEFT * plain:
             gain, offset = fitted_gain, fitted_offset
         if not 1 / MOST_GAIN <= gain <= MOST_GAIN:
-            return on, f"the laser-off picture is {1 / gain:.2f} times as bright as the laser-on one: expose both alike"
+            return on, gains, other_exposure(1 / gain)
         gains[channel], offsets[channel] = gain, offset
         blocks = on_blocks[:, :, channel]
         scene, unlike = _contrast(blocks), _contrast(blocks - gains[channel] * off_blocks[:, :, channel])
         if unlike > max(MOST_SCENE_LEFT * scene, LEAST_SCENE_LEFT):
-            return on, f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
+            return on, gains, other_scene(unlike, scene)
     light = np.empty_like(on)
     pixels, channels = on.shape[0] * on.shape[1], on.shape[2]
     given = (address(on), address(off), pixels, channels, address(gains), address(offsets))
     kernel().subtract(*given, address(light))
-    return light, ""
+    return light, gains, ""
+
+
+def other_exposure(ratio: float) -> str:
+    """Why a laser-off picture so many times as bright as the laser-on one is not used."""
+    return f"the laser-off picture is {ratio:.2f} times as bright as the laser-on one: expose both alike"
+
+
+def other_scene(unlike: float, scene: float) -> str:
+    """Why a laser-off picture that leaves so many of the scene's grey levels is not used."""
+    return f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
 
 
 def _blocks(picture: Float32) -> Float32:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
-from guara_perception.stripes.any_light.exposure import subtract
+from guara_perception.stripes.any_light.exposure import other_exposure, other_scene, subtract
 from guara_perception.stripes.any_light.follow_stripe import (
     follow_stripe,
     of_laser_colour,
@@ -30,6 +30,7 @@ from guara_perception.stripes.any_light.laser_colour import (
     ridges,
     rim_colour,
 )
+from guara_perception.stripes.kernel.library import address, addresses, kernel, memory
 
 # Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture of which
 # columns are left out.
@@ -54,28 +55,20 @@ class StripePath:
 
     Attributes:
         row: (columns,) row of its path.
-        is_path: (columns,) whether there may be one.
-        is_stripe: (columns,) whether there is one beyond doubt.
-        is_core: (columns,) whether the laser's channel is clipped there.
+        masks: (3, columns) whether there may be a stripe, there is one beyond doubt, and its channel is clipped.
         sigma: (columns,) width of the ridge found [px].
-        height: (columns,) height of the ridge [grey levels].
         channel: the laser's own channel.
-        weights: (channels,) weights that mix the channels to `laser`.
-        laser: (rows, columns) float32 light in the laser's colour.
-        light: (rows, columns, channels) float32 light, background removed where there was a picture of it.
+        weights: (channels,) weights that mix the channels to light in its colour.
+        gains: (channels,) factors of the laser-off picture before it is subtracted.
         remark: why the picture of the background was not used, empty where it was.
     """
 
     row: Index
-    is_path: Mask
-    is_stripe: Mask
-    is_core: Mask
+    masks: Mask
     sigma: Float32
-    height: Float32
     channel: int
     weights: Float
-    laser: Float32
-    light: Float32
+    gains: Float32
     remark: str = ""
 
 
@@ -87,19 +80,23 @@ class Pictures:
         frame: laser on as delivered, 0 to 255.
         dark: the same with the laser off, None without such a picture.
         light: `frame`, `dark` removed.
+        gains: (channels,) factors of `dark` before it was removed.
         detail: what of the light changes across the columns within a few pixels.
+        shrunk: number of columns of the camera's pictures that became one.
     """
 
     frame: Float32
     dark: Float32 | None
     light: Float32
+    gains: Float32
     detail: Float32
+    shrunk: int = 1
 
     def thinned(self, columns: slice) -> Pictures:
         """The pictures with some of their columns only."""
         frame, light, detail = (np.ascontiguousarray(one[:, columns]) for one in (self.frame, self.light, self.detail))
         dark = None if self.dark is None else np.ascontiguousarray(self.dark[:, columns])
-        return Pictures(frame, dark, light, detail)
+        return replace(self, frame=frame, dark=dark, light=light, detail=detail)
 
     def level(self) -> Float32 | None:
         """Brightness (rows, columns) of the scene of a mono camera, its noise smoothed away, where it is known.
@@ -145,21 +142,35 @@ class LaserOfChannel:
     found: Ridges
 
 
-def find_path(on: Image, off: Image | None) -> StripePath:
+def find_path(on: Image, off: Image | None, shrunk: int = 1) -> StripePath:
     """Find the path of the stripe that runs across the columns.
 
     Args:
         on: (rows, columns[, channels]) uint8 or uint16, laser on.
         off: the same with the laser off, or None.
+        shrunk: number of columns of the camera's pictures that became one.
     """
     frame, dark = levels(on), None if off is None else levels(off)
-    light, remark = (frame, "") if dark is None else subtract(frame, dark)
-    pictures = Pictures(frame, None if remark else dark, light, details(light))
+    one = np.ones(frame.shape[2], np.float32)
+    light, gains, remark = (frame, one, "") if dark is None else subtract(frame, dark)
+    pictures = Pictures(frame, None if remark else dark, light, gains, details(light), shrunk)
     firsts = _first_passes(pictures)
     seen = [_laser_of(pictures, first) for first in firsts]
     tried = [_path_of(pictures, first, each) for first, each in zip(firsts, seen, strict=True)]
-    best = replace(max(tried, key=lambda each: each[1])[0], remark=remark)
-    return best if pictures.dark is None else _without_moved_edges(best, frame)
+    best, _, height = max(tried, key=lambda each: each[1])
+    best = replace(best, remark=remark)
+    return best if pictures.dark is None else _without_moved_edges(best, height, frame)
+
+
+def find_path_of_pair(on: Image, off: Image, shrunk: int) -> StripePath:
+    """Find the path of the stripe as `find_path` does, in contiguous uint8 pictures (rows, columns, 3)."""
+    rows, n = on.shape[:2]
+    work = memory(kernel().path_size(rows, n))
+    row, masks, sigma, told = np.empty(n, np.intp), np.empty((3, n), np.bool_), np.empty(n, np.float32), np.empty(9)
+    code = kernel().find_path(address(on), address(off), rows, n, shrunk, *addresses(work, row, masks, sigma, told))
+    one, two = told[7:].tolist()
+    remark = ("", other_exposure(one), other_scene(one, two))[code]
+    return StripePath(row, masks, sigma, int(told[0]), told[1:4], told[4:7].astype(np.float32), remark)
 
 
 def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:
@@ -173,8 +184,8 @@ def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:
     return LaserOfChannel(colour, laser_weights(scene, colour), laser, core, found)
 
 
-def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tuple[StripePath, float]:
-    """The stripe of a laser of one channel, and its score."""
+def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tuple[StripePath, float, Float32]:
+    """The stripe of a laser of one channel, its score, and the height (columns,) of its ridge [grey levels]."""
     evidence = seen.found.evidence()
     rows, is_stripe, _ = follow_stripe(evidence)
     channel, found = first.channel, seen.found
@@ -186,24 +197,20 @@ def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tupl
         is_good = of_laser_speckle(seen.laser, rows, is_good, is_core, sigma)
     else:
         least_share = LEAST_SHARE_ALONE if pictures.dark is None else LEAST_SHARE
-        is_good = strong_pieces(height, rows, is_stripe, is_core, least_share)
-        is_good = of_laser_colour(pictures.frame, pictures.detail, rows, is_good, seen.colour, channel)
+        is_good = strong_pieces(height, rows, is_stripe, is_core, least_share, pictures.shrunk)
+        is_good = of_laser_colour(pictures.frame, pictures.detail, rows, is_good, seen.colour, channel, pictures.shrunk)
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(
         # What only the first pass sees, before texture counts as noise, is doubtful.
         row=np.where(is_stripe, rows, first.row),
-        is_path=is_stripe | first.is_stripe,
-        is_stripe=is_good & ~has_twin,
-        is_core=is_core & is_good,
+        masks=np.array((is_stripe | first.is_stripe, is_good & ~has_twin, is_core & is_good)),
         sigma=sigma,
-        height=height,
         channel=channel,
         weights=seen.weights,
-        laser=seen.laser,
-        light=pictures.light,
+        gains=pictures.gains,
     )
-    return path, score * _purity(pictures, rows, is_good, channel)
+    return path, score * _purity(pictures, rows, is_good, channel), height
 
 
 def levels(frame: Image) -> Float32:
@@ -282,13 +289,13 @@ def _has_twin(found: Ridges, core: Mask, rows: Index, columns: Index) -> Mask:
     return np.asarray(clipped.max(axis=0) > TWIN_OF_RIDGE * found.strength[rows, columns])
 
 
-def _without_moved_edges(found: StripePath, frame: Float32) -> StripePath:
+def _without_moved_edges(found: StripePath, strength: Float32, frame: Float32) -> StripePath:
     """Only the pieces that are ridges of the laser-on picture too: an edge that moved between both is no ridge."""
     own = np.asarray(cv2.transform(frame, found.weights[None].astype(np.float32)), np.float32).reshape(frame.shape[:2])
     columns = np.arange(found.row.size)
     height = np.max([ridge_of_width(own, sigma)[found.row, columns] for sigma in SIGMAS_PX], axis=0)
-    is_ridge = (height > LEAST_OWN_RIDGE * found.height) | found.is_core
-    good = found.is_stripe.copy()
-    for piece in pieces(found.row, found.is_stripe):
+    is_path, good, is_core = found.masks.copy()
+    is_ridge = (height > LEAST_OWN_RIDGE * strength) | is_core
+    for piece in pieces(found.row, found.masks[1]):
         good[piece] = bool(is_ridge[piece].mean() > LEAST_OWN_COLUMNS)
-    return replace(found, is_stripe=good, is_core=found.is_core & good)
+    return replace(found, masks=np.array((is_path, good, is_core & good)))

@@ -3,14 +3,13 @@
 
 // Sums instead of means over three columns and three rows keep the fractions of a grey level in whole numbers.
 #define COLUMN_MEAN_PX 3
-#define SCALE 9
-#define ROW_SMOOTHING_VARIANCE (2.0 / 3)
 // Rows and columns from one sample of the noise to the next; noise below a third of a quantum cannot be seen.
 #define SAMPLE_ROWS 8
 #define SAMPLE_COLUMNS 24
 #define LEAST_NOISE 0.3
-// A second peak is at least one block of rows away from the block of the highest.
+// A second peak is at least one block of rows away from the block of the highest. Columns that are handled at a time.
 #define BLOCK_ROWS 8
+enum { CHUNK = 64 };
 // 5 sigma lets 0.1 % false columns through; the relative floor keeps a faint halo out of the gaps of a bright stripe.
 #define THRESHOLD_SIGMAS 5.0
 #define THRESHOLD_OF_MEDIAN_PEAK 0.05
@@ -29,7 +28,7 @@
 #define JUMP_PX 4
 #define MOST_JUMPS 0.05
 #define MOST_RIVALS 0.2
-// Noise above this is not the sensor's: the two frames do not match, and may hide a stripe [grey levels]. The same for a
+// Noise above this is not the sensor's: the two frames do not match, and may hide a stripe [grey levels of 8 bits]. The same for a
 // laser-off picture of another exposure, where the difference is known to contain some of the scene.
 #define MOST_NOISE 4.0
 #define MOST_UNEVEN_NOISE 2.5
@@ -108,6 +107,30 @@ int64_t find_size(int64_t rows, int64_t columns, int64_t size) {
 }
 
 // ---- light ---------------------------------------------------------------------------------------------------------
+// Every third byte of 3 n from the first on. Whole vectors are read only up to the last of these bytes.
+typedef uint8_t Pair __attribute__((vector_size(32)));
+typedef uint8_t Bytes __attribute__((vector_size(16)));
+// What lies 48 bytes apart, each in its half of a register.
+#define BOTH(A, FROM)                                                                                                  \
+    Bytes A##1, A##2;                                                                                                  \
+    memcpy(&A##1, FROM, 16), memcpy(&A##2, (FROM) + 48, 16);                                                           \
+    const Pair A = __builtin_shufflevector(A##1, A##2, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17,   \
+        18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31)
+void every_third(const uint8_t *restrict from, int64_t n, uint8_t *restrict to) {
+    int64_t i = 0;
+    for (; i + 32 < n; i += 32) {
+        BOTH(a, from + 3 * i);
+        BOTH(b, from + 3 * i + 16);
+        BOTH(c, from + 3 * i + 32);
+        const Pair ab = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, 34, 37, 40, 43, 46, 0, 0, 0, 0, 0, 16, 19, 22, 25,
+            28, 31, 50, 53, 56, 59, 62, 16, 16, 16, 16, 16);
+        const Pair abc = __builtin_shufflevector(ab, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 33, 36, 39, 42, 45, 16, 17, 18, 19,
+            20, 21, 22, 23, 24, 25, 26, 49, 52, 55, 58, 61);
+        memcpy(to + i, &abc, 32);
+    }
+    for (; i < n; i++) to[i] = from[3 * i];
+}
+
 // One channel of a row, side by side; `line` is used where they do not lie so already.
 static const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line) {
     const char *restrict from = p->data + row * p->row_step + channel * p->channel_step;
@@ -115,9 +138,24 @@ static const void *samples_of(const Picture *p, int64_t row, int64_t channel, vo
     uint8_t *restrict to = line;
     if (step == p->size && p->size == 1) return from;
     if (p->size == 2) for (int64_t c = 0; c < n; c++) memcpy(to + 2 * c, from + c * step, 2);
-    else if (step == 3) for (int64_t c = 0; c < n; c++) to[c] = (uint8_t)from[3 * c];
+    else if (step == 3) every_third((const uint8_t *)from, n, to);
     else for (int64_t c = 0; c < n; c++) to[c] = (uint8_t)from[c * step];
     return line;
+}
+
+// Means of `factor` (2 or 4) columns of a colour picture of 8 bits, (rows, columns / factor, 3) in one piece.
+// lines: 3 columns of bytes.
+void shrink(const Picture *p, int64_t factor, uint8_t *lines, uint8_t *out) {
+    const int64_t n = p->columns, count = n / factor;
+    for (int64_t r = 0; r < p->rows; r++, out += 3 * count)
+        for (int64_t k = 0; k < 3; k++) {
+            const uint8_t *restrict x = samples_of(p, r, k, lines);
+            uint8_t *restrict mean = lines + n;
+            if (factor == 4) for (int64_t c = 0; c < count; c++)
+                mean[c] = (uint8_t)((x[4 * c] + x[4 * c + 1] + x[4 * c + 2] + x[4 * c + 3] + 2) >> 2);
+            else for (int64_t c = 0; c < count; c++) mean[c] = (uint8_t)((x[2 * c] + x[2 * c + 1] + 1) >> 1);
+            for (int64_t c = 0; c < count; c++) out[3 * c + k] = mean[c];
+        }
 }
 
 #define LIGHT_OF_ROW(NAME, SAMPLE, TYPE)                                                                               \
@@ -132,13 +170,14 @@ static const void *samples_of(const Picture *p, int64_t row, int64_t channel, vo
     }                                                                                                                  \
     static void all_##NAME(Light *light, int64_t row, char *lines, float *restrict out) {                              \
         const int64_t n = light->columns;                                                                              \
-        for (int64_t c = 0; c < n; c++) out[c] = -light->offset;                                                       \
-        for (int64_t k = 0; k < light->on->channels; k++) {                                                            \
-            const SAMPLE *restrict p = samples_of(light->on, row, k, lines);                                           \
-            const SAMPLE *restrict q = samples_of(light->off, row, k, lines + 2 * n);                                  \
-            const float share = light->mix[k];                                                                         \
-            for (int64_t c = 0; c < n; c++) out[c] += share * (float)(p[c] - q[c]);                                    \
+        const SAMPLE *restrict p[3], *restrict q[3];                                                                   \
+        for (int64_t k = 0; k < 3; k++) {                                                                              \
+            p[k] = samples_of(light->on, row, k, lines + 2 * k * n);                                                   \
+            q[k] = samples_of(light->off, row, k, lines + 2 * (3 + k) * n);                                            \
         }                                                                                                              \
+        const float offset = light->offset, a = light->mix[0], b = light->mix[1], m = light->mix[2];                   \
+        for (int64_t c = 0; c < n; c++)                                                                                \
+            out[c] = a * (float)(p[0][c] - q[0][c]) - offset + b * (float)(p[1][c] - q[1][c]) + m * (float)(p[2][c] - q[2][c]); \
         light->highest = INT32_MAX;                                                                                    \
     }
 LIGHT_OF_ROW(bytes, uint8_t, int16_t)
@@ -157,6 +196,21 @@ static float value(const void *light, int64_t is_float, int64_t at) {
 
 static int32_t difference(const Light *light, int64_t row, int64_t column, int64_t channel) {
     return level(light->on, row, column, channel) - level(light->off, row, column, channel);
+}
+
+// Light (rows,) of a column in the laser's channel.
+static void differences(const Light *light, int64_t column, float *own) {
+    const Picture *on = light->on, *off = light->off;
+    const char *p = on->data + column * on->column_step + light->channel * on->channel_step;
+    const char *q = off->data + column * off->column_step + light->channel * off->channel_step;
+    if (on->size == 2) for (int64_t r = 0; r < light->rows; r++) own[r] = (float)difference(light, r, column, light->channel);
+    else for (int64_t r = 0; r < light->rows; r++)
+        own[r] = (float)(*(const uint8_t *)(p + r * on->row_step) - *(const uint8_t *)(q + r * off->row_step));
+    if (column + TOP_COLUMNS >= on->columns) return;
+    for (int64_t r = 0; r < light->rows; r++) { // far apart in memory: the next column is asked for
+        __builtin_prefetch(p + r * on->row_step + TOP_COLUMNS * on->column_step);
+        __builtin_prefetch(q + r * off->row_step + TOP_COLUMNS * off->column_step);
+    }
 }
 
 // Mixture of all channels for a stripe whose core clips the strongest one: each channel is weighted by its headroom (the
@@ -180,10 +234,12 @@ static void mix_channels(Light *light, Work *work) {
         for (int64_t i = 0; i < count; i++) {
             float highest = -INFINITY, *own = work->samples;
             int64_t row = 0;
-            for (int64_t r = 0; r < rows; r++) own[r] = (float)difference(light, r, i * TOP_COLUMNS, light->channel);
+            differences(light, i * TOP_COLUMNS, own);
             for (int64_t r = 0; r < rows; r++) {
 #define AT(R) own[within((R) < 0 ? -(R) : (R) < rows ? (R) : 2 * (rows - 1) - (R), rows)]
-                const float smooth = 6 * own[r] + 4 * (AT(r - 1) + AT(r + 1)) + (AT(r - 2) + AT(r + 2));
+                const float *x = own + r;
+                const float smooth = r >= 2 && r + 2 < rows ? 6 * x[0] + 4 * (x[-1] + x[1]) + (x[-2] + x[2])
+                                                            : 6 * x[0] + 4 * (AT(r - 1) + AT(r + 1)) + (AT(r - 2) + AT(r + 2));
                 if (smooth > highest) highest = smooth, row = r;
             }
             if (!is_any && !(highest / 16 > (float)(TOP_SIGMAS * noise[light->channel]))) continue;
@@ -276,25 +332,37 @@ static void mix_channels(Light *light, Work *work) {
     static void peaks_##NAME(const Light *light, Work *work, const TYPE *searched, int64_t *restrict top,              \
         float *restrict height, float *restrict second) {                                                              \
         const int64_t rows = light->rows, n = light->columns, blocks = (rows + BLOCK_ROWS - 1) / BLOCK_ROWS;           \
-        TYPE *restrict most = (TYPE *)work->light, *restrict other = (TYPE *)work->ring;                               \
-        int32_t *restrict best = (int32_t *)work->lines;                                                               \
-        memcpy(most, work->blocks, (size_t)n * sizeof *most);                                                          \
-        for (int64_t c = 0; c < n; c++) best[c] = 0, other[c] = 0;                                                     \
-        for (int32_t b = 1; b < blocks; b++) {                                                                         \
-            const TYPE *restrict v = (TYPE *)work->blocks + b * n;                                                     \
-            for (int64_t c = 0; c < n; c++) best[c] = v[c] > most[c] ? b : best[c], most[c] = MAX(v[c], most[c]);      \
-        }                                                                                                              \
-        for (int32_t b = 0; b < blocks; b++) {                                                                         \
-            const TYPE *restrict v = (TYPE *)work->blocks + b * n;                                                     \
-            for (int64_t c = 0; c < n; c++) {                                                                          \
-                const TYPE far = b > best[c] + 1 || b < best[c] - 1 ? v[c] : 0;                                        \
-                other[c] = MAX(other[c], far);                                                                         \
+        for (int64_t begin = 0; begin < n; begin += CHUNK) {                                                           \
+            const TYPE *restrict all = (TYPE *)work->blocks + begin;                                                   \
+            TYPE most[CHUNK], other[CHUNK] = {0}, best[CHUNK] = {0};                                                   \
+            const int64_t own = MIN(CHUNK, n - begin);                                                                 \
+            for (int64_t c = 0; c < CHUNK; c++) most[c] = all[MIN(c, own - 1)];                                        \
+            for (int64_t b = 1; b < blocks; b++) {                                                                     \
+                TYPE v[CHUNK] = {0};                                                                                   \
+                memcpy(v, all + b * n, (size_t)own * sizeof *v);                                                       \
+                for (int c = 0; c < CHUNK; c++) best[c] = v[c] > most[c] ? (TYPE)b : best[c], most[c] = MAX(v[c], most[c]); \
             }                                                                                                          \
-        }                                                                                                              \
-        for (int64_t c = 0; c < n; c++) {                                                                              \
-            int64_t row = best[c] * BLOCK_ROWS;                                                                        \
-            while (row < rows - 1 && searched[row * n + c] != most[c]) row++;                                          \
-            top[c] = row, height[c] = (float)most[c], second[c] = (float)MIN(other[c], most[c]);                       \
+            TYPE within_block[CHUNK] = {0};                                                                            \
+            for (int64_t b = 0; b < blocks; b++) {                                                                     \
+                TYPE v[CHUNK] = {0}, is_best[CHUNK], any = 0;                                                          \
+                memcpy(v, all + b * n, (size_t)own * sizeof *v);                                                       \
+                for (int c = 0; c < CHUNK; c++) {                                                                      \
+                    const TYPE apart = (TYPE)(best[c] - (TYPE)b), far = apart > 1 || apart < -1 ? v[c] : 0;            \
+                    other[c] = MAX(other[c], far), is_best[c] = apart == 0, any = MAX(any, is_best[c]);                \
+                }                                                                                                      \
+                if (!any) continue;                                                                                    \
+                /* The first row of the block with this height, all columns at once. */                                \
+                for (int64_t r = MIN((b + 1) * BLOCK_ROWS, rows) - 1; r >= b * BLOCK_ROWS; r--) {                      \
+                    const TYPE number = (TYPE)(r - b * BLOCK_ROWS);                                                    \
+                    memcpy(v, searched + r * n + begin, (size_t)own * sizeof *v);                                      \
+                    for (int c = 0; c < CHUNK; c++)                                                                    \
+                        within_block[c] = is_best[c] != 0 && v[c] == most[c] ? number : within_block[c];               \
+                }                                                                                                      \
+            }                                                                                                          \
+            for (int64_t i = 0, c = begin; i < own; i++, c++) {                                                        \
+                top[c] = (int64_t)best[i] * BLOCK_ROWS + (int64_t)within_block[i];                                     \
+                height[c] = (float)most[i], second[c] = (float)MIN(other[i], most[i]);                                 \
+            }                                                                                                          \
         }                                                                                                              \
     }
 SMOOTHING(int16, int16_t, rintf)
@@ -320,13 +388,14 @@ double stripe_sigma(const void *smooth, int64_t is_float, int64_t rows, int64_t 
 // Responses (shifts, columns) of filters (shifts, taps) about the top of each column of light (rows, columns).
 void responses(const void *light, int64_t is_float, int64_t rows, int64_t columns, const int64_t *top,
     const float *filters, int64_t taps, float *out) {
-    enum { SHIFTS = 7, CHUNK = 64 };
     for (int64_t begin = 0; begin < columns; begin += CHUNK) {
         const int64_t n = MIN(CHUNK, columns - begin);
         float sums[SHIFTS][CHUNK] = {0}, seen[CHUNK] = {0};
         for (int64_t t = 0; t < taps; t++) {
-            for (int64_t i = 0; i < n; i++)
-                seen[i] = value(light, is_float, within(top[begin + i] - taps / 2 + t, rows) * columns + begin + i);
+            if (is_float) for (int64_t i = 0; i < n; i++)
+                seen[i] = ((const float *)light)[within(top[begin + i] - taps / 2 + t, rows) * columns + begin + i];
+            else for (int64_t i = 0; i < n; i++)
+                seen[i] = ((const int16_t *)light)[within(top[begin + i] - taps / 2 + t, rows) * columns + begin + i];
             for (int s = 0; s < SHIFTS; s++)
                 for (int i = 0; i < CHUNK; i++) sums[s][i] += filters[s * taps + t] * seen[i];
         }
@@ -401,15 +470,17 @@ static void candidates(const void *searched, const Light *light, int64_t column,
 }
 
 // Test for doubt that the highest peaks of a band are its stripe.
-static int is_doubtful(const Light *light, Work *work, const int64_t *top, const float *height, const float *second,
+static int is_doubtful(const Light *light, const int64_t *top, const float *height, const float *second,
     double threshold, double noise, int is_uneven) {
     const float least = (float)threshold;
-    int64_t count = 0, jumps = 0, rivals = 0;
-    for (int64_t c = 0; c < light->columns; c++) if (height[c] > least) work->samples[count++] = height[c];
+    int64_t count = 0, dim = 0, jumps = 0, rivals = 0;
+    const float clear = (float)(CLEAR_SIGMAS / THRESHOLD_SIGMAS * threshold);
+    for (int64_t c = 0; c < light->columns; c++) count += height[c] > least, dim += height[c] > least && height[c] < clear;
     const int is_few = (double)count < LEAST_COLUMNS * (double)light->columns;
-    if (is_uneven && (is_few || noise > MOST_UNEVEN_NOISE * COLUMN_MEAN_PX)) return 1;
-    if (is_few) return noise > MOST_NOISE * COLUMN_MEAN_PX;
-    if ((double)upper_median(work->samples, count) < CLEAR_SIGMAS / THRESHOLD_SIGMAS * threshold) return 1;
+    noise /= COLUMN_MEAN_PX * full_scale(light->on) / 255;
+    if (is_uneven && (is_few || noise > MOST_UNEVEN_NOISE)) return 1;
+    if (is_few) return noise > MOST_NOISE;
+    if (dim > count / 2) return 1; // the upper median is dim
     for (int64_t c = 0; c < light->columns; c++) {
         if (!(height[c] > least)) continue;
         jumps += c > 0 && height[c - 1] > least && llabs(top[c] - top[c - 1]) > JUMP_PX;
@@ -470,25 +541,17 @@ static double noise_of(const Light *light, Work *work, const void *searched, con
 
 // Find a stripe in a pair of pictures, column by column: the row and the height of its peak, whether it counts, whether
 // its core is clipped, and whether it is unsure. Returns whether it is in doubt: then the highest peaks are given.
-// is_float, is_fused, is_uneven: kind of the light, and the judgement of the pair. smooth: (rows, columns), receives the
+// is_fused: whether all channels together are searched. smooth: (rows, columns), receives the
 // smoothed light. found: sigma of the stripe and noise of the light.
-int64_t find_stripe(const Picture *on, const Picture *off, int64_t channel, int64_t is_float, int64_t is_fused,
-    int64_t is_uneven, char *memory, void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped,
+int64_t find_stripe(const Picture *on, const Picture *off, const Judgement *seen, int64_t is_fused, char *memory, void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped,
     uint8_t *is_unsure, double *found) {
     Work work;
-    Light light = {.on = on, .off = off, .rows = on->rows, .columns = on->columns, .channel = channel,
-        .is_fused = is_fused, .is_float = is_float};
+    Light light = {.on = on, .off = off, .rows = on->rows, .columns = on->columns, .channel = (int64_t)seen->channel,
+        .is_fused = is_fused, .is_float = is_fused || on->size == 2};
     const int64_t n = light.columns;
-    carve(&work, memory, on->rows, n, is_float ? 4 : 2);
+    carve(&work, memory, on->rows, n, light.is_float ? 4 : 2);
     if (light.is_fused) mix_channels(&light, &work);
-    else {
-        int64_t count = 0;
-        for (int64_t r = 0; r < light.rows; r += SAMPLE_ROWS)
-            for (int64_t c = 0; c < n; c += SAMPLE_COLUMNS)
-                work.samples[count++] = (float)difference(&light, r, c, light.channel);
-        const float middle = upper_median(work.samples, count);
-        light.offset = (double)fabsf(middle) > full_scale(on) / 256 ? middle : 0;
-    }
+    else light.offset = fabs(seen->change) > full_scale(on) / 256 ? (float)seen->change : 0;
     float *second = work.values;
     int64_t samples = light.is_float ? smooth_float(&light, &work, smooth) : smooth_int16(&light, &work, smooth), strong;
     const double spread = samples ? robust_sigma(work.values, samples) : 0;
@@ -515,7 +578,7 @@ int64_t find_stripe(const Picture *on, const Picture *off, int64_t channel, int6
     const double median_peak = strong ? (double)upper_median(work.samples, strong) : 0;
     const double threshold = MAX(THRESHOLD_SIGMAS * noise, THRESHOLD_OF_MEDIAN_PEAK * median_peak);
     found[0] = sigma, found[1] = own_noise;
-    const int is_in_doubt = is_doubtful(&light, &work, top, height, second, threshold, own_noise, is_uneven != 0);
+    const int is_in_doubt = is_doubtful(&light, top, height, second, threshold, own_noise, seen->is_uneven != 0);
     if (!is_in_doubt) choose(&light, &work, searched, top, height, second, threshold, sigma, is_unsure);
     for (int64_t c = 0; c < n; c++) is_peak[c] = height[c] > (float)threshold, is_clipped[c] = 0;
     if (!is_in_doubt && light.highest >= clipped_from(on)) {

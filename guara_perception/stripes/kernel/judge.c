@@ -3,6 +3,7 @@
 
 // Rows from one judged row to the next, and number of judged columns: a thin stripe is missed in some, never in all.
 #define JUDGED_ROWS 3
+#define AHEAD_ROWS (2 * JUDGED_ROWS)
 #define JUDGED_COLUMNS 16
 #define MOST_COLUMNS (2 * JUDGED_COLUMNS)
 // Mean deviations of the noise above which the peak of a column stands out: noise alone reaches four of them.
@@ -17,8 +18,6 @@
 #define MAX_CLIPPED_SIGMAS 5.0
 #define REACH_SIGMAS 3.0
 
-// Assessment of a pair of pictures by some columns, as in laser_light.py.
-typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped; } Judgement;
 // Of one channel of one column: highest level, and of the light the highest, the lowest and the mean deviation.
 typedef struct { float seen, high, low, noise; } Column;
 
@@ -43,21 +42,31 @@ static int swapped(Column columns[][MOST_COLUMNS], int64_t n, int64_t channels) 
     return deepest > 2 * highest && median(above, n) > 0;
 }
 
+// Median of the light: how much brighter the surroundings are.
+static float change_of(const float *light, int64_t n, float *copy) {
+    memcpy(copy, light, (size_t)n * sizeof *copy);
+    return upper_median(copy, n);
+}
+
 // off: NULL where there is none: the light is then what exceeds the median of a column.
 void judge(const Picture *on, const Picture *off, float *work, Judgement *found) {
     const int64_t apart = MAX(on->columns / JUDGED_COLUMNS, 1), columns = (on->columns + apart - 1) / apart;
     const int64_t rows = (on->rows + JUDGED_ROWS - 1) / JUDGED_ROWS, channels = MIN(on->channels, 3), each = rows * columns;
-    float *light = work, *copy = work + channels * each, change[3] = {0};
+    float *light = work, *copy = work + channels * each, change = 0;
     Column of[3][MOST_COLUMNS] = {0};
     int is_uneven = 0;
     for (int64_t r = 0; r < rows; r++)
-        for (int64_t i = 0; i < columns; i++)
+        for (int64_t i = 0; i < columns; i++) {
+            // Far apart in memory: asked for long before they are read.
+            const int64_t row = JUDGED_ROWS * r, column = apart * i, soon = MIN(row + AHEAD_ROWS, on->rows - 1);
+            __builtin_prefetch(on->data + soon * on->row_step + column * on->column_step);
+            if (off) __builtin_prefetch(off->data + soon * off->row_step + column * off->column_step);
             for (int64_t k = 0; k < channels; k++) {
-                const int32_t seen = level(on, JUDGED_ROWS * r, apart * i, k);
-                const int32_t dark = off ? level(off, JUDGED_ROWS * r, apart * i, k) : 0;
+                const int32_t seen = level(on, row, column, k), dark = off ? level(off, row, column, k) : 0;
                 of[k][i].seen = MAX(of[k][i].seen, (float)seen);
                 light[k * each + i * rows + r] = (float)(seen - dark);
             }
+        }
     for (int64_t k = 0; k < channels; k++) {
         float beside = 0;
         for (int64_t i = 0; i < columns; i++) {
@@ -77,10 +86,9 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
     float most = -INFINITY;
     int64_t channel = 0;
     for (int64_t k = 0; k < channels; k++) {
-        memcpy(copy, light + k * each, (size_t)each * sizeof *copy);
-        change[k] = upper_median(copy, each);
+        if (is_uneven) change = change_of(light + k * each, each, copy);
         // A change of brightness is no noise, and differs from channel to channel.
-        const float shift = is_uneven ? change[k] : 0;
+        const float shift = is_uneven ? change : 0;
         float stands_out = 0;
         for (int64_t i = 0; i < columns; i++) {
             const float *restrict own = light + k * each + i * rows;
@@ -97,7 +105,7 @@ void judge(const Picture *on, const Picture *off, float *work, Judgement *found)
         const Column *own = &of[channel][i];
         if (own->high > PEAK_DEVIATIONS * own->noise) tops++, clipped += own->seen >= (float)clipped_from(on);
     }
-    *found = (Judgement){(double)channel, swapped(of, columns, channels), (double)change[channel], off && is_uneven,
+    *found = (Judgement){(double)channel, swapped(of, columns, channels), (double)change_of(light + channel * each, each, copy), off && is_uneven,
         (double)clipped > FUSE_FROM_CLIPPED * (double)MAX(tops, 1)};
 }
 

@@ -14,6 +14,13 @@
 
 // Makes the median of absolute deviations the standard deviation of a normal distribution.
 #define SIGMA_PER_DEVIATION 1.4826
+// Rows of light that are added up before its centre is measured, and sums of how many pixels the light then is.
+#define ROW_MEAN_PX 3
+#define SCALE 9
+#define ROW_SMOOTHING_VARIANCE (2.0 / 3)
+// Shifts from the top at which the filters of the centre answer, and most weights of one of them.
+#define SHIFTS 7
+#define MOST_TAPS 64
 // Share of full scale from which a sample counts as clipped, as in band.py.
 #define CLIPPED 0.98
 
@@ -34,6 +41,23 @@ static inline int32_t level(const Picture *p, int64_t row, int64_t column, int64
 static inline double full_scale(const Picture *p) { return p->size == 1 ? 255 : 65535; }
 static inline int32_t clipped_from(const Picture *p) { return (int32_t)ceil(CLIPPED * full_scale(p)); }
 
+// What some columns of a pair of pictures tell, as in laser_light.py.
+typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped; } Judgement;
+
+int64_t judge_size(int64_t rows, int64_t columns, int64_t channels);
+void judge(const Picture *on, const Picture *off, float *work, Judgement *found);
+int64_t find_size(int64_t rows, int64_t columns, int64_t size);
+int64_t find_stripe(const Picture *on, const Picture *off, const Judgement *seen, int64_t is_fused, char *memory,
+    void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped, uint8_t *is_unsure, double *found);
+void responses(const void *light, int64_t is_float, int64_t rows, int64_t columns, const int64_t *top,
+    const float *filters, int64_t taps, float *out);
+int64_t derivative_filters(double sigma, float *filters);
+double noise_gain(const float *filters, int64_t taps, int64_t smoothed_rows);
+int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak, const uint8_t *is_clipped,
+    const uint8_t *is_unsure, const float *responses, const Picture *background, int64_t channel, int64_t n, int64_t rows,
+    int64_t first_row, double sigma, double noise, float *work, float *position, float *deviation, uint8_t *status,
+    float *doubtful);
+void every_third(const uint8_t *from, int64_t n, uint8_t *to);
 void clipped_columns(const Picture *on, const int64_t *top, double sigma, int64_t channel, int64_t is_fused,
     uint8_t *is_clipped, uint8_t *is_lost);
 float upper_median(float *v, int64_t n);

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import platform
+import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from guara_perception.arrays import Array
 from guara_perception.exceptions import DamagedInstallation
@@ -40,18 +43,24 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "centres": ([P, N, P, P], None),
     "evidence": ([P, N, D, D, D, P], None),
     "exposure": ([P, P, N, D, P, P], None),
+    "find_path": ([P, P] + [N] * 3 + [P] * 5, N),
+    "path_size": ([N] * 2, N),
+    "expand": ([P] * 2 + [N] * 2 + [P] * 2, None),
     "follow": ([P, N, N, P, P], D),
     "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
-    "find_size": ([N] * 3, N),
-    "find_stripe": ([PICTURE, PICTURE] + [N] * 4 + [P] * 8, N),
+    "clean_size": ([N] * 3, N),
+    "extract_clean": ([PICTURE, PICTURE, N, D, P, P, P], N),
     "follow_candidates": ([P, P, N, N, P, P, P], None),
     "judge": ([PICTURE, PICTURE, P, P], None),
     "judge_size": ([N] * 3, N),
     "measure": ([P] * 6 + [PICTURE] + [N] * 4 + [D] * 2 + [P] * 5, N),
+    "measure_window": ([PICTURE, PICTURE] + [P] * 5 + [N, D] + [P] * 5, None),
+    "window_size": ([N], N),
     "responses": ([P, N, N, N, P, P, N, P], None),
     "ridges": ([P, N, N, P, N, N, P, P], None),
     "select_value": ([P, N, N], F),
     "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
+    "shrink": ([PICTURE, N, P, P], None),
     "smooth_line": ([P, P, N, P, P], None),
     "strongest": ([P, P, P, N, D, D, D, P], None),
     "subtract": ([P, P, N, N, P, P, P], None),
@@ -89,6 +98,23 @@ def processor() -> str:
 
 # Columns that the kernel handles at a time, as in kernel.h and ridges.c.
 LANES, STRIP = 16, 64
+
+
+class _Memory(threading.local):
+    """Memory of a thread, which it uses for one band after the other."""
+
+    bytes: Array = np.empty(0, np.uint8)
+
+
+_MEMORY = _Memory()
+
+
+def memory(size: int) -> Array:
+    """At least this many bytes (uint8), the same at each call of a thread; they begin at a multiple of 64."""
+    if _MEMORY.bytes.size < size:
+        whole = np.empty(size + size // 8 + 64, np.uint8)
+        _MEMORY.bytes = whole[-whole.ctypes.data % 64 :]
+    return _MEMORY.bytes
 
 
 def address(array: Array) -> int:

@@ -3,10 +3,14 @@
 
 // Statuses, as in band.py.
 enum { OK = 0, DROPOUT = 1, AMBIGUOUS = 2, SATURATED = 3, OUT_OF_BAND = 5 };
-// Shifts from the top at which the filters answer: their number, their distance and the first [px].
-#define SHIFTS 7
+// Shifts from the top at which the filters answer: their distance and the first [px].
 #define GRID_PX 0.5f
 #define SEARCH_PX 1.5f
+// The filter is cut where it has fallen to 4 %. It is wider than a thin stripe, because of speckle, by so much [px], and
+// narrower than a wide one (clipped or in a halo) by this share, because the core is the most accurate part.
+#define FILTER_SIGMAS 2.5
+#define SPECKLE_PX 1.3
+#define CORE_SHARE 0.85
 // A peak in the first or last rows of the band may be the flank of a stripe outside of it.
 #define EDGE_ROWS 2
 // Standard deviation of the centre due to speckle, as a share of the stripe's sigma; independent of the light.
@@ -20,6 +24,38 @@ enum { OK = 0, DROPOUT = 1, AMBIGUOUS = 2, SATURATED = 3, OUT_OF_BAND = 5 };
 #define REACH_COLUMNS 3
 // Steepest slope of a line; a steeper one is a jump, which is not smoothed.
 #define STEEPEST_PX_PER_COLUMN 0.5f
+
+// Derivatives (SHIFTS, taps) of a Gaussian about each shift, for a stripe of this width [px] in light that was smoothed
+// over three rows. Returns the number of taps.
+int64_t derivative_filters(double sigma, float *filters) {
+    const double core = CORE_SHARE * sigma;
+    const double width = rint(10 * sqrt(core * core + SPECKLE_PX * SPECKLE_PX - ROW_SMOOTHING_VARIANCE)) / 10;
+    const int64_t reach = (int64_t)ceil(FILTER_SIGMAS * width + (double)SEARCH_PX), taps = 2 * reach + 1;
+    for (int s = 0; s < SHIFTS; s++) {
+        double weights[MOST_TAPS], sum = 0;
+        for (int64_t t = 0; t < taps; t++) {
+            const double far = (double)(t - reach) - ((double)(GRID_PX * (float)s) - (double)SEARCH_PX), x = far / width;
+            weights[t] = fabs(far) > FILTER_SIGMAS * width + 0.5 ? 0 : far * exp(-0.5 * x * x);
+            sum += weights[t];
+        }
+        // A background that is constant must not move the crossing, wherever the window is cut.
+        for (int64_t t = 0; t < taps; t++) filters[s * taps + t] = (float)(weights[t] - sum / (double)taps);
+    }
+    return taps;
+}
+
+// Standard deviation of a row times the slope of its response, for noise of one grey level per pixel of light of which
+// so many rows were added up before.
+double noise_gain(const float *filters, int64_t taps, int64_t smoothed_rows) {
+    const float *middle = filters + SHIFTS / 2 * taps;
+    double squares = 0;
+    for (int64_t i = 0; i < taps + smoothed_rows - 1; i++) {
+        double sum = 0;
+        for (int64_t t = MAX(i - smoothed_rows + 1, 0); t <= MIN(i, taps - 1); t++) sum += (double)middle[t];
+        squares += sum * sum;
+    }
+    return sqrt(squares) * (double)GRID_PX;
+}
 
 // Sub-pixel peaks of filtered light: rows (n,) from the top on at which the responses (SHIFTS, n) fall through zero, of
 // several the one nearest to the top, NaN where there is none; and by how much they fall there from shift to shift.

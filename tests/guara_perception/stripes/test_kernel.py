@@ -18,6 +18,7 @@ from guara_perception.app.main import main
 from guara_perception.exceptions import DamagedInstallation
 from guara_perception.stripes.any_light.exposure import subtract
 from guara_perception.stripes.any_light.laser_colour import SIGMAS_PX, details, ridge_of_width
+from guara_perception.stripes.any_light.stripe_path import find_path, find_path_of_pair
 from guara_perception.stripes.kernel import library
 from guara_perception.stripes.peaks import select
 from testbed.synthetic_stripes import CASES, stripes
@@ -42,6 +43,17 @@ for number in range(60):
     off = (None, on // 2, random.integers(0, most, shape).astype(kind))[number // 3 % 3]
     flipped = np.s_[:: random.choice([1, -1]), :: random.choice([1, -1])]
     gp.extract_stripe(on[flipped], None if off is None else off[flipped], ("columns", "rows")[number // 2 % 2])
+# Pairs so wide that paths are looked for in fewer columns: noise, white pixels, and lines with a ghost.
+for number in range(12):
+    rows, columns = int(random.integers(32, 70)), int(random.choice([480, 481, 635, 999, 1000, 1003]))
+    on, off = random.integers(0, random.choice([3, 32, 256]), (2, rows, columns, 3)).astype(np.uint8)
+    on[::9, :: number % 4 + 1] = 255
+    gp.extract_stripe(on[:: 1 - number % 2 * 2, ::-1], off[:: 1 - number % 2 * 2, ::-1])
+    centre = 20 + 8 * np.sin(np.arange(columns) / 40)
+    line = 200 * np.exp(-0.5 * ((np.arange(rows)[:, None] - centre) / random.choice([1, 3, 6])) ** 2)
+    light = (line + 0.9 * np.roll(line, 14, axis=0))[:, :, None] * (0.1, 0.3, 1)
+    pair = 60 + random.normal(0, 12, (2, rows, columns, 3)) + [light, 0 * light]
+    gp.extract_stripe(*pair.clip(0, 255).astype(np.uint8))
 print("done")
 """
 
@@ -172,6 +184,27 @@ def test_threads_and_order_change_nothing() -> None:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+def test_the_path_of_a_pair_is_that_of_plain_array_operations() -> None:
+    """Rows, colour and gains beside numpy's, for a line with a gap, in noise and in other exposures."""
+    random = np.random.default_rng(6)
+    rows, columns = 90, 320
+    centre = 45 + 12 * np.sin(np.arange(columns) / 60)
+    line = 90 * np.exp(-0.5 * ((np.arange(rows)[:, None] - centre) / 2) ** 2) * (np.arange(columns) // 40 != 4)
+    light = line[:, :, None] * (0.1, 0.2, 1)
+    scene = cv2.resize(random.uniform(20, 120, (9, 32, 3)), (columns, rows), interpolation=cv2.INTER_CUBIC)
+    for gain, noise in ((1.0, 2.0), (1.3, 2.0), (1.0, 12.0), (2.5, 2.0)):
+        on = scene + light + random.normal(0, noise, scene.shape)
+        off = scene / gain + random.normal(0, noise, scene.shape)
+        on, off = (picture.clip(0, 255).astype(np.uint8) for picture in (on, off))
+        found, plain = find_path_of_pair(on, off, 1), find_path(on, off)
+        assert found.channel == plain.channel == 2 and bool(found.remark) == (gain == 2.5)
+        assert found.remark == plain.remark
+        np.testing.assert_allclose(found.gains, plain.gains, rtol=1e-3)
+        np.testing.assert_allclose(found.weights, plain.weights, rtol=1e-2, atol=1e-3)
+        assert (found.masks != plain.masks).mean() < 0.01 and 0.8 < found.masks[1].mean() < 0.9
+        assert (found.row != plain.row).mean() < 0.01
+
+
 def test_ridges_and_details_are_those_of_plain_loops() -> None:
     """Beside slow references on pictures smaller and larger than what the kernel handles at a time."""
     random = np.random.default_rng(2)
@@ -207,8 +240,9 @@ def test_exposure_of_a_pair_is_fitted_beside_outliers() -> None:
     gains, offsets = np.array([1.2, 0.8, 1.3], np.float32), np.array([3, 9, -4], np.float32)
     on = gains * off + offsets
     on[20:30] += 40
-    light, remark = subtract(on, off)
+    light, found, remark = subtract(on, off)
     assert not remark
+    np.testing.assert_allclose(found, gains, rtol=1e-3)
     np.testing.assert_allclose(light[:20], 0, atol=1e-3)
     np.testing.assert_allclose(light[20:30], 40, atol=1e-3)
 

@@ -8,8 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.kernel.library import address, kernel
-from guara_perception.stripes.measure import SCALE, noise_gain, responses
-from guara_perception.stripes.peaks import noise_of_columns, robust_sigma, smooth_light, smooth_wide, stripe_sigma
+from guara_perception.stripes.peaks import robust_sigma
+from tests.guara_perception.stripes.plain_light import (
+    SCALE,
+    noise_gain,
+    noise_of_columns,
+    responses,
+    smooth_light,
+    smooth_wide,
+    stripe_sigma,
+)
 from tests.thorough import examples
 
 

@@ -1,0 +1,68 @@
+// A stripe by the highest peaks of its band: from the pictures to its profile in one call.
+#include "kernel.h"
+
+// Results that are no numbers of doubtful columns, as in precise.py.
+enum { IN_DOUBT = -1, SWAPPED = -2, CHANGED = -3 };
+
+// What was found, column by column (n,): row and light of the peak, the row of a return that may not be used, and
+// whether there is a peak, it is clipped, and it is unsure. Before them what was judged, and the stripe's width and noise.
+typedef struct { double *told; int64_t *top; float *height, *doubtful; uint8_t *is_peak, *is_clipped, *is_unsure; } Columns;
+
+// Memory: of the judgement, of the search, of smoothed light, of filters and their responses.
+typedef struct { char *judge, *find, *smooth; float *filters, *responses, *work; } Memory;
+
+static int64_t carve(Memory *parts, char *memory, int64_t rows, int64_t columns, int64_t channels) {
+    int64_t at = 0;
+#define PART(NAME, SIZE) parts->NAME = (void *)(memory + at), at += ((SIZE) + 63) / 64 * 64
+    PART(judge, 4 * judge_size(rows, columns, channels));
+    PART(find, find_size(rows, columns, 4));
+    PART(filters, 4 * SHIFTS * MOST_TAPS);
+    PART(responses, 4 * SHIFTS * columns);
+    PART(work, 4 * 3 * columns);
+    PART(smooth, 4 * rows * columns);
+    return at;
+}
+
+static int64_t carve_columns(Columns *found, char *memory, int64_t n) {
+    found->told = (double *)memory, found->top = (int64_t *)(memory + 64);
+    found->height = (float *)(found->top + n), found->doubtful = found->height + n;
+    found->is_peak = (uint8_t *)(found->doubtful + n);
+    found->is_clipped = found->is_peak + n, found->is_unsure = found->is_clipped + n;
+    return (64 + 19 * n + 63) / 64 * 64;
+}
+
+// Bytes of `memory` of `extract_clean`.
+int64_t clean_size(int64_t rows, int64_t columns, int64_t channels) {
+    static char nothing[1];
+    Memory parts;
+    Columns found;
+    return carve_columns(&found, nothing, columns) + carve(&parts, nothing, rows, columns, channels);
+}
+
+// Extract a stripe from a pair of pictures. most_change: brightness by which their surroundings may differ [grey levels].
+// memory: begins with what was found, as precise.py has it. profile, status: (3, n), (n,): position, its standard deviation
+// and peak. Returns the number of doubtful columns, or why there is no profile.
+int64_t extract_clean(const Picture *on, const Picture *off, int64_t first_row, double most_change, char *memory,
+    float *profile, uint8_t *status) {
+    Memory parts;
+    Columns f;
+    Judgement seen;
+    const int64_t n = on->columns, rows = on->rows;
+    carve(&parts, memory + carve_columns(&f, memory, n), rows, n, on->channels);
+    judge(on, off, (float *)parts.judge, &seen);
+    memcpy(f.told, &seen, sizeof seen);
+    if (seen.is_swapped != 0) return SWAPPED;
+    if (fabs(seen.change) > most_change) return CHANGED;
+    const int64_t is_fused = seen.is_core_clipped != 0 && on->channels == 3, is_float = is_fused || on->size == 2;
+    const int64_t channel = (int64_t)seen.channel;
+    double found[2];
+    if (find_stripe(on, off, &seen, is_fused, parts.find, parts.smooth, f.top, f.height, f.is_peak, f.is_clipped, f.is_unsure,
+            found)) return IN_DOUBT;
+    const int64_t taps = derivative_filters(found[0], parts.filters);
+    const double noise = found[1] * noise_gain(parts.filters, taps, ROW_MEAN_PX);
+    f.told[5] = found[0], f.told[6] = noise;
+    responses(parts.smooth, is_float, rows, n, f.top, parts.filters, taps, parts.responses);
+    for (int64_t c = 0; c < n; c++) profile[2 * n + c] = f.height[c] / SCALE;
+    return measure(f.top, f.height, f.is_peak, f.is_clipped, f.is_unsure, parts.responses, off, channel, n, rows, first_row,
+        found[0], noise, parts.work, profile, profile + n, status, f.doubtful);
+}

@@ -1,0 +1,262 @@
+// A stripe whose path is known, measured at full size in a window of rows about that path.
+#include "kernel.h"
+
+// Rows of a window; the path is in the middle one. Rows that a neighbour's window may begin higher or lower.
+enum { ROWS = 64, MIDDLE = 31, MARGIN = 7, INNER = ROWS - 2 * MARGIN };
+// Height of the opening that stands in for what is no stripe: wider than any stripe, narrower than texture.
+#define OPENING 25
+// A path that moves by more rows from one column to the next jumps; there both sides are tried, this many rows about each.
+#define JUMP_ROWS 4
+#define NEAR_ROWS 3
+// How far from the path a peak may be, in sigmas of its ridge, or of the stripe where that is wide, and [px].
+#define REACH_SIGMAS 1.5
+#define LEAST_REACH_PX 2
+// Distance of the columns in which the stripe's width is measured. A wide stripe is smoothed again to its own width.
+#define WIDTH_COLUMNS 8
+#define WIDE_SIGMA_PX 2.5
+#define FWHM_PER_SIGMA 2.3548
+#define LEAST_SIGMA_PX 1.0
+#define LARGEST_SIGMA_PX 8.0
+// Noise below a third of a quantum cannot be seen in whole grey levels; and rows at each end of a window that show noise.
+#define LEAST_NOISE 0.3
+#define END_ROWS 6
+#define NOISE_COLUMNS 5
+
+// The pictures, and the weights of their channels: off times a gain is subtracted.
+typedef struct {
+    const Picture *on, *off;
+    const uint8_t *is_core;
+    float mix[3], gain[3];
+} Mixture;
+
+static float light_at(const Mixture *m, int64_t row, int64_t column) {
+    float sum = 0;
+    const int64_t r = within(row, m->on->rows);
+    for (int64_t k = 0; k < m->on->channels; k++) {
+        float v = (float)level(m->on, r, column, k);
+        if (m->off) v -= m->gain[k] * (float)level(m->off, r, column, k);
+        sum += m->is_core[column] ? v : m->mix[k] * v;
+    }
+    return sum;
+}
+
+// Light of ROWS rows of a column from one on.
+static void column_light(const Mixture *m, int64_t first, int64_t column, float *restrict out) {
+    const Picture *on = m->on, *off = m->off;
+    if (on->size != 1 || first < 0 || first + ROWS > on->rows) {
+        for (int64_t t = 0; t < ROWS; t++) out[t] = light_at(m, first + t, column);
+        return;
+    }
+    for (int64_t t = 0; t < ROWS; t++) out[t] = 0;
+    for (int64_t k = 0; k < on->channels; k++) {
+        const float share = m->is_core[column] ? 1 : m->mix[k], gain = m->gain[k];
+        const char *p = on->data + first * on->row_step + column * on->column_step + k * on->channel_step;
+        if (!off) {
+            for (int64_t t = 0; t < ROWS; t++) out[t] += share * (float)*(const uint8_t *)(p + t * on->row_step);
+            continue;
+        }
+        const char *q = off->data + first * off->row_step + column * off->column_step + k * off->channel_step;
+        for (int64_t t = 0; t < ROWS; t++)
+            out[t] += share * ((float)*(const uint8_t *)(p + t * on->row_step) -
+                               gain * (float)*(const uint8_t *)(q + t * off->row_step));
+    }
+}
+
+// Height of the light about a row above that further off.
+static float height_near(const Mixture *m, int64_t row, int64_t column) {
+    float most = -INFINITY;
+    for (int64_t t = -NEAR_ROWS; t <= NEAR_ROWS; t++) {
+        float sum = 0;
+        for (int64_t s = -1; s <= 1; s++) sum += light_at(m, row + t + s, column);
+        most = MAX(most, sum);
+    }
+    return most - 1.5f * (light_at(m, row - OPENING / 2, column) + light_at(m, row + OPENING / 2, column));
+}
+
+// Beside a jump a picture with fewer columns mixes both sides: there each column takes the side on which it is brighter.
+static void choose_sides(const Mixture *m, int64_t reach, const uint8_t *is_path, int64_t *row) {
+    const int64_t n = m->on->columns;
+    for (int64_t c = 1; c < n; c++) {
+        if (!is_path[c] || !is_path[c - 1] || llabs(row[c] - row[c - 1]) <= JUMP_ROWS) continue;
+        const int64_t before = row[c - 1], after = row[c], first = MAX(c - reach, 0), last = MIN(c + reach, n);
+        for (int64_t i = first; i < last; i++) {
+            if (llabs(row[i] - (i < c ? before : after)) > JUMP_ROWS) continue;
+            const int is_after = height_near(m, after, i) > height_near(m, before, i);
+            if (is_after != (i >= c)) row[i] = is_after ? after : before;
+        }
+        c = last;
+    }
+}
+
+static void lowest_of(float *restrict v, int64_t n) { // over OPENING rows of n + OPENING - 1, from the first on
+    static const int BY[5] = {1, 2, 4, 8, OPENING - 16};
+    for (int i = 0; i < 5; i++) for (int64_t t = 0; t < n + OPENING - 1 - BY[i]; t++) v[t] = MIN(v[t], v[t + BY[i]]);
+}
+static void highest_of(float *restrict v, int64_t n) {
+    static const int BY[5] = {1, 2, 4, 8, OPENING - 16};
+    for (int i = 0; i < 5; i++) for (int64_t t = 0; t < n + OPENING - 1 - BY[i]; t++) v[t] = MAX(v[t], v[t + BY[i]]);
+}
+
+// Subtract the grey opening of INNER rows; what lies beyond them does not count.
+static void open_rows(float *restrict x) {
+    enum { HALF = OPENING / 2, LENGTH = INNER + 2 * OPENING };
+    float low[LENGTH], high[LENGTH];
+    for (int t = 0; t < LENGTH; t++) low[t] = INFINITY, high[t] = -INFINITY;
+    memcpy(low + HALF, x, INNER * sizeof *x);
+    lowest_of(low, INNER);
+    memcpy(high + HALF, low, INNER * sizeof *x);
+    highest_of(high, INNER);
+    for (int t = 0; t < INNER; t++) x[t] -= high[t];
+}
+
+static int64_t highest_near(const float *x, int64_t row, int64_t reach) {
+    int64_t best = MAX(row - reach, 0);
+    for (int64_t t = best + 1; t <= MIN(row + reach, INNER - 1); t++) if (x[t] > x[best]) best = t;
+    return best;
+}
+
+static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigma) { // of sums over rows by a Gaussian
+    const int64_t half = (int64_t)ceil(2 * sigma);
+    float taps[OPENING], most = -INFINITY;
+    int64_t best = row;
+    for (int64_t t = 0; t <= half; t++) taps[t] = (float)exp(-0.5 * (double)(t * t) / (sigma * sigma));
+    for (int64_t r = MAX(row - reach, 0); r <= MIN(row + reach, INNER - 1); r++) {
+        float sum = taps[0] * x[r];
+        for (int64_t t = 1; t <= half; t++) sum += taps[t] * (x[within(r - t, INNER)] + x[within(r + t, INNER)]);
+        if (sum > most) most = sum, best = r;
+    }
+    return best;
+}
+
+// A stripe whose light falls below these shares of that beside it has ended, at its ends and at its jumps; and below this
+// share of that of its strong parts anywhere: a gap of few columns.
+#define END_SHARE 0.25f
+#define JUMP_SHARE 0.1f
+#define LEAST_SHARE 0.1f
+
+// The path of a shrunk picture (count,) in each of n columns: its row, and whether there may be a stripe, is one, and it is
+// clipped. small, masks: of the shrunk picture (count,), (3, count), and of the other (n,), (3, n).
+void expand(const int64_t *small, const uint8_t *small_masks, int64_t count, int64_t n, int64_t *row, uint8_t *masks) {
+    for (int64_t c = 0; c < n; c++) {
+        const double at = ((double)c + 0.5) * (double)count / (double)n - 0.5;
+        const int64_t left = within((int64_t)floor(at), count), right = MIN(left + 1, count - 1);
+        const int64_t nearest = within((int64_t)rint(at), count), apart = small[right] - small[left];
+        const double share = MIN(MAX(at - (double)left, 0.0), 1.0);
+        const int is_joined = llabs(apart) <= JUMP_ROWS && small_masks[left] && small_masks[right];
+        row[c] = is_joined ? (int64_t)rint((double)small[left] + share * (double)apart) : small[nearest];
+        for (int i = 0; i < 3; i++) masks[i * n + c] = small_masks[i * count + nearest];
+    }
+}
+
+// Leave out of a path and its stripe what a shrunk picture shows by its own columns only, `factor` of this one: columns at
+// an end or a jump, and in gaps, without light. height, row: (n,) of the peaks, and of the path. work: (3, n).
+static void trim(const float *height, const int64_t *row, int64_t n, int64_t factor, uint8_t *is_path, uint8_t *is_stripe,
+    const uint8_t *is_core, float *work) {
+    float *lit = work, *is_end = work + n, *is_jump = is_end + n;
+    int64_t count = 0;
+    for (int64_t c = 0; c < n; c++) if (is_stripe[c]) work[count++] = height[c];
+    const float strong = count ? select_value(work, count, 3 * (count - 1) / 4) : 0;
+    for (int64_t c = 0; c < n; c++) {
+        lit[c] = is_path[c] ? height[c] : 0, is_end[c] = !is_path[c];
+        is_jump[c] = c + 1 < n && llabs(row[c + 1] - row[c]) > JUMP_ROWS;
+    }
+    for (int64_t c = 0; c < n; c++) {
+        if (!is_path[c]) continue;
+        float most = 0, end = 0, jump = 0;
+        for (int64_t i = MAX(c - 4 * factor, 0); i <= MIN(c + 4 * factor, n - 1); i++) most = MAX(most, lit[i]);
+        for (int64_t i = MAX(c - 2 * factor, 0); i <= MIN(c + 2 * factor, n - 1); i++)
+            end = MAX(end, is_end[i]), jump = MAX(jump, is_jump[i]);
+        const float mean = (height[MAX(c - 1, 0)] + height[c] + height[MIN(c + 1, n - 1)]) / 3;
+        const int is_dim = mean < LEAST_SHARE * strong && !is_core[c];
+        if (is_dim || (end > 0 && height[c] < END_SHARE * most) || (jump > 0 && height[c] < JUMP_SHARE * most))
+            is_path[c] = is_stripe[c] = 0;
+    }
+}
+
+// Numbers (float) of `work` of `measure_window`.
+int64_t window_size(int64_t columns) { return columns * (ROWS + 2 * INNER) + 4 * columns + 64; }
+
+// Measure a stripe along its path.
+// mix, gain: weights of the channels, and factors of the laser-off picture. row: (n,) the path, which becomes that of the
+// peaks. is_path, is_stripe, is_core: (n,) whether there may be a stripe, whether there is (both become so), and whether it
+// is clipped.
+// factor: columns of the pictures that became one where the path was found. ridge: width of the path's ridge [px]. height,
+// responses: (n,), (SHIFTS, n) as `measure` takes them. found: width of the stripe, and noise of a response.
+void measure_window(const Picture *on, const Picture *off, const double *mix, const double *gain, uint8_t *is_path,
+    uint8_t *is_stripe, const uint8_t *is_core, int64_t factor, double ridge, float *work, int64_t *row, float *height,
+    float *answers, double *found) {
+    const int64_t n = on->columns;
+    Mixture m = {.on = on, .off = off, .is_core = is_core};
+    for (int64_t k = 0; k < on->channels; k++) m.mix[k] = (float)mix[k], m.gain[k] = (float)gain[k];
+    float *light = work, *sums = light + n * ROWS, *smooth = sums + n * INNER, *some = smooth + n * INNER;
+    if (factor > 1) choose_sides(&m, factor, is_path, row);
+    for (int64_t c = 0; c < n; c++) column_light(&m, row[c] - MIDDLE, c, light + c * ROWS);
+    for (int64_t c = 0; c < n; c++) {
+        float *restrict sum = sums + c * INNER, *restrict out = smooth + c * INNER;
+        memcpy(sum, light + c * ROWS + MARGIN, INNER * sizeof *sum);
+        for (int64_t side = -1; side <= 1; side += 2) {
+            int64_t other = c + side;
+            if (other < 0 || other >= n) other = within(c - side, n);
+            const int64_t shift = row[c] - row[other];
+            if (llabs(shift) <= MARGIN && is_core[other] == is_core[c]) {
+                const float *restrict x = light + other * ROWS + MARGIN + shift;
+                for (int t = 0; t < INNER; t++) sum[t] += x[t];
+            } else { // another window, or another mixture
+                float x[ROWS];
+                Mixture same = m;
+                uint8_t core[1] = {is_core[c]};
+                same.is_core = core - other;
+                column_light(&same, row[c] - MIDDLE, other, x);
+                for (int t = 0; t < INNER; t++) sum[t] += x[t + MARGIN];
+            }
+        }
+        open_rows(sum);
+        for (int t = 0; t < INNER; t++) out[t] = sum[MAX(t - 1, 0)] + sum[t] + sum[MIN(t + 1, INNER - 1)];
+        // At its ends a window shows noise alone.
+    }
+    int64_t count = 0, used = 0;
+    for (int64_t c = 0; c < n; c += NOISE_COLUMNS) for (int t = 0; t < END_ROWS; t++) {
+        some[count++] = sums[c * INNER + t], some[count++] = sums[c * INNER + INNER - 1 - t];
+    }
+    const double noise = robust_sigma(some, count);
+    for (int64_t c = 0; c < n; c++) used += is_stripe[c];
+    const int64_t reach = MAX((int64_t)ceil(REACH_SIGMAS * ridge), LEAST_REACH_PX), path = MIDDLE - MARGIN;
+    double sigma = LEAST_SIGMA_PX;
+    int64_t *top = (int64_t *)some;
+    for (int64_t c = 0; c < n; c++) top[c] = used ? highest_near(smooth + c * INNER, path, reach) : path;
+    if (used) {
+        const int64_t apart = MIN(WIDTH_COLUMNS, MAX(used / WIDTH_COLUMNS, 1));
+        float *widths = light; // not needed any more
+        count = used = 0;
+        for (int64_t c = 0; c < n; c++) {
+            if (!is_stripe[c] || used++ % apart) continue;
+            const float *x = smooth + c * INNER, half = 0.5f * x[top[c]];
+            int64_t low = 0, up = 0;
+            while (top[c] + low < INNER && x[top[c] + low] > half) low++;
+            while (top[c] - up >= 0 && x[top[c] - up] > half) up++;
+            widths[count++] = (float)(low + up - 1);
+        }
+        const double width = (double)upper_median(widths, count) / FWHM_PER_SIGMA;
+        sigma = sqrt(MAX(width * width - ROW_SMOOTHING_VARIANCE, 0));
+        sigma = rint(10 * MIN(MAX(sigma, LEAST_SIGMA_PX), LARGEST_SIGMA_PX)) / 10;
+        const int64_t wide = MAX((int64_t)ceil(REACH_SIGMAS * sigma), LEAST_REACH_PX);
+        if (sigma > WIDE_SIGMA_PX)
+            for (int64_t c = 0; c < n; c++) top[c] = wide_near(sums + c * INNER, top[c], wide, sigma);
+    }
+    float filters[SHIFTS * MOST_TAPS];
+    const int64_t taps = derivative_filters(sigma, filters);
+    for (int64_t c = 0; c < n; c++) {
+        const float *x = smooth + c * INNER;
+        float answer[SHIFTS] = {0};
+        for (int64_t t = 0; t < taps; t++) {
+            const float seen = x[within(top[c] - taps / 2 + t, INNER)];
+            for (int s = 0; s < SHIFTS; s++) answer[s] += filters[s * taps + t] * seen;
+        }
+        for (int s = 0; s < SHIFTS; s++) answers[s * n + c] = answer[s];
+        height[c] = x[top[c]];
+    }
+    if (factor > 1) trim(height, row, n, factor, is_path, is_stripe, is_core, light);
+    for (int64_t c = 0; c < n; c++) row[c] = within(row[c] + top[c] - path, on->rows);
+    const double least = LEAST_NOISE * 3 * full_scale(on) / 255;
+    found[0] = sigma, found[1] = MAX(noise, least) * noise_gain(filters, taps, ROW_MEAN_PX);
+}
