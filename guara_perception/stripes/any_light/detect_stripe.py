@@ -27,11 +27,13 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
     on, off, n = band.on, band.off, band.on.shape[1]
     is_pair = off is not None and has_colour(on) and on.dtype == np.uint8
     factor = next((f for least, f in SHRUNK_FROM if n >= least), 1) if is_pair else 1
-    some, dark = _shrunk(on, factor), None if off is None else _shrunk(off, factor)
-    if dark is not None and factor > 1 and kernel().path_size(*some.shape[:2]):
-        path = find_path_of_pair(some, dark, factor)
-    else:
-        path = find_path(some, dark, factor)
+    path = None
+    if off is not None and factor > 1:
+        some, dark = _shrunk(on, factor), _shrunk(off, factor)
+        if kernel().path_size(*some.shape[:2]):
+            path = find_path_of_pair(some, dark, factor)
+    if path is None:
+        factor, path = 1, find_path(on, off)
     off = None if path.remark else off
     top, masks = np.empty(n, np.intp), np.empty((3, n), np.bool_)
     kernel().expand(*addresses(path.row, path.masks), path.row.size, n, *addresses(top, masks))
@@ -69,9 +71,7 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
 
 
 def _shrunk(picture: Image, factor: int) -> Image:
-    """The means of so many columns of a colour picture of 8 bits; any other picture as it is."""
-    if factor == 1:
-        return picture
+    """The means of so many columns of a colour picture of 8 bits."""
     rows, columns = picture.shape[:2]
     line, means = memory(2 * columns), np.empty((rows, columns // factor, 3), np.uint8)
     kernel().shrink(Picture(picture), factor, *addresses(line, means))

@@ -49,7 +49,8 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32, str]:
         blocks = on_blocks[:, :, channel]
         scene, unlike = _contrast(blocks), _contrast(blocks - gains[channel] * off_blocks[:, :, channel])
         if unlike > max(MOST_SCENE_LEFT * scene, LEAST_SCENE_LEFT):
-            return on, gains, other_scene(unlike, scene)
+            reason = f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
+            return on, gains, reason
     light = np.empty_like(on)
     pixels, channels = on.shape[0] * on.shape[1], on.shape[2]
     given = (address(on), address(off), pixels, channels, address(gains), address(offsets))
@@ -60,11 +61,6 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32, str]:
 def other_exposure(ratio: float) -> str:
     """Why a laser-off picture so many times as bright as the laser-on one is not used."""
     return f"the laser-off picture is {ratio:.2f} times as bright as the laser-on one: expose both alike"
-
-
-def other_scene(unlike: float, scene: float) -> str:
-    """Why a laser-off picture that leaves so many of the scene's grey levels is not used."""
-    return f"the laser-off picture is of another scene: {unlike:.0f} of {scene:.0f} grey levels remain"
 
 
 def _blocks(picture: Float32) -> Float32:

@@ -62,32 +62,21 @@ def pieces(rows: Index, is_stripe: Mask) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
 
 
-def strong_pieces(
-    height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, least_share: float, shrunk: int = 1
-) -> Mask:
-    """Columns of the pieces that are long enough and have this share of the height of the strong ones.
-
-    Args:
-        height, rows, is_stripe, is_core: (columns,) height of the ridge, row of the path, whether there is a stripe,
-            and whether it is clipped.
-        least_share: least share of the height.
-        shrunk: number of columns of the camera's picture that became one.
-    """
+def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, least_share: float) -> Mask:
+    """Columns of the pieces that are long enough and have this share of the height of the strong ones."""
     good = np.zeros_like(is_stripe)
     if not is_stripe.any():
         return good
     strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
     height = np.where(is_core, np.maximum(height, strong), height)
     for piece in pieces(rows, is_stripe):
-        length, strength = shrunk * (piece.stop - piece.start), float(np.median(height[piece]) / strong)
+        length, strength = piece.stop - piece.start, float(np.median(height[piece]) / strong)
         is_long = length >= LEAST_COLUMNS and length * strength >= LEAST_STRONG_COLUMNS
         good[piece] = is_long and strength > least_share
     return good
 
 
-def of_laser_colour(
-    frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int, shrunk: int = 1
-) -> Mask:
+def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int) -> Mask:
     """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
     good = is_stripe.copy()
     columns = np.arange(rows.size)
@@ -95,7 +84,7 @@ def of_laser_colour(
     added = detail[rows, columns]
     for piece in pieces(rows, is_stripe):
         clear = is_clear[piece]
-        if clear.sum() < max(LEAST_COLUMNS // 2 // shrunk, 0.5 * clear.size):
+        if clear.sum() < max(LEAST_COLUMNS // 2, 0.5 * clear.size):
             continue
         mean = added[piece][clear].mean(axis=0)
         deviation = np.abs(mean / max(float(mean[channel]), 1e-6) - colour).max()

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
-from guara_perception.stripes.any_light.exposure import other_exposure, other_scene, subtract
+from guara_perception.stripes.any_light.exposure import other_exposure, subtract
 from guara_perception.stripes.any_light.follow_stripe import (
     follow_stripe,
     of_laser_colour,
@@ -47,6 +47,8 @@ TWIN_OF_RIDGE = 0.5
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
 # of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
+# Why the kernel does not use a laser-off picture, besides another exposure, as in any_light.h.
+OTHER_SCENE = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,6 @@ class Pictures:
         light: `frame`, `dark` removed.
         gains: (channels,) factors of `dark` before it was removed.
         detail: what of the light changes across the columns within a few pixels.
-        shrunk: number of columns of the camera's pictures that became one.
     """
 
     frame: Float32
@@ -90,7 +91,6 @@ class Pictures:
     light: Float32
     gains: Float32
     detail: Float32
-    shrunk: int = 1
 
     def thinned(self, columns: slice) -> Pictures:
         """The pictures with some of their columns only."""
@@ -142,18 +142,17 @@ class LaserOfChannel:
     found: Ridges
 
 
-def find_path(on: Image, off: Image | None, shrunk: int = 1) -> StripePath:
+def find_path(on: Image, off: Image | None) -> StripePath:
     """Find the path of the stripe that runs across the columns.
 
     Args:
         on: (rows, columns[, channels]) uint8 or uint16, laser on.
         off: the same with the laser off, or None.
-        shrunk: number of columns of the camera's pictures that became one.
     """
     frame, dark = levels(on), None if off is None else levels(off)
     one = np.ones(frame.shape[2], np.float32)
     light, gains, remark = (frame, one, "") if dark is None else subtract(frame, dark)
-    pictures = Pictures(frame, None if remark else dark, light, gains, details(light), shrunk)
+    pictures = Pictures(frame, None if remark else dark, light, gains, details(light))
     firsts = _first_passes(pictures)
     seen = [_laser_of(pictures, first) for first in firsts]
     tried = [_path_of(pictures, first, each) for first, each in zip(firsts, seen, strict=True)]
@@ -162,14 +161,23 @@ def find_path(on: Image, off: Image | None, shrunk: int = 1) -> StripePath:
     return best if pictures.dark is None else _without_moved_edges(best, height, frame)
 
 
-def find_path_of_pair(on: Image, off: Image, shrunk: int) -> StripePath:
-    """Find the path of the stripe as `find_path` does, in contiguous uint8 pictures (rows, columns, 3)."""
+def find_path_of_pair(on: Image, off: Image, shrunk: int) -> StripePath | None:
+    """Find the path of the stripe as `find_path` does, by the kernel.
+
+    Args:
+        on, off: (rows, columns, 3) uint8, contiguous, laser on and off.
+        shrunk: number of columns of the camera's pictures that became one.
+
+    Returns:
+        The path; None where `off` is of another scene: then the texture of the scene asks for every column.
+    """
     rows, n = on.shape[:2]
     work = memory(kernel().path_size(rows, n))
     row, masks, sigma, told = np.empty(n, np.intp), np.empty((3, n), np.bool_), np.empty(n, np.float32), np.empty(9)
     code = kernel().find_path(address(on), address(off), rows, n, shrunk, *addresses(work, row, masks, sigma, told))
-    one, two = told[7:].tolist()
-    remark = ("", other_exposure(one), other_scene(one, two))[code]
+    if code == OTHER_SCENE:
+        return None
+    remark = other_exposure(float(told[7])) if code else ""
     return StripePath(row, masks, sigma, int(told[0]), told[1:4], told[4:7].astype(np.float32), remark)
 
 
@@ -197,8 +205,8 @@ def _path_of(pictures: Pictures, first: FirstPass, seen: LaserOfChannel) -> tupl
         is_good = of_laser_speckle(seen.laser, rows, is_good, is_core, sigma)
     else:
         least_share = LEAST_SHARE_ALONE if pictures.dark is None else LEAST_SHARE
-        is_good = strong_pieces(height, rows, is_stripe, is_core, least_share, pictures.shrunk)
-        is_good = of_laser_colour(pictures.frame, pictures.detail, rows, is_good, seen.colour, channel, pictures.shrunk)
+        is_good = strong_pieces(height, rows, is_stripe, is_core, least_share)
+        is_good = of_laser_colour(pictures.frame, pictures.detail, rows, is_good, seen.colour, channel)
     has_twin = _has_twin(found, seen.core, rows, columns)
     score = float(evidence[rows, columns][is_good].sum())
     path = StripePath(

@@ -197,7 +197,7 @@ def test_the_path_of_a_pair_is_that_of_plain_array_operations() -> None:
         off = scene / gain + random.normal(0, noise, scene.shape)
         on, off = (picture.clip(0, 255).astype(np.uint8) for picture in (on, off))
         found, plain = find_path_of_pair(on, off, 1), find_path(on, off)
-        assert found.channel == plain.channel == 2 and bool(found.remark) == (gain == 2.5)
+        assert found is not None and found.channel == plain.channel == 2 and bool(found.remark) == (gain == 2.5)
         assert found.remark == plain.remark
         np.testing.assert_allclose(found.gains, plain.gains, rtol=1e-3)
         np.testing.assert_allclose(found.weights, plain.weights, rtol=1e-2, atol=1e-3)
