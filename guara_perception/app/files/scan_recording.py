@@ -30,7 +30,7 @@ def file_errors(before: str = "") -> Iterator[None]:
 
 
 def open_recorded_scans(path: str | Path) -> list[Scan]:
-    """Open all scans of a recording, in order; frames are loaded on demand.
+    """Open the scans of a recording that hold a frame, in order; frames are loaded on demand.
 
     Raises:
         MissingFile: no such file.
@@ -49,6 +49,8 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
     return [
         _scan(recording, record, path, withdrawn.get(index, ""), identity)
         for index, record in enumerate(recording.scans)
+        # A pause that ended before its first stripe is no reason to refuse the others.
+        if any(stripe.on is not None for stripe in record.stripes)
     ]
 
 

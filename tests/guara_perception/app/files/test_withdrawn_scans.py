@@ -68,3 +68,18 @@ def test_a_gait_that_counts_from_zero_again_has_the_same_step_twice(
     assert _record(tmp_path / "r.mcap", paper_scan, *entries) == ["", "", "it moved"]
     entries = ((2, 200), (1, 500), (2, 600), _said(grid, 2, 100, WITHDRAWN))
     assert _record(tmp_path / "b.mcap", paper_scan, *entries) == ["it moved", "", "it moved"]
+
+
+def test_a_scan_that_ended_before_its_first_stripe_is_left_out(paper_scan: gp.Scan, tmp_path: Path):
+    """The others of its recording open as ever."""
+    path, stance = tmp_path / "r.mcap", stance_to_message(paper_scan.stance)
+    with RecordingWriter(path) as writer:
+        for step, frames in ((1, 0), (2, 1)):
+            writer.begin_scan(ScanRecord(robot="guara", mode="coarse", stamp=step, step=step, stance=stance))
+            # Fired, but its frame was lost.
+            writer.add_stripe(0, 0.1, None, None, stamp=step)
+            for _ in range(frames):
+                writer.add_stripe(2, 0.1, FrameRecord(pixels=np.zeros((4, 4), np.uint8), stamp=step), None)
+            writer.end_scan(stamp=step)
+    assert [scan.step for scan in open_scans(path)] == [2]
+    assert gp.open_scan(path).step == 2
