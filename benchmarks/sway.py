@@ -3,14 +3,15 @@
 `python -m benchmarks.sway [--scans 10]`. Guará over the demo's ground; each stripe is rendered from where the body is
 at its flash. Joints have a bias of 0.2 degrees, new in each scan, and white noise of 0.05 degrees, new in each sample;
 the instants of the flashes are off by up to 1 ms. Errors are relative to the feet at BEGIN, without the tilt that the
-joints of BEGIN give the whole grid. Some eight seconds for a scan.
+joints of BEGIN give the whole grid. Without a stream stripes are left out whose background moved, in dim light as far
+as it is seen. Some eight seconds for a scan.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ import guara_perception as gp
 from benchmarks.command import Table, options
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.arrays import Float
+from guara_perception.simulation.light import Light
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
 from guara_perception.simulation.world import World, load_world
@@ -48,6 +50,10 @@ CASES: tuple[tuple[Sway, float], ...] = (
     (Sway(math.radians(1.0), 0.010, 1.0), 200.0),
     (Sway(math.radians(1.0), 0.010, 1.0), 0.0),
 )
+# Without a stream: sway at which ground may be lost, but none may be wrong, and at which a tenth may be lost.
+LITTLE, LITTLE_KEPT = Sway(math.radians(0.1), 0.001, 1.0), 0.90
+# Level [of 255] of the ambient light on white in dim rows.
+DIM_LEVEL = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +72,20 @@ class Scanned:
     free: int
 
 
-def scan(robot: RobotModel, world: World, sway: Sway, rate: float, seed: int, size: tuple[int, int] = SIZE) -> Scanned:
-    """Scan once, with a stream of `rate` samples a second, or without one at 0."""
+def scan(
+    robot: RobotModel,
+    world: World,
+    sway: Sway,
+    rate: float,
+    seed: int,
+    size: tuple[int, int] = SIZE,
+    *,
+    light: Light | None = None,
+) -> Scanned:
+    """Scan once, with a stream of `rate` samples a second, or without one at 0; in the world's light or another."""
     rng = np.random.default_rng(seed)
     calibration = specimen(robot, size, seed)
-    view = SimulatedRangefinder(world, calibration, robot, seed)
+    view = SimulatedRangefinder(world, calibration, robot, seed, light=light)
     posture = robot.posture("scan")
     standing = robot.stance_pose(Stance(posture, robot.legs, None)).transform_base_to_footprint
     phase = rng.uniform(0.0, 1.0 / sway.frequency)
@@ -115,20 +130,28 @@ def figures(scans: Sequence[Scanned], still: Sequence[Scanned]) -> tuple[float, 
 
 
 def main() -> None:
-    """Print the table; exit 1 when the row that must hold falls short."""
+    """Print the table; exit 1 when a row that must hold falls short."""
     asked = options(__doc__, scans=(10, "scans of a row"))
     robot, world = load_robot("guara"), load_world(DEMO_WORLD)
-    table = Table("sway [deg, mm, Hz]:<20 | stream [Hz]:11 | p95 [mm]:10.2f | free cells wrong:d | cells kept:.1%")
-    still: list[Scanned] = []
-    short = False
-    for sway, rate in CASES:
-        scans = [scan(robot, world, sway, rate, seed) for seed in range(asked.scans)]
-        still = still or scans
-        p95, wrong, kept = figures(scans, still)
-        short |= (sway, rate) == (MUST, 200.0) and (p95 > P95_M or wrong > 0 or kept < KEPT)
-        name = f"{math.degrees(sway.turn):.1f}, {1e3 * sway.shift:.0f}, {sway.frequency:.1f}"
-        table.row(name, rate or "-", 1e3 * p95, wrong, kept)
-    print(f"the row of 0.5 degrees, 5 mm, 1 Hz with 200 Hz {'falls SHORT' if short else 'holds'}")
+    table = Table(
+        "light:<5 | sway [deg, mm, Hz]:<20 | stream [Hz]:11 | p95 [mm]:10.2f | free cells wrong:d | cells kept:.1%"
+    )
+    dim = replace(world.light, ambient=(DIM_LEVEL,) * 3)
+    short: list[str] = []
+    for light, cases in (("plain", CASES), ("dim", [(sway, rate) for sway, rate in CASES if not rate])):
+        still: list[Scanned] = []
+        for sway, rate in cases:
+            given = dim if light == "dim" else None
+            scans = [scan(robot, world, sway, rate, seed, light=given) for seed in range(asked.scans)]
+            still = still or scans
+            p95, wrong, kept = figures(scans, still)
+            name = f"{math.degrees(sway.turn):.1f}, {1e3 * sway.shift:.0f}, {sway.frequency:.1f}"
+            table.row(light, name, rate or "-", 1e3 * p95, wrong, kept)
+            least = {(MUST, 200.0): KEPT, (LITTLE, 0.0): LITTLE_KEPT}.get((sway, rate), 0.0)
+            is_held = (sway, rate) == (MUST, 200.0) or (light == "plain" and not rate)
+            if is_held and (wrong > 0 or kept < least or (rate and p95 > P95_M)):
+                short.append(f"{name} at {rate:g} Hz")
+    print(f"rows that must hold: {'all hold' if not short else 'SHORT: ' + '; '.join(short)}")
     raise SystemExit(1 if short else 0)
 
 

@@ -20,7 +20,7 @@ from drivers.errors import AcquisitionNotEntered, BoardTooOld, DriverError
 from drivers.sweep.capture import ScanReport, StripeCapture, StripeEvidence, StripeVerdict
 from drivers.sweep.firing_order import RowRangeOf, check_firing_order
 from drivers.sweep.options import AcquireOptions
-from drivers.sweep.proof import StripeProof
+from drivers.sweep.proof import Align, StripeProof
 from drivers.sweep.scan_worker import ScanWorker
 from drivers.sweep.stripe_worker import ScanTask
 from drivers.sweep.sweep_worker import SweepWorker
@@ -49,6 +49,7 @@ def acquire(
     *,
     band: RowRangeOf | None = None,
     should_stop: Callable[[], bool] | None = None,
+    align: Align | None = None,
 ) -> StripeStream:
     """Start a scan, as a context manager that iterates over its stripes.
 
@@ -70,13 +71,15 @@ def acquire(
         options: None = defaults (one off frame).
         band: returns the rows (first, end) in which the stripe of an index can be; None = anywhere.
         should_stop: called often from the scan's thread; return True to end the scan early.
+        align: for a camera that may move during the scan: moves a picture to where another was taken, None where none
+            of it moved. Light that only an off frame shows is looked for after it; None = the camera stands.
 
     Raises:
         BadFiringOrder: the order is empty, repeats an index, or contains an angle that is not finite.
         BoardTooOld: a sweep is requested of a board that is not a `LaserBoard`.
     """
     order = check_firing_order(firing_order)
-    return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band)
+    return StripeStream(ScanTask(board, camera, order, options or AcquireOptions(), should_stop), band, align)
 
 
 def prepare(board: Board, firing_order: Iterable[tuple[int, float]]) -> int:
@@ -103,7 +106,7 @@ class StripeStream:
         dark_after: indices of the stripes that are followed by a dark flash; empty if the board cannot make them.
     """
 
-    def __init__(self, task: ScanTask, band: RowRangeOf | None) -> None:
+    def __init__(self, task: ScanTask, band: RowRangeOf | None, align: Align | None = None) -> None:
         """Prepare; see `acquire`."""
         self._task, self._band = task, band
         if task.options.sweep is not None and not isinstance(task.board, LaserBoard):
@@ -112,7 +115,7 @@ class StripeStream:
                 "freely"
             )
         self._worker = ScanWorker(task) if task.options.sweep is None else SweepWorker(task)
-        self._proof = StripeProof(task.options.limits)
+        self._proof = StripeProof(task.options.limits, align)
         takes_darks = not isinstance(self._worker, SweepWorker) or self._worker.takes_darks
         self.dark_after: frozenset[int] = task.options.dark_after if takes_darks else frozenset()
         self._verdicts: list[tuple[int, StripeVerdict]] = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,8 @@ COARSE_STRIDES = (32, 4)
 MEMORY = 9
 # Fraction of columns lit within the band above which lit columns elsewhere cannot change the verdict.
 PLAINLY_LIT = 0.5
+# A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
+Align = Callable[[Image, Image], Image | None]
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
@@ -56,9 +59,9 @@ class StripeProof:
     their bands only, at a tenth of the cost; any that is not clearly in step there is compared over the whole frame.
     """
 
-    def __init__(self, limits: ProofLimits | None = None) -> None:
-        """Start a scan."""
-        self._limits = limits or ProofLimits()
+    def __init__(self, limits: ProofLimits | None = None, align: Align | None = None) -> None:
+        """Start a scan; see `acquire` for `align`."""
+        self._limits, self._align = limits or ProofLimits(), align
         self._before: _Seen | None = None
         self._slopes: deque[float] = deque(maxlen=MEMORY)
         self._grid = _SampleGrid(1, 1)
@@ -101,8 +104,20 @@ class StripeProof:
                     verdict = self._verdict(*found, background, None)
                     if verdict in PROVED:
                         return verdict, found[1]
-        found = self._compare(mirror_angle, on, (0, len(self._reference_light)), background, reference_is_off)
+        rows = 0, len(self._reference_light)
+        found = self._compare(mirror_angle, on, rows, background, reference_is_off)
         verdict = self._verdict(*found, background, band)
+        if verdict is StripeVerdict.LEAK and self._align is not None:
+            moved = self._align(reference, on)
+            if moved is not None:
+                import cv2
+
+                # A scene that moved is no light: that of a pixel may now be beside it.
+                least = moved.copy()
+                cv2.erode(moved, np.ones((3, 3), np.uint8), least)
+                lights = self._grid.light(moved), self._grid.light(least)
+                found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights)
+                verdict = self._verdict(*found, background, band)
         self._reference_is_clean = reference_is_off and verdict in PROVED
         return verdict, found[1]
 
@@ -122,23 +137,25 @@ class StripeProof:
         rows: tuple[int, int],
         background: _Background,
         reference_is_off: bool,
+        lights: tuple[Array, Array] | None = None,
     ) -> tuple[_Seen, StripeEvidence]:
+        """Compare rows with the reference, or with `lights`: of a reference, and the least that may shine there."""
         first, end = rows
         difference = self._grid.light(on, rows)
-        difference -= self._reference_light[first:end]
+        lowest = None if lights is None else (difference - lights[1][first:end]).min(axis=0)
+        difference -= (self._reference_light if lights is None else lights[0])[first:end]
         peaks = difference.max(axis=0) - background.offset
         lit = peaks > background.threshold
-        leaks = (
-            np.count_nonzero(background.offset - difference.min(axis=0) > background.threshold)
-            if reference_is_off
-            else 0
-        )
+        leaks = 0
+        if reference_is_off:
+            lowest = difference.min(axis=0) if lowest is None else lowest
+            leaks = int(np.count_nonzero(background.offset - lowest > background.threshold))
         at = (first + difference.argmax(axis=0)) * float(self._grid.row_stride)
         seen = _Seen(mirror_angle, at, lit)
         count = int(np.count_nonzero(lit))
         return seen, StripeEvidence(
             lit_fraction=count / lit.size,
-            leak_fraction=int(leaks) / lit.size,
+            leak_fraction=leaks / lit.size,
             contrast=_median(peaks if count == lit.size else peaks[lit]) if count else math.nan,
             offset=background.offset,
             noise=background.noise,

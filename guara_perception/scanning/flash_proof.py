@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float32, Image, Mask
+from guara_perception.scanning.background import aligned
 from guara_perception.scanning.second_line import REFUSED_SHARE, REFUSED_STRIPES, SECOND_LINE, doubled_stripes
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.stripes.peaks import upper_median
@@ -20,6 +21,8 @@ OTHER_INSTANT = "frames are not of their flash"
 COMPARED_PX, MEAN_PX, LARGEST_PX = 640, 5, 25
 # [grey levels of 255] and sigmas of the noise by which averaged light stands out.
 LEAST_LEVEL, LEAST_SIGMAS = 5.0, 8.0
+# [px] Once aligned, a picture of ground that is not flat still differs by so much.
+WITHIN_PX = 1
 # Light in at least this share of the columns or rows is a line. In fewer, as of a lamp, only its pixels are not used.
 LINE_SHARE = 0.08
 # Least share of the columns or rows of a spot that is compared with that of the dark frame before.
@@ -101,6 +104,8 @@ class FlashProof:
             # Frames of different cameras or formats cannot be compared: this dark flash proves nothing.
             return
         lit = lit_pixels(dark, reference)
+        if lit.any() and (moved := aligned(reference, dark)) is not None:
+            lit = lit_pixels(dark, moved, within=WITHIN_PX)
         self._darks[index] = max(float(lit.any(axis=0).mean()), float(lit.any(axis=1).mean())), lit
 
     @property
@@ -176,10 +181,15 @@ def _share_of_light(profile: StripeProfile) -> float:
     return float((profile.status != StripeStatus.DROPOUT).mean())
 
 
-def lit_pixels(dark: Image, reference: Image) -> Mask:
+def lit_pixels(dark: Image, reference: Image, *, within: int = 0) -> Mask:
     """Mask of a frame without the laser: light narrower than LARGEST_PX, in any direction, that `reference` lacks.
 
     The mask is smaller than the frame by a whole factor where the frame is wider than COMPARED_PX.
+
+    Args:
+        dark: the frame.
+        reference: another without the laser, of the same size and type.
+        within: distance up to which light of the reference explains that of the frame, in pixels of the mask.
     """
     scale = 255.0 / float(np.iinfo(dark.dtype).max)
     reduced = [_reduced(picture) for picture in (dark, reference)]
@@ -187,12 +197,21 @@ def lit_pixels(dark: Image, reference: Image) -> Mask:
     # The scene's own light may have changed as a whole.
     gain = samples[0] / max(samples[1], 1e-3)
     light = reduced[0] - np.float32(gain) * reduced[1]
-    if light.ndim == 3:
-        light = light.max(axis=2)
-    mean = np.asarray(cv2.blur(light * np.float32(scale), (MEAN_PX, MEAN_PX)), np.float32)
+    mean = _mean(light * np.float32(scale))
+    noise = _noise(mean)
+    if within:
+        near = cv2.dilate(reduced[1], np.ones((2 * within + 1, 2 * within + 1), np.uint8))
+        # Where the reference is brighter nearby, what lies between is not therefore light.
+        mean = _mean(np.maximum(reduced[0] - np.float32(gain) * near, 0) * np.float32(scale))
     wide = cv2.morphologyEx(mean, cv2.MORPH_OPEN, np.ones((LARGEST_PX, LARGEST_PX), np.uint8))
     narrow = mean - np.asarray(wide, np.float32)
-    return np.asarray(narrow > max(LEAST_LEVEL, LEAST_SIGMAS * _noise(mean)))
+    return np.asarray(narrow > max(LEAST_LEVEL, LEAST_SIGMAS * noise))
+
+
+def _mean(light: Float32) -> Float32:
+    """Mean over MEAN_PX each way of the brightest channel."""
+    one = light.max(axis=2) if light.ndim == 3 else light
+    return np.asarray(cv2.blur(one, (MEAN_PX, MEAN_PX)), np.float32)
 
 
 def _reduced(picture: Image) -> Float32:

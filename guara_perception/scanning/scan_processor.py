@@ -19,6 +19,7 @@ from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
+from guara_perception.scanning.background import MOVED, BackgroundWitness, aligned, motion_text
 from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Proof, without_spoilt
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
@@ -131,6 +132,8 @@ class ScanProcessor:
         self._samples = FrameSamples(list(self._geometry.stripes), calibration.camera.size)
         self._surface = self._new_surface()
         self._proof = FlashProof()
+        ends = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
+        self._witness = BackgroundWitness(calibration.camera, self._geometry.transform_camera_to_footprint, ends)
         # Result of the last `_prove`, and what had been added by then.
         self._proved: tuple[tuple[int, ...], _Proved] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
@@ -201,6 +204,16 @@ class ScanProcessor:
         places = None if self._places is None else self._places.places
         if places is not None:
             forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
+        claimed = None
+        if places is not None:
+            claimed = {index: place.transform_camera_to_footprint for index, place in places.items()}
+        moved = {i: rise for i, rise in self._witness.moved(claimed).items() if i in self._profiles}
+        parted: Collection[Key] = ()
+        if places is not None:
+            ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
+            parted = parted_pairs(places, self._pattern.step, ends)
+        motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
+        forbidden |= dict.fromkeys(moved, MOVED)
         if proof.refused:
             forbidden = dict.fromkeys(self._profiles, proof.refused)
         changed: dict[int, StripeProfile] = {}
@@ -212,7 +225,7 @@ class ScanProcessor:
             elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
                 changed[index] = new
         if not changed and places is None:
-            return _Proved(proof, self._profiles, self._surface)
+            return _Proved(proof, self._profiles, self._surface, motion)
         profiles = {**self._profiles, **changed}
         good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
         if places is None:
@@ -220,10 +233,9 @@ class ScanProcessor:
             surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
             surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
         else:
-            ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
-            surface = self._new_surface(places, parted_pairs(places, self._pattern.step, ends))
+            surface = self._new_surface(places, parted)
             surface.add(self._ranger.points(good, places))
-        return _Proved(proof, profiles, surface)
+        return _Proved(proof, profiles, surface, motion)
 
     def _new_surface(
         self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
@@ -290,9 +302,10 @@ class ScanProcessor:
         for pair in pairs:
             if pair.index in good:
                 self._samples.add(pair, good[pair.index])
+                self._witness.look(pair.index, pair.on, pair.off, stripes[pair.index].band)
             self._proof.add(pair.index, profiles[pair.index])
             if pair.index in good:
-                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index]))
+                self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], aligned))
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
         extracted = time.perf_counter()
@@ -371,7 +384,7 @@ class ScanProcessor:
         other._samples.take_over(self._samples, indices)
         other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})
         # The same object: a finding on later frames also applies to the stripes copied now.
-        other._proof = self._proof
+        other._proof, other._witness = self._proof, self._witness
         other._seconds.update(self._seconds)
         return other
 
@@ -413,6 +426,7 @@ class ScanProcessor:
                 samples=self._samples,
                 mirrored_points=self._mirrored_points,
                 proof=proved.proof,
+                motion=proved.motion,
             )
         # A refused scan says nothing of any ground: the map keeps what it knows, as old as it is.
         unusable = {} if proved.proof.refused else proved.profiles
@@ -438,8 +452,9 @@ class ScanProcessor:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Proved:
-    """Profiles and surface of a scan that its dark flashes confirm."""
+    """Profiles and surface of a scan that its dark flashes and its background confirm, and what moved, as text."""
 
     proof: Proof
     profiles: Mapping[int, StripeProfile]
     surface: ScanSurface
+    motion: str

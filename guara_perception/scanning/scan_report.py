@@ -12,6 +12,7 @@ from guara_perception.arrays import Array, Mask
 from guara_perception.calibration.drift import DRIFTING, HOLDS, Drift, check_drift
 from guara_perception.ranging.scan_geometry import ScanGeometry
 from guara_perception.ranging.stripe_points import StripePoints
+from guara_perception.scanning.background import MOVED
 from guara_perception.scanning.coverage_diagnosis import advice, wrong_frames, wrong_pattern
 from guara_perception.scanning.flash_proof import OTHER_INSTANT, Proof
 from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
@@ -65,6 +66,7 @@ def scan_record(
     samples: FrameSamples,
     mirrored_points: Callable[[], Mapping[int, StripePoints]],
     proof: Proof,
+    motion: str,
 ) -> ScanRecord:
     """Record of a scan; docs/files.md describes its fields."""
     calibration, planned, settings = geometry.calibration, geometry.stripes, Settings.of(robot)
@@ -78,7 +80,8 @@ def scan_record(
     unknown = (hazard & UNKNOWN_MASK) != 0
     expected = ~((hazard & np.uint16(Hazard.UNSCANNED | Hazard.OCCLUDED | Hazard.SELF)) != 0)
     coverage = float((~unknown & expected).sum() / max(int(expected.sum()), 1))
-    reasons = [f"stripe {index}: {reason}" for index, reason in bad.items() if index not in proof.unproved]
+    told = {index: reason for index, reason in bad.items() if index not in proof.unproved and reason != MOVED}
+    reasons = [f"stripe {index}: {reason}" for index, reason in told.items()]
     if proof.unproved:
         reasons.append(
             f"{OTHER_INSTANT}, perhaps: no dark flash came after {len(proof.unproved)} stripes, which are not used"
@@ -94,12 +97,12 @@ def scan_record(
             f"was not used (stripe {index}: {why}): {STEADY}"
         )
     if not expected.any():
-        reasons.append("no part of the area was scanned")
+        reasons += filter(None, (motion, "no part of the area was scanned"))
     elif coverage < LOW_COVERAGE:
-        wrong = samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
+        wrong = motion or samples.excess() or wrong_pattern(profiles, settings.pattern(mode).step)
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
     else:
-        reasons += filter(None, (mirrored_frames(points, mirrored_points, pose), samples.texture()))
+        reasons += filter(None, (motion, mirrored_frames(points, mirrored_points, pose), samples.texture()))
     if sway := robot.pause_limits.stance_sway:
         reasons.append(
             f"the body may sway by {np.degrees(sway):.2f} degrees unseen (robot.toml, [pause] stance_sway): heights "

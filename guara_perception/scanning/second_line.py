@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,7 +41,9 @@ LEAST_TOP = 12.0
 REFUSED_SHARE, REFUSED_STRIPES = 0.2, 4
 
 
-def second_line(pair: FramePair, profile: StripeProfile) -> float:
+def second_line(
+    pair: FramePair, profile: StripeProfile, align: Callable[[Image, Image], Image | None] | None = None
+) -> float:
     """Brightness of a second line beside a stripe or merged with it, as a share of the stripe's; 1 where they merge.
 
     Most columns must show it. 0 without a laser-off picture, where a bright edge of the scene would look like a line.
@@ -48,7 +51,17 @@ def second_line(pair: FramePair, profile: StripeProfile) -> float:
     Args:
         pair: the pictures.
         profile: the stripe that was found in them.
+        align: moves the laser-off picture to where the other was taken, None where the camera stood: texture that
+            moved is no line.
     """
+    share = _second_line(pair, profile)
+    if align is not None and pair.off is not None and share > LEAST_ODD_SHARE:
+        moved = align(pair.off, pair.on)
+        return share if moved is None else _second_line(replace(pair, off=moved), profile)
+    return share
+
+
+def _second_line(pair: FramePair, profile: StripeProfile) -> float:
     columns = np.flatnonzero(np.isfinite(profile.position_px))
     if pair.off is None or columns.size < LEAST_COLUMNS:
         return 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.sway import MUST, P95_M, STILL, WRONG_M, figures, scan
+from benchmarks.sway import MUST, P95_M, STILL, figures, scan
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.exceptions import InvalidInput
 from guara_perception.simulation.world import load_world
@@ -19,13 +19,13 @@ SIZE = (320, 256)
 
 @pytest.mark.heavy
 def test_a_body_that_sways_is_scanned_as_one_that_stands(robot: RobotModel) -> None:
-    """0.5 degrees, 5 mm, 1 Hz, 200 samples a second; without them thousands of free cells are wrong."""
+    """0.5 degrees, 5 mm, 1 Hz, 200 samples a second; without them what moved is left out."""
     world = load_world(DEMO_WORLD)
     still = [scan(robot, world, STILL, 0.0, 0, SIZE)]
     p95, wrong, kept = figures([scan(robot, world, MUST, 200.0, 0, SIZE)], still)
     assert p95 < P95_M / 2 and wrong == 0 and kept > 0.95
-    p95, wrong, _ = figures([scan(robot, world, MUST, 0.0, 0, SIZE)], still)
-    assert p95 > WRONG_M and wrong > 500
+    _, wrong, kept = figures([scan(robot, world, MUST, 0.0, 0, SIZE)], still)
+    assert wrong == 0 and kept < 0.5
 
 
 @pytest.mark.slow

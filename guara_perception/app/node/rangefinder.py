@@ -21,6 +21,7 @@ from drivers import (
     timing,
 )
 from guara_perception.calibration.calibration import check_identity
+from guara_perception.scanning.background import aligned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -111,7 +112,9 @@ class Rangefinder:
         """A scan with a code of its own, to be taken in a `with` block; see `drivers.acquire`."""
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
         options = replace(options, dark_after=draw_code([index for index, _ in firing_order]))
-        return acquire(self.board, self.camera, firing_order, options, band=band, should_stop=should_stop)
+        return acquire(
+            self.board, self.camera, firing_order, options, band=band, should_stop=should_stop, align=aligned
+        )
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
         """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.

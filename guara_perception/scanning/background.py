@@ -1,0 +1,255 @@
+"""Motion of the camera that the background of a scan's pictures shows: texture that moves is no light.
+
+Corners of a picture without laser are followed (Lucas-Kanade) into the other pictures of the scan, outside the rows of
+the laser line. What moves with them is the camera; where there is no texture, nothing is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Image, Mask
+from guara_perception.calibration.calibration import CameraModel
+from kinematics.transforms import inverse, transform_points
+
+CAMERA_MOVED = "camera moved"
+MOVED = f"{CAMERA_MOVED}: the ground in its picture is not where it would be if the body moved as the joints say"
+# Stripes are not used if heights would be off by more than this [m], and by this many sigmas of what is seen.
+MOST_RISE_M, LEAST_SIGMAS = 0.003, 5.0
+# Pictures are followed at most at about this width [px].
+FOLLOWED_PX = 320
+# Mean levels [of 255] up to which a picture is brightened, and to which it is; the largest gain.
+DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
+# Corners: their number, quality relative to the best, and distance [px]; fewer than LEAST_CORNERS say nothing, nor do
+# those of which less than LEAST_SHARE agree.
+MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
+WINDOW, LEVELS = (13, 13), 2
+# [px] Corners that agree lie so near to where the others have them; pictures that differ by less have not moved.
+AGREE_PX, STILL_PX = 0.7, 0.15
+# [px] The line's glow reaches so far beyond its rows. Least noise of a corner.
+GLOW_PX, LEAST_NOISE_PX = 6, 0.03
+# Steps of the fit, and largest condition of its equations: below 1e3 for corners all over the picture.
+STEPS, MOST_CONDITION = 4, 1e9
+
+
+def gain_of(picture: Image) -> float:
+    """Gain that makes a dim picture bright enough to be followed; 1 for others."""
+    level = max(float(picture[::16, ::16].mean()) * 255.0 / np.iinfo(picture.dtype).max, 1.0)
+    return 1.0 if level > DIM_LEVEL else min(BRIGHT_LEVEL / level, MOST_GAIN)
+
+
+def grey(picture: Image, gain: float) -> Image:
+    """One channel of a picture in 8 bits, reduced in size.
+
+    Args:
+        picture: (h, w) or (h, w, 3).
+        gain: by which it is brightened; see `gain_of`.
+    """
+    one = picture
+    if picture.ndim == 3:
+        # Neither red nor blue: of three channels the one with the least noise.
+        one = cv2.extractChannel(picture, picture.shape[2] // 2)
+    factor = max(round(picture.shape[1] / FOLLOWED_PX), 1)
+    gain /= 256 if one.dtype == np.uint16 else 1
+    # The mean of several pixels is finer than one level of a dim picture.
+    bright = one if gain == 1.0 else one.astype(np.float32) * np.float32(gain)
+    if factor > 1:
+        size = picture.shape[1] // factor, picture.shape[0] // factor
+        bright = cv2.resize(bright[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
+    return np.asarray(bright if bright.dtype == np.uint8 else np.clip(bright, 0, 255), np.uint8)
+
+
+def corners(picture: Image) -> Float:
+    """(n, 2) corners of a grey picture [px]; none where there is no texture."""
+    found = cv2.goodFeaturesToTrack(picture, MOST_CORNERS, QUALITY, APART_PX)
+    return np.zeros((0, 2)) if found is None else np.asarray(found, np.float64).reshape(-1, 2)
+
+
+def follow(before: Image, after: Image, points: Float) -> Float:
+    """(n, 2) where points (n, 2) of one grey picture are in another [px]; NaN where they were lost."""
+    given = points.astype(np.float32).reshape(-1, 1, 2)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, given, given.copy(), winSize=WINDOW, maxLevel=LEVELS)
+    return np.where(found == 0, np.nan, np.asarray(there[:, 0], np.float64))
+
+
+def aligned(picture: Image, to: Image) -> Image | None:
+    """A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
+
+    Args:
+        picture: without the laser, (h, w) or (h, w, 3).
+        to: the other picture, of the same size and type.
+    """
+    gain = gain_of(picture)
+    one, other = grey(picture, gain), grey(to, gain)
+    points = corners(one)
+    if len(points) < LEAST_CORNERS:
+        return None
+    there = follow(one, other, points)
+    kept = np.isfinite(there[:, 0])
+    if np.count_nonzero(kept) < LEAST_CORNERS:
+        return None
+    homography, agree = cv2.findHomography(points[kept], there[kept], cv2.RANSAC, AGREE_PX)
+    if homography is None or np.count_nonzero(agree) < max(LEAST_CORNERS, LEAST_SHARE * len(points)):
+        return None
+    if np.median(np.linalg.norm(there[kept] - points[kept], axis=1)) < STILL_PX:
+        return None
+    scale = np.diag([one.shape[1] / picture.shape[1], one.shape[0] / picture.shape[0], 1.0])
+    whole = np.linalg.inv(scale) @ homography @ scale
+    # What the picture does not hold is taken from the other: nothing is said of it.
+    return np.asarray(
+        cv2.warpPerspective(picture, whole, picture.shape[1::-1], to.copy(), borderMode=cv2.BORDER_TRANSPARENT)
+    )
+
+
+def motion_text(moved: Mapping[int, float], parted: int, count: int, *, has_track: bool) -> str:
+    """Text on a body that moved during a scan; empty if all of its stripes are used and joined.
+
+    Args:
+        moved: stripes that are not used, with the error of their heights [m].
+        parted: number of pairs of neighbouring stripes between which the body moved too far to join them.
+        count: number of stripes.
+        has_track: whether the joints told the motion.
+    """
+    texts = []
+    if moved:
+        otherwise = " otherwise than the joints say" if has_track else ""
+        remedy = "check the joints and their clock" if has_track else "the robot must stand still, or stream its joints"
+        texts.append(
+            f"{len(moved)} of {count} stripes, off by up to {1e3 * max(moved.values()):.0f} mm{otherwise}, are not "
+            f"used: {remedy}"
+        )
+    if parted:
+        texts.append(
+            f"stripes are parted: {parted} pairs of neighbours are not joined, so far did the body move between "
+            "their flashes, or so little is that known: scan faster, or stand more quietly"
+        )
+    return f"{CAMERA_MOVED}: {'; '.join(texts)}" if texts else ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Rise (4,) of the corners of the area with the camera since the scan began [m], and standard deviations."""
+
+    rise: Float
+    sigma: Float
+
+
+class BackgroundWitness:
+    """Motion of the camera from picture to picture of a scan, as the background shows it."""
+
+    def __init__(self, camera: CameraModel, transform_camera_to_footprint: Float, ends: Float) -> None:
+        """Prepare a scan.
+
+        Args:
+            camera: the calibrated camera.
+            transform_camera_to_footprint: (4, 4) at BEGIN.
+            ends: (4, 3) corners of the scanned area in base_footprint.
+        """
+        self._camera, self._pose, self._ends = camera, transform_camera_to_footprint, ends
+        self._reference: Image | None = None
+        self._points = self._rays = np.zeros((0, 2))
+        self._flow: Float = np.zeros((0, 2, 6))
+        self._seen: dict[int, _Seen] = {}
+        self._pixel = self._gain = 0.0
+        # Rise of the ends by a small motion (translation, rotation) along the axes of the camera.
+        turn, arm = transform_camera_to_footprint[:3, :3], ends - transform_camera_to_footprint[:3, 3]
+        self._rise = np.column_stack((np.tile(turn[2], (len(ends), 1)), np.cross(turn.T[None], arm[:, None])[:, :, 2]))
+
+    def look(self, index: int, picture: Image, off: Image | None, band: tuple[int, int]) -> None:
+        """Look at the picture of a stripe.
+
+        Args:
+            index: index of the stripe.
+            picture: with the laser on.
+            off: with the laser off; the first one of the scan is what the others are compared with.
+            band: rows between which the stripe can appear.
+        """
+        if self._reference is None and off is not None:
+            self._begin(off)
+        if self._reference is None or len(self._points) < LEAST_CORNERS:
+            return
+        seen = grey(picture, self._gain)
+        if seen.shape != self._reference.shape:
+            return
+        scale = seen.shape[0] / picture.shape[0]
+        first, end = scale * band[0] - GLOW_PX, scale * band[1] + GLOW_PX
+        outside = (self._points[:, 1] < first) | (self._points[:, 1] >= end)
+        if np.count_nonzero(outside) < LEAST_CORNERS:
+            return
+        there = follow(self._reference, seen, self._points[outside])
+        if (found := self._motion(self._camera.rays(there / scale)[:, :2] - self._rays[outside], outside)) is not None:
+            self._seen[index] = found
+
+    def _begin(self, off: Image) -> None:
+        self._gain = gain_of(off)
+        self._reference = grey(off, self._gain)
+        points = corners(self._reference)
+        scale = self._reference.shape[0] / off.shape[0]
+        # Of the reduced picture, along the rays.
+        self._pixel = 1.0 / (scale * float(self._camera.matrix[0, 0]))
+        rays = self._camera.rays(points / scale)
+        down = rays @ self._pose[2, :3]
+        ground = down < 0
+        # Depth of the ground plane along each ray.
+        depth = -self._pose[2, 3] / down[ground]
+        (x, y), zero = rays[ground, :2].T, np.zeros(len(depth))
+        self._points, self._rays = points[ground], rays[ground, :2]
+        self._flow = np.stack(
+            (
+                np.stack((-1 / depth, zero, x / depth, x * y, -(1 + x**2), y), axis=1),
+                np.stack((zero, -1 / depth, y / depth, 1 + y**2, -x * y, -x), axis=1),
+            ),
+            axis=1,
+        )
+
+    def _motion(self, flow: Float, used: Mask) -> _Seen | None:
+        """Rise of the ends by the flow (n, 2) of some corners; None where too few agree, or they lie on a line."""
+        found = np.isfinite(flow[:, 0])
+        count = int(np.count_nonzero(found))
+        if count < max(LEAST_CORNERS, LEAST_SHARE * np.count_nonzero(used)):
+            return None
+        rows, wanted = self._flow[used][found].reshape(-1, 6), flow[found].ravel()
+        noise, weights = 0.0, np.ones(count)
+        for _ in range(STEPS):
+            weighted = (np.repeat(weights, 2)[:, None] * rows).T
+            normal = weighted @ rows
+            if np.linalg.cond(normal) > MOST_CONDITION:
+                return None
+            inverse_normal = np.linalg.inv(normal)
+            motion = inverse_normal @ (weighted @ wanted)
+            left = np.hypot(*(wanted - rows @ motion).reshape(-1, 2).T)
+            noise = max(float(np.median(left)), LEAST_NOISE_PX * self._pixel)
+            # Tukey's weights: corners of things that move by themselves count nothing.
+            weights = np.clip(1.0 - (left / (6.0 * noise)) ** 2, 0.0, None) ** 2
+        if np.count_nonzero(weights) < max(LEAST_CORNERS, LEAST_SHARE * count):
+            return None
+        sigma = noise * np.sqrt(np.einsum("ij,jk,ik->i", self._rise, inverse_normal, self._rise))
+        return _Seen(self._rise @ motion, sigma)
+
+    def moved(self, places: Mapping[int, Float] | None) -> dict[int, float]:
+        """Stripes whose picture was taken from elsewhere than claimed, with the error of heights [m].
+
+        Args:
+            places: places (4, 4) of the camera in base_footprint that the joints claim; None = it stood.
+        """
+        if not self._seen:
+            return {}
+        beyond = {index: seen.rise for index, seen in self._seen.items()}
+        if places is not None:
+            beyond = {index: rise - self._claimed(places[index]) for index, rise in beyond.items() if index in places}
+            # The place of the first picture is not known: all are relative to it.
+            common = np.median(list(beyond.values()), axis=0) if beyond else 0.0
+            beyond = {index: rise - common for index, rise in beyond.items()}
+        return {
+            index: float(np.abs(rise).max())
+            for index, rise in beyond.items()
+            if (np.abs(rise) > np.maximum(MOST_RISE_M, LEAST_SIGMAS * self._seen[index].sigma)).any()
+        }
+
+    def _claimed(self, transform_camera_to_footprint: Float) -> Float:
+        change = transform_camera_to_footprint @ inverse(self._pose)
+        return np.asarray((transform_points(change, self._ends) - self._ends)[:, 2])
