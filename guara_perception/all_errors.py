@@ -1,4 +1,4 @@
-"""`Errors`: every error that the public functions and clients raise on purpose, for one `except`."""
+"""`Errors`: roots of all errors that public functions and clients raise on purpose, to catch them in one `except`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from transport.exceptions import TransportError
 Errors: tuple[type[Exception], ...] = (PerceptionError, KinematicsError, TransportError)
 try:
     from drivers.errors import DriverError
-except ModuleNotFoundError:  # The distribution guara-client has no devices.
+except ModuleNotFoundError:  # The distribution guara-client has no drivers.
     pass
 else:
     Errors += (DriverError,)

@@ -1,4 +1,4 @@
-"""Stream of the gait's joints, from the gait controller to the node."""
+"""Stream of joint samples from the gait controller to the node."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from transport.messages.stance_stream import (
 from transport.messages.submessages import Point, StanceMessage
 from transport.messages.typestore import STANCE_STREAM, cdr
 
-# [s] Time that one batch holds: the node waits for the sample after its last stripe, and the gait must not be slowed.
+# Duration of a batch [s]: short, since the node waits for a sample after its last stripe; long enough to spare the gait
+# a message per sample.
 BATCH_PERIOD = 0.02
-# Batches that wait to be sent; on a link that is stuck the oldest are dropped, and the receiver notices the hole.
+# Largest number of batches waiting to be sent. On a blocked link the oldest are dropped; the receiver notices the gap.
 MAXIMUM_WAITING = 64
 
 
@@ -41,16 +42,16 @@ class _Sample:
 
 
 def _or_nan(vector: Point | None) -> Point:
-    """A vector, NaN where it is not measured."""
+    """The vector, or NaN if it was not measured."""
     return (np.nan, np.nan, np.nan) if vector is None else vector
 
 
 class StanceStreamPublisher(Sender):
-    """Publisher of the joints, sample by sample, which are sent in batches; never waits for a receiver.
+    """Publisher of joint samples, which it sends in batches; never waits for a receiver.
 
     Args:
         session: open session.
-        legs: legs of the robot, whose load each sample tells.
+        legs: legs of the robot; each sample tells which of them support it.
         robot: instance name.
         epoch: identity of the walk, as in `StancePause`.
     """
@@ -68,7 +69,9 @@ class StanceStreamPublisher(Sender):
         super().__init__(session, self._publisher)
 
     def add(self, stamp: int, stance: StanceMessage, angular_velocity: Point | None = None) -> None:
-        """Take one sample; returns at once. It is sent with those of `BATCH_PERIOD`.
+        """Queue one sample and return at once.
+
+        A batch is sent, at the latest, by the sample that comes `BATCH_PERIOD` after its first; `flush` sends the rest.
 
         Args:
             stamp: time of the joints [ns], by the clock that stamps the pauses.
@@ -76,7 +79,7 @@ class StanceStreamPublisher(Sender):
             angular_velocity: of the body in `base_link` [rad/s], where it is measured.
 
         Raises:
-            MessageError: a foot that is none of the legs, or a stamp that is not later than the one before.
+            MessageError: a support foot that is not one of the legs, or a stamp not later than the one before.
             SessionClosed: the session is closed.
         """
         if unknown := set(stance.support_feet) - set(self._legs):
@@ -93,7 +96,7 @@ class StanceStreamPublisher(Sender):
             self._samples.append(sample)
 
     def flush(self, timeout: float) -> None:
-        """Send what was taken and wait until it is; ReceiveTimeout when that takes longer than `timeout` [s]."""
+        """Send the queued samples and wait until that is done; ReceiveTimeout if it takes longer than `timeout` [s]."""
         with self._lock:
             self._send()
         super().flush(timeout)
@@ -122,7 +125,10 @@ class StanceStreamPublisher(Sender):
 
 
 class StanceStreamReceiver(OrderedReceiver[StanceStream]):
-    """Receiver of the joints of one robot: `on_batch` gets every batch, in the order of arrival."""
+    """Receiver of the joint samples of one robot.
+
+    `on_batch` gets the batches in the order of arrival; if it falls far behind, the oldest waiting ones are dropped.
+    """
 
     def __init__(
         self,

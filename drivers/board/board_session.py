@@ -1,4 +1,4 @@
-"""Session with the laser board: open, handshake, commands with bounded repeats, refusals, reconnect, close."""
+"""Session with the laser board: open, handshake, commands with bounded retries, refusals, reconnect, close."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from drivers.errors import (
 _Record = TypeVar("_Record")
 logger = logging.getLogger(__name__)
 WORTH_REPEATING = (BoardTimeout, BoardStalled, BoardTransferFailed, BadReply)
-# A command is repeated for this fraction of the watchdog's time.
+# Fraction of the watchdog's time during which a failed command is retried.
 WATCHDOG_SHARE = 0.5
 SWEEPS_SINCE = (1, 1)
 HOST_VERSION = PROTOCOL_MAJOR << 8 | PROTOCOL_MINOR
@@ -61,7 +61,7 @@ class BoardSession(Board):
     Attributes:
         config: ids and timeouts.
         sweep_table: entries of the board's step table that this session has written: place -> argument of SWEEP_STEP.
-        sweep_darks: places of that table after whose stripe the board takes a dark frame.
+        sweep_darks: places in that table whose stripe is followed by a dark frame.
     """
 
     def __init__(self, config: BoardConfig | None = None, *, backend: Any = None) -> None:
@@ -80,7 +80,7 @@ class BoardSession(Board):
 
     @property
     def identity(self) -> BoardIdentity:
-        """Identity of the open board.
+        """Identity of the board that was opened last.
 
         Raises:
             BoardNotOpen: before `open`.
@@ -129,7 +129,7 @@ class BoardSession(Board):
         """Turn the laser off, end the session and release the device; does nothing when closed.
 
         Raises:
-            LaserStuckOn: the laser is still on.
+            LaserStuckOn: the laser did not go off on command.
             BoardError: the command failed; the device is released nevertheless.
         """
         if not self._link.is_open:
@@ -172,12 +172,12 @@ class BoardSession(Board):
         """Read speeds, acceleration and settling time of the motor.
 
         Raises:
-            BoardStalled: the board speaks protocol 1.0, which does not report it.
+            BoardStalled: the board speaks protocol 1.0, which does not report them.
         """
         return self._repeat(Request.MOTION, 0, MOTION_SIZE, MotionProfile.unpack)
 
     def read_record(self, timeout: float) -> BoardStatus | StripeRecord | None:
-        """Wait for the next report of the board; None if there was none in time, or it was not readable.
+        """Wait for the next report of the board; None if none came in time or it cannot be read.
 
         Args:
             timeout: longest wait [s].
@@ -227,7 +227,7 @@ def raise_if_stuck_on(status: BoardStatus) -> None:
     if status.laser_sensed:
         raise LaserStuckOn("the laser is still on after it was switched off: cut its power by hand")
     if BoardFault.LASER_STUCK_ON in status.faults:
-        raise LaserStuckOn("the laser did not go off on command, the board opened its supply: repair its driver")
+        raise LaserStuckOn("the laser did not go off on command and the board cut its supply: repair the laser driver")
 
 
 def _answer(request: Request, data: bytes) -> BoardStatus:

@@ -31,7 +31,7 @@ CLOCK_RESOLUTION, CLOCK_ERROR = 0.001, 0.01
 class LaserBoard(BoardSession):
     """Driver of the laser board, a context manager, usable from any thread.
 
-    The board's watchdog turns the laser off after 0.4 s without a command, also if the program dies. Call `status()`
+    The board's watchdog turns the laser off after 0.4 s without a command, even if the program dies. Call `status()`
     regularly to keep the laser on for longer.
     """
 
@@ -100,7 +100,7 @@ class LaserBoard(BoardSession):
         self._begin_motion(self.command(Request.HOME))
         status = self.wait_until_still(self.config.home_timeout)
         if BoardFault.HOME_NOT_FOUND in status.faults or not status.homed:
-            raise HomeNotFound("the mirror met no home switch in its whole travel: check switch and cable")
+            raise HomeNotFound("the mirror found no home switch over its whole travel: check switch and cable")
         return status.home_error
 
     def go_to_step(self, step: int, *, wait: bool = True) -> float:
@@ -117,11 +117,11 @@ class LaserBoard(BoardSession):
         return self.identity.angle_of(step)
 
     def begin_sweep(self, argument: int) -> BoardStatus:
-        """Start a sweep by the board; `drivers.sweep.board_sweep` makes the argument.
+        """Start a sweep by the board; `drivers.sweep.board_sweep` encodes the argument.
 
         Raises:
             MirrorNotHomed: the home position is unknown.
-            LaserRefused: a fault prevents the laser.
+            LaserRefused: a fault blocks the laser.
             BoardError: the board rejects the command.
         """
         status = self.command(Request.SWEEP, argument)
@@ -133,10 +133,10 @@ class LaserBoard(BoardSession):
         return self.command(Request.HALT)
 
     def still_since(self, timeout: float | None = None) -> tuple[BoardStatus, float]:
-        """As `wait_until_still`; return the status, and a host time by which the motion had ended [s].
+        """Like `wait_until_still`; return the status, and a host time by which the motion had ended [s].
 
-        After the motion it does not wait: the queued report contains the time of its end. The clocks of board and host
-        need not agree: the reply to the command contained the board's time and arrived at a known host time.
+        If the motion has ended it returns at once: the queued report contains the time of its end. The clocks of board
+        and host need not agree: the reply to the command contained the board's time and arrived at a known host time.
 
         Args:
             timeout: longest wait [s]; None = the configured one.

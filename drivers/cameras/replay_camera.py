@@ -65,7 +65,7 @@ class ReplayCamera(Camera):
         """Return the next frame.
 
         Raises:
-            CameraTimeout: at this frame rate the next frame arrives after `timeout` [s].
+            CameraTimeout: the next frame is not due within `timeout` [s].
             CameraEnded: there are no more frames.
             CameraNotOpen: the camera is not open.
         """

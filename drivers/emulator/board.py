@@ -1,4 +1,4 @@
-"""Emulated board: executes the commands of `PROTOCOL.md`, and provides laser and mirror to emulated cameras."""
+"""Emulated board: executes the commands of `PROTOCOL.md`; emulated cameras read its laser and mirror."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ REPORTS_KEPT = 4
 class EmulatedBoard:
     """Laser board of protocol 1.0 in software; thread-safe.
 
-    Nothing runs in the background: each call first applies all timers, as of the times at which they were due.
+    Nothing runs in the background: a command, report or exposure first applies the timers that are due, each as of
+    its due time.
 
     Attributes:
         config: configuration.
@@ -123,7 +124,7 @@ class EmulatedBoard:
         return request < Request.SWEEP_STEP
 
     def _record(self, request: Request) -> bytes | None:
-        """Answer to a request for a record other than the status."""
+        """Answer to a request for a record other than the status; None for all other requests."""
         identity = replace(self.config.identity, protocol=(PROTOCOL_MAJOR, 0))
         return identity.pack() if request is Request.IDENTIFY else None
 

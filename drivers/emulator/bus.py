@@ -15,7 +15,7 @@ from drivers.emulator.descriptors import descriptor
 TO_DEVICE, TO_ENDPOINT, FROM_DEVICE = 0x00, 0x02, 0x80
 CLEAR_FEATURE, GET_DESCRIPTOR, GET_CONFIGURATION, SET_CONFIGURATION = 1, 6, 8, 9
 CLEAR_REPORT_HALT = (TO_ENDPOINT, CLEAR_FEATURE, 0, REPORT_ENDPOINT)
-# Polling interval while the mirror is still [s].
+# Polling interval while the mirror is at rest [s].
 REPORT_SLICE = 0.002
 
 
@@ -42,7 +42,7 @@ class Bus(Protocol):
         """Make a control transfer with data to the host, or raise BusError; `timeout` in seconds."""
 
     def command(self, request_type: int, request: int, value: int, index: int, timeout: float) -> None:
-        """Make a control transfer without data from the host, or raise BusError; `timeout` in seconds."""
+        """Make a control transfer without a data stage, or raise BusError; `timeout` in seconds."""
 
     def interrupt(self, length: int, timeout: float) -> bytes:
         """Read the interrupt endpoint, or raise BusError; `timeout` in seconds."""
@@ -98,7 +98,7 @@ class LocalBus:
             raise BusError(errno.EPIPE, "Pipe error")
 
     def interrupt(self, length: int, timeout: float) -> bytes:
-        """Wait for a report."""
+        """Wait for the next report and return it."""
         deadline = timing.monotonic() + timeout
         while True:
             report = self._next_report()

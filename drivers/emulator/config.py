@@ -9,7 +9,7 @@ from drivers.board.board_records import BoardIdentity
 from drivers.board.protocol import PROTOCOL_MAJOR, PROTOCOL_MINOR
 
 # Step of a 1.8 degree stepper with 256 microsteps that drives the mirror directly: 0.00703 degrees. The travel is 40
-# degrees with zero 15 degrees above its low end, which covers the scan of the Guara (-8 ... 19 degrees).
+# degrees with zero 15 degrees above its low end, which covers the scan of the Guara (-6.3 ... 18.6 degrees).
 STEP_NANORAD = 122718
 STEP = STEP_NANORAD * 1e-9
 
@@ -39,7 +39,7 @@ class EmulatorConfig:
         mirror_speed: speed of the mirror [rad/s]; 7 rad/s is 220 full steps per second, slow for a stepper.
         settle: settling time of the mirror after a motion [s].
         overshoot: number of steps by which a downward motion overshoots, to take up backlash.
-        periodic_error: amplitude of the stepper's periodic error, with a period of 8 full steps [rad].
+        periodic_error: amplitude [rad] of the stepper's periodic error, whose period is 8 full steps.
         temperature: temperature of the board [degrees Celsius].
         bus_delay: duration of a transfer [s]; a real full-speed control transfer takes about 0.001.
     """

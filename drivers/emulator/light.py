@@ -14,7 +14,7 @@ BLOCKING = BoardFault.WATCHDOG | BoardFault.LASER_TIME | BoardFault.OVER_TEMPERA
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Change of the laser to `on` at `time` [s]."""
+    """Switching event: the laser changed to `on` at `time` [s]."""
 
     time: float
     on: bool
@@ -33,7 +33,7 @@ class Laser:
         return self._log[-1].on
 
     def switch(self, on: bool, now: float) -> None:
-        """Switch at `now`; does nothing if the laser is in that state."""
+        """Switch at `now`; does nothing if the laser is in that state already."""
         if on != self.on:
             self._log.append(Switching(now, on))
 
@@ -108,7 +108,7 @@ class LightUnit:
         self._update(now)
 
     def advance(self, now: float) -> None:
-        """Apply the hardware timers that are due, each as of its own time."""
+        """Apply the hardware timer that is due first, as of its due time."""
         if not self.laser.on:
             return
         silent, limit = self._fed + self._identity.watchdog, self._run_start + self._identity.laser_limit

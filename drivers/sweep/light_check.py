@@ -12,7 +12,7 @@ from drivers.sweep.metering import brightness_of
 
 # Stride of the sampled background pixels, in rows and columns.
 INTERVAL = 8
-# Fraction of full scale from which on a pixel counts as clipped.
+# Fraction of full scale at which a pixel counts as clipped.
 CLIPPED = 0.996
 # Allowed fraction of clipped background pixels; lamps and reflections clip less in a well-exposed image.
 CLIPPED_PICTURE = 0.05
@@ -21,13 +21,13 @@ CLIPPED_STRIPE = 0.85
 # Least stripe brightness, as a fraction of full scale; a darker stripe is close to the noise of cheap cameras. Metering
 # aims at 0.7.
 DARK_STRIPE = 0.1
-# Number of stripes examined until one shows the laser; holes and black ground do not.
+# Most stripes examined in search of one that shows the laser; over holes and black ground none does.
 MOST_STRIPES = 4
-WHAT_TO_DO = "(`guara record` meters it and writes it as exposure in devices.toml)"
+WHAT_TO_DO = "(`guara record` meters the exposure and writes it to devices.toml)"
 
 
 class LightCheck:
-    """Check of the light of one scan by its first stripes.
+    """Check of the light of one scan from its first stripes.
 
     Attributes:
         problems: descriptions of problems, each with what to do.
@@ -44,7 +44,7 @@ class LightCheck:
 
         Args:
             capture: the next stripe of the scan.
-            rows: (first, end) in which the stripe can be; (0, 0) if it cannot be in view.
+            rows: (first, end) between which the stripe can appear; (0, 0) if it is out of view.
         """
         if self._examined >= MOST_STRIPES or capture.on is None:
             return

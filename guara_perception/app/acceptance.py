@@ -1,4 +1,4 @@
-"""Acceptance of a rangefinder: heights of known blocks on a flat floor, in scans between which it was off."""
+"""Acceptance of a rangefinder: known blocks on a flat floor, measured in scans between which it was off."""
 
 from __future__ import annotations
 
@@ -30,17 +30,18 @@ if TYPE_CHECKING:
 
 FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
-# Lower blocks are no obstacle of a grid, higher ones no step of a robot; nearer heights are told apart by nothing.
+# Lower blocks do not count as obstacles of a grid, and a robot does not step on higher ones.
 LOWEST_M, HIGHEST_M = 0.008, 0.5
+# Blocks are matched by height: closer heights could be confused.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
-# Cells nearer to the edge of a block show its edge too.
+# Cells closer than this to the outline of a block may contain its edge.
 RIM_M = 0.010
-# A height that a grid is sure of lies within this many of its standard deviations.
+# Largest error allowed, in standard deviations that the grid states.
 SIGMAS = 3.0
 
 
 class AcceptanceFailed(PerceptionError, RuntimeError):
-    """A scan does not show the blocks; the scans before it are kept, and the same command continues."""
+    """Scan that does not show the blocks. Earlier scans are kept; the same command continues after them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +50,9 @@ class Turn(FrozenArrays):
 
     Attributes:
         heights: (n,) measured heights over the floor [m].
-        sigmas: (n,) standard deviations that the grid claims for cells on the blocks [m].
+        sigmas: (n,) median stated standard deviation of the cells on each block, combined with the floor's [m].
         known: share of the grid that is known.
-        reasons: what the grid's health and the devices report.
+        reasons: reasons of the grid's health.
     """
 
     heights: Float
@@ -61,7 +62,7 @@ class Turn(FrozenArrays):
 
 
 def parse_blocks(text: str) -> tuple[float, ...]:
-    """Heights of blocks [m] with commas between, in ascending order.
+    """Parse heights of blocks [m], separated by commas; return them in ascending order.
 
     Raises:
         InvalidInput: no numbers, too low or high, too many or two nearly the same.
@@ -69,7 +70,7 @@ def parse_blocks(text: str) -> tuple[float, ...]:
     try:
         heights = tuple(sorted(float(height) for height in text.split(",")))
     except ValueError:
-        raise InvalidInput(f"--blocks is {text!r}, it must be heights in metres with commas between") from None
+        raise InvalidInput(f"--blocks is {text!r}, allowed: heights in metres, separated by commas") from None
     in_range = all(LOWEST_M <= height <= HIGHEST_M for height in heights)
     if not in_range or len(heights) > MOST_BLOCKS or np.diff(heights).min(initial=1.0) < LEAST_APART_M:
         raise InvalidInput(
@@ -80,14 +81,14 @@ def parse_blocks(text: str) -> tuple[float, ...]:
 
 
 def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
-    """Measure the blocks of a grid: median of their cells over the floor that is fitted to all others.
+    """Measure the blocks of a grid: median height of their cells above the fitted floor.
 
     Args:
         terrain: grid of one scan, with nothing but the blocks on the floor.
         heights: true heights in ascending order [m].
 
     Raises:
-        AcceptanceFailed: other than these blocks are seen.
+        AcceptanceFailed: the grid does not show exactly these blocks.
     """
     rows, columns = np.nonzero(np.isfinite(terrain.elevation))
     x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (columns, rows), strict=True))
@@ -116,7 +117,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
 
 
 def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Image) -> dict[str, str]:
-    """Identity of the open devices, their calibration and the programs, as a report states them.
+    """Identity of the open devices, their calibration and the software, for a report.
 
     Args:
         rangefinder: open devices.
@@ -148,9 +149,9 @@ class Acceptance:
 
     Attributes:
         blocks: true heights in ascending order [m].
-        turns: measurements, one of each scan.
+        turns: measurements, one per scan.
         device: facts of the device, by name.
-        note: light, floor and blocks in the words of whoever made it.
+        note: the operator's note on light, floor and blocks.
         is_simulated: no real device was used.
     """
 
@@ -167,7 +168,7 @@ class Acceptance:
 
     @property
     def is_held(self) -> bool:
-        """Whether every error is one that its grid allows for."""
+        """True if every error is within SIGMAS standard deviations that its grid states."""
         return bool(np.all(np.abs(self.errors) <= SIGMAS * np.array([turn.sigmas for turn in self.turns])))
 
     @property
@@ -203,14 +204,14 @@ class Acceptance:
             for i, (of, turn) in enumerate(zip(errors, self.turns, strict=True), start=1)
         ]
         head = ("height [mm]", "mean error", "largest error", "repeatability (one sigma)", "sigma stated")
-        kind = "A simulated device; no real one has part in these figures." if self.is_simulated else "A real device."
+        kind = "A simulated device; no real device was involved." if self.is_simulated else "A real device."
         return "\n".join(
             [
                 '<!doctype html><html lang="en"><meta charset="utf-8"><title>Acceptance report</title>',
                 f"<style>{STYLE}</style><h1>Acceptance of a rangefinder</h1>",
                 f'<p class="verdict {"good" if self.is_held else "refused"}">{escape(self.verdict)}</p>',
-                f"<p><b>{kind}</b> Before each scan it was to be switched off and on; its mirror homed anew. Share "
-                f"known: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
+                f"<p><b>{kind}</b> A real device is switched off and on before each scan, and its mirror homed again. "
+                f"Share known: {100 * min(known):.1f} ... {100 * max(known):.1f} %.</p><h2>Blocks</h2>",
                 table(blocks, head),
                 f"{image(self._errors_png(), 'error of each block and scan')}<h2>Scans</h2>",
                 table(turns, ("scan", "errors, lowest block first [mm]", "share known", "health")),

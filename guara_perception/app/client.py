@@ -81,7 +81,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def counts(self, extent: str = "footprint") -> dict[str, int]:
         """Numbers of grids received, superseded before use, lost in transfer, and rejected.
 
-        Rejected are damaged grids, those of another robot, frame or node, and those older than the one before.
+        A grid is rejected if it is damaged, of another robot, frame or node, or older than the one before.
         """
         receiver = self._client.receiver(extent)
         counts = {name: getattr(receiver, name) for name in ("received", "superseded", "missed")}
@@ -106,10 +106,10 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
         is alive. A map may be used for as many pauses as its record states.
 
         Args:
-            max_age: seconds since the end of its scan; None = the grid's own validity. No other rule is relaxed.
+            max_age: largest age since the end of the scan [s]; None = the grid's own validity. Relaxes no other rule.
             extent: "footprint" (last scan) or "map" (fused).
             allow_stale: return a stale grid too: of another pause or walk, withdrawn, too old, or of a node that is no
-                longer alive. `stale_because` of the grid gives the reasons, and its questions need `allow_stale` too.
+                longer alive. `stale_because` of the grid gives the reasons, and its queries require `allow_stale` too.
             confirmed_only: reject a provisional grid.
 
         Raises:
@@ -126,8 +126,8 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     ) -> TerrainSummary:
         """Newest summary of the fused map: a few kilobytes, for slow links.
 
-        A router may drop summaries, since none depends on an earlier one. The first call waits for a summary, a later
-        call only if the newest may not be used.
+        A router may drop summaries, since none depends on an earlier one. The first call waits for a summary; a later
+        one waits only if the newest may not be used.
 
         Args:
             timeout: seconds to wait for one that may be used.
@@ -136,7 +136,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Raises:
             StaleTerrain: the newest summary may not be used, and no newer one came in time.
-            transport.ReceiveTimeout: none came in time although the node lives.
+            transport.ReceiveTimeout: none came in time although the node is alive.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
             UnsafeGrid: it breaks the safety invariant and must not be used.
         """
@@ -227,7 +227,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
                 usable while the robot stands, and may be withdrawn.
 
         Raises:
-            transport.ReceiveTimeout: none came in time although the node lives.
+            transport.ReceiveTimeout: none came in time although the node is alive.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
         """
         if confirmed:
@@ -250,7 +250,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Args:
             mode: "coarse" or "standard".
-            timeout: seconds until the grid must be there.
+            timeout: seconds to wait for the grid.
             on_progress: called with every progress report.
             accepted: allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed it, before which
                 it is provisional.
@@ -279,7 +279,7 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
 
         Raises:
             StaleTerrain: the newest grid may not be used, or there is none yet.
-            ScannerUnavailable: nobody answers.
+            ScannerUnavailable: no node answers.
         """
         return message_to_terrain(self._client.query(extent=extent, region=region, timeout=timeout, **accepted))
 

@@ -42,13 +42,13 @@ def terrain_to_message(
         terrain: grid of a scan or of the fused map.
         robot: instance name of the robot.
         sequence: number of this message.
-        scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
+        scan_start, scan_end: times of the first and last frame [ns since the epoch]; None = the grid's stamp.
         valid_for: upper limit of the grid's validity after `scan_end` [s].
         stated: fields of the record to replace in the message.
 
     Raises:
         UnsafeGrid: the grid violates the safety invariant.
-        InvalidInput: a field of its record holds a value that cannot be read back.
+        InvalidInput: a field of its record holds a value that a receiver could not read back.
     """
     check_invariant(terrain.layers)
     record = dataclasses.replace(terrain.record, **(stated or {}))

@@ -1,4 +1,4 @@
-"""Triangulation of stripe profiles to points in base_footprint, or the paper's equations in its place."""
+"""Points in base_footprint of stripe profiles, by triangulation or by the paper's equations."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Triangulator:
         """Points (3, ..., n) in base_footprint of stripes at the given rows; NaN where there is no point.
 
         Args:
-            plane_in_camera: (..., 4) calibrated laser planes, one for each n rows.
+            plane_in_camera: (..., 4) calibrated laser planes, one for every n rows.
             position_px: (..., n) rows.
             columns: (..., n) column of each row; None = all columns of the picture, in order.
         """
@@ -65,7 +65,7 @@ class Triangulator:
     def measure(
         self, plane_in_camera: Float, position_px: npt.ArrayLike, sigma_px: npt.ArrayLike
     ) -> tuple[Float, Float]:
-        """Points as of `points`, and standard deviations (..., n) of their heights [m], propagated to first order."""
+        """Points as from `points`, and standard deviations (..., n) of their heights [m], propagated to first order."""
         rays = self._rays.at(position_px)
         depth, along_normal = plane_depth(rays, plane_in_camera)
         directions = self._directions(rays)

@@ -25,7 +25,7 @@ WEAK_RATIO = 0.4
 # ... so that the two are joined only if their heights differ by less than this.
 WEAK_JOIN_HEIGHT_M = 0.0015
 EVERYWHERE = (-math.inf, math.inf)
-# Samples along a joining line are at most a third of a cell apart, so that no crossed cell is missed.
+# Samples along a joining line per cell length: a cell that it crosses over more than a third of that is not missed.
 SAMPLES_PER_CELL = 3
 # At the end of a surface its last stripe may extend beyond the edge by part of the stripe's width on the ground.
 OPEN_END_M = 0.0005
@@ -48,7 +48,7 @@ def surface_of(
         pattern: indices of the stripes of the scan's mode.
         join_height: largest height difference of one surface [m].
         resolution: edge of the cells that will be filled [m].
-        y_range: range of y outside which points and lines are omitted [m].
+        y_range: range of y [m]; points and whole lines outside it are omitted.
         parted: (index, next index) of neighbours that do not confirm each other, whatever their heights.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range, parted)
@@ -71,7 +71,7 @@ def surface_lines(
 ) -> Iterator[tuple[Lines, Index]]:
     """Surface of `surface_of` as the lines on which its samples lie; a point is a line of one sample.
 
-    Yields lines, and the positions of the lines that are followed by that of the next image column.
+    Yields lines, and the positions of those that the line of the next image column follows.
     """
     seen = links_of(stripes, keys, pattern, join_height, y_range)
     indices = np.flatnonzero(seen.confirmed & np.isfinite(seen.points[2]))
@@ -96,11 +96,11 @@ class Links:
         indices: indices of s stripes.
         points: (3, s, w) float32 points of these stripes.
         confirmed: (s, w) requested points that the stripes on both sides confirm.
-        own: s numbers of swaths of the stripes, -1 for those not requested.
+        own: number of the swath of each of the s stripes, -1 if not requested.
         links: three (s - 1, w), links of the first stripe of each pair to the one before it, of the two stripes, and
             of the second stripe to the one after it.
         wanted: (s - 1, w) columns in which lines are requested.
-        pairs: s - 1 numbers of swaths of the pairs, -1 for those not requested.
+        pairs: number of the swath of each of the s - 1 pairs, -1 if not requested.
     """
 
     indices: list[int]
@@ -120,7 +120,7 @@ def links_of(
     y_range: tuple[float, float],
     parted: Collection[Key] = (),
 ) -> Links:
-    """Points and links of the stripes in `keys`; arguments as of `surface_of`."""
+    """Points and links of the stripes in `keys`; arguments as in `surface_of`."""
     numbers = {key: number for number, key in enumerate(keys)}
     indices = sorted({index for key in keys for index in key})
     # Each coordinate contiguous in memory: several times faster than one point after the other.
@@ -249,7 +249,7 @@ def _lines(seen: Links, resolution: float) -> Iterator[tuple[Lines, Index, list[
 
 
 def _neighbours(indices: Index, width: int) -> Index:
-    """Positions of those flat indices (stripe, image column) that the next column of the same stripe follows."""
+    """Positions of the flat indices (stripe, image column) whose successor is the next column of the same stripe."""
     return np.flatnonzero((np.diff(indices) == 1) & ((indices[:-1] + 1) % width > 0))
 
 
@@ -295,7 +295,7 @@ def shares(n: int) -> tuple[Float, Float, Float]:
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:
-    """Samples per line so that no crossed cell is missed, at most 64, for each of s sets of lines (3, s, w)."""
+    """Samples per line for each of s sets of lines (3, s, w): SAMPLES_PER_CELL per cell, at least 2 and at most 64."""
     squares = np.where(is_line, difference[0] ** 2 + difference[1] ** 2, 0)
     longest = np.sqrt(squares.max(axis=1)).tolist()
     return [min(max(math.ceil(SAMPLES_PER_CELL * length / resolution), 2), 64) for length in longest]

@@ -37,7 +37,7 @@ from kinematics.self_filter import SelfFilter
 
 
 class ScanProcessor:
-    """Computes a TerrainGrid from the frames of one scan as they arrive.
+    """Incremental computation of a TerrainGrid from the frames of one scan.
 
     Attributes:
         settings: perception settings of the robot.
@@ -76,15 +76,15 @@ class ScanProcessor:
             resolution: cell edge [m]; None = the robot's default. It must divide the area.
             stamp: end of the scan [ns since the epoch].
             step: number of the stance pause.
-            track: where the body is, relative to this stance, for a robot that sways: every stripe is then placed by
-                the `instant` of its `FramePair`, and one whose place is not known is not used. More samples may be
-                added to it until `finish`. None = the robot stands still.
+            track: poses of the body relative to this stance, for a robot that sways: every stripe is then placed by the
+                `instant` of its `FramePair`, and a stripe whose pose is unknown is not used. More samples may be added
+                to the track until `finish`. None = the robot stands still.
 
         Raises:
             InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
                 the area, a track with a method that assumes one pose.
             CalibrationMismatch: the calibration belongs to another robot or holds no stripe of this mode.
-            MissingFile, FileFormatError: the calibration's file is not there or not valid.
+            MissingFile, FileFormatError: the calibration's file is missing or invalid.
             kinematics.KinematicsError: no such robot, or the stance does not fit it.
         """
         check_method(method, threshold)
@@ -141,7 +141,7 @@ class ScanProcessor:
     def _undetectable_motion(self) -> Float | None:
         """Covariance (6, 6) of the camera motion that the joint readings before and after the scan cannot detect.
 
-        None with fewer than three support feet: stillness cannot be tested there, and no node confirms such a scan.
+        None with fewer than three support feet: stillness cannot be tested then, and no node confirms such a scan.
         """
         camera = self._calibration.transform_camera_to_base
         try:
@@ -174,11 +174,11 @@ class ScanProcessor:
 
     @property
     def refused(self) -> str:
-        """Reason, by the dark flashes, why nothing of this scan may be used; empty if it may."""
+        """Reason why the dark flashes rule out the whole scan; empty if they do not."""
         return self._what_is_proved().proof.refused
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
-        """Expect dark flashes after some stripes. Stripes that no dark flash follows are not used.
+        """Expect dark flashes after some stripes. Stripes after the last usable dark flash are not used.
 
         Args:
             dark_after: indices of stripes still to be added, each with `FramePair.dark`.
@@ -190,7 +190,7 @@ class ScanProcessor:
         self._proof.add_dark(index, dark, off)
 
     def _what_is_proved(self) -> _Proved:
-        """Profiles and surface of what the dark flashes confirm; cached until something is added."""
+        """Profiles and surface of the stripes that the dark flashes confirm; cached until something is added."""
         placed = 0 if self._places is None else self._places.update()
         version = (*self._proof.version, len(self._profiles), placed)
         if self._proved is None or self._proved[0] != version:
@@ -240,7 +240,7 @@ class ScanProcessor:
     def _new_surface(
         self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
     ) -> ScanSurface:
-        """A surface without stripes."""
+        """Empty surface, to which stripes can be added."""
         geometry, body = self._geometry, self._body
         if places:
             geometry, body = geometry.moved(places), places[sorted(places)[len(places) // 2]].body
@@ -323,7 +323,7 @@ class ScanProcessor:
         return list(profiles.values())
 
     def mark_bad(self, index: int, reason: str) -> None:
-        """Mark a stripe that was fired but has no usable frame: lost, or not taken at its mirror angle.
+        """Mark a stripe as bad that was fired but has no usable frame: lost, or not taken at its mirror angle.
 
         Args:
             index: index of the stripe in the standard pattern.
@@ -428,7 +428,7 @@ class ScanProcessor:
                 proof=proved.proof,
                 motion=proved.motion,
             )
-        # A refused scan says nothing of any ground: the map keeps what it knows, as old as it is.
+        # A refused scan is not evidence of lost returns: its stripes must not erase known cells of the map.
         unusable = {} if proved.proof.refused else proved.profiles
         lost = {index for index, profile in unusable.items() if profile.is_frame_bad}
         is_lost = np.array([index in lost for index in self._geometry.stripes])

@@ -25,13 +25,13 @@ from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 
-# Earlier frames that form the background of a stripe, in stripes before it: far enough not to overlap it in the
-# picture, and two of them, because each hides the ground under its own stripe.
+# How many stripes earlier the frames were taken that form the background of a stripe: far enough not to overlap it in
+# the picture, and two of them, because each hides the ground under its own stripe.
 STRIPES_BEFORE = (3, 6)
 
 
 class StripeFinder:
-    """Extracts stripe profiles from frame pairs; the profile of an unusable frame holds the reason."""
+    """Extractor of stripe profiles from frame pairs; the profile of an unusable frame holds the reason."""
 
     def __init__(self, method: str, size: tuple[int, int], stride: int, threshold: float | None = None) -> None:
         """Prepare a sweep.
@@ -40,7 +40,7 @@ class StripeFinder:
             method: one of `guara_perception.scanning.stripe_finder.METHODS`.
             size: width and height of the calibrated camera's pictures [px].
             stride: index difference of neighbouring stripes.
-            threshold: of the binarisation of the paper's methods, as in `paper_stripe`.
+            threshold: threshold of the paper's binarisation, as in `paper_stripe`.
         """
         self._extract = extract_precise if METHODS[method] is None else partial(extract_paper, threshold=threshold)
         self._size = size
@@ -97,10 +97,10 @@ class SweepBackground:
         self._last = -1
 
     def add(self, index: int, on: Image, rows: tuple[int, int]) -> Band | str:
-        """Add a good laser-on frame; return its band with a background, or the reason why it has none.
+        """Add a good laser-on frame; return its band, or the reason why a background frame is missing.
 
-        The channel in which the first stripe has the strongest signal is used for the whole sweep. The background of
-        the first stripes, and of those out of order, is estimated from their own frame.
+        The channel in which the first stripe has the strongest signal is used for the whole sweep. The first stripes,
+        and those out of order, get a band without background: it is estimated later from their own frame.
 
         Args:
             index: index of the stripe.
@@ -133,7 +133,7 @@ class SweepBackground:
 METHODS: dict[str, Literal | None] = {
     # Matched filter, triangulation with the calibrated laser planes.
     "precise": None,
-    # The paper's chain, eqs. 7 to 21, corrected; with eq. 8 in one iteration; with eqs. 20, 21 about the image centre.
+    # The paper's chain, eqs. 7 to 21: corrected, with a one-step eq. 8, and with eqs. 20, 21 about the image centre.
     "paper": Literal(),
     "paper-literal-lens": Literal(lens=True),
     "paper-literal-ortho": Literal(ortho=True),
@@ -141,7 +141,7 @@ METHODS: dict[str, Literal | None] = {
 
 
 def check_method(name: str, threshold: float | None = None) -> None:
-    """Reject an unknown method, and a threshold that is none or is given to a method without one.
+    """Reject an unknown method, an invalid threshold, and a threshold for a method that has none.
 
     Raises:
         InvalidInput: the message says what is allowed.

@@ -11,9 +11,10 @@ from guara_perception.stripes.band import StripeProfile, nothing
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 
 NAN = np.float32(np.nan)
-# Light is the sum of this many pixels, of three columns and three rows: that halves the noise of a dim stripe and loses
-# next to nothing of a thin one's peak. Shifts about a peak at which filters answer. As in kernel.h.
+# Pixels summed into one value of light, three columns by three rows: this reduces noise more than it lowers the peak of
+# a thin stripe. As in kernel.h.
 SCALE = 9
+# Shifts about a peak at which the filters are evaluated. As in kernel.h.
 SHIFTS = 7
 
 
@@ -31,7 +32,7 @@ class DetectedStripe:
         background: (rows, columns[, channels]) laser-off picture; None if there is none or it cannot be used.
         channel: the channel of `background` that the laser lights most.
         sigma: width of the stripe [px].
-        noise: standard deviation of a response; divided by the slope of the response, that of the row.
+        noise: standard deviation of the row, times the fall of the response from one shift to the next.
         rows: number of rows of the band.
         first_row: first row of the band in the full picture.
         remark: reason why the laser-off picture was not used; empty if it was used or there was none.

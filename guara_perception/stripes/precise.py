@@ -59,7 +59,7 @@ def _extract(band: Band) -> StripeProfile:
 
 
 class ClearStripe(NamedTuple):
-    """What the highest peaks of a band show; views of memory that the next band of the thread overwrites.
+    """Findings on the highest peaks of a band; views of memory that the next band of the thread overwrites.
 
     Attributes:
         told: what was judged, then the stripe's width [px] and the noise of a response.

@@ -52,7 +52,7 @@ def data_url(png: bytes) -> str:
 
 
 def for_show(picture: Image) -> Image:
-    """Convert a camera image to RGB, stretched to full contrast so that dark images are visible."""
+    """Convert a camera image to RGB, scaled in brightness so that dark images are visible."""
     rgb = cv2.cvtColor(eight_bits(picture), cv2.COLOR_GRAY2RGB if picture.ndim == 2 else cv2.COLOR_BGR2RGB)
     high = max(float(np.percentile(rgb, 99.8)), 1.0)
     return np.clip(rgb * (235.0 / high), 0, 255).astype(np.uint8)
@@ -126,7 +126,7 @@ def coverage_and_sigma(result: CalibrationResult) -> bytes:
 
 
 def halves(result: CalibrationResult) -> bytes | None:
-    """Draw the difference of two lens models, each from every other image; None if there are too few images."""
+    """Draw the difference between two lens models, each fitted to every other image; None if there are too few."""
     if result.cross_validation is None:
         return None
     pixels, difference = result.cross_validation
@@ -137,13 +137,13 @@ def halves(result: CalibrationResult) -> bytes | None:
     )
     figure.colorbar(shown, ax=axes, label="difference [px]", shrink=0.85)
     axes.quiver(*pixels.T, *difference.T, angles="xy", color="white", width=0.003)
-    axes.set_title("two lenses, each from every other picture")
+    axes.set_title("two lens models, each fitted to every other picture")
     _picture_axes(axes, result)
     return to_png(figure)
 
 
 def fiducials(result: CalibrationResult) -> bytes:
-    """Draw each cross enlarged, with its detected and its expected position."""
+    """Draw up to six crosses, enlarged, with their detected and expected positions."""
     picture = for_show(result.session.read_picture(result.session.fiducials.image))
     marks = result.floor.marks[:6]
     figure, axes = new_figure(1.8 * len(marks) + 1.0, 2.9, columns=len(marks))
@@ -209,7 +209,7 @@ def stripes_over_plate(result: CalibrationResult) -> bytes:
 
 
 def plate_errors(result: CalibrationResult) -> bytes:
-    """Height error of every stripe on every plate, and of each plate through the planes of the others."""
+    """Height error of every stripe on every plate, and of each plate by the laser planes fitted to the others."""
     columns = 2 if result.laser.leave_one_out else 1
     figure, axes = new_figure(10.5, 3.8, columns=columns)
     for number, plate in enumerate(result.session.plates):

@@ -20,7 +20,7 @@ from guara_perception.files import check_folder, whole_file
 REPORT_FILE = "report.html"
 VERDICT_TEXTS = {
     "good": "This calibration is good. Use it.",
-    "usable": "This calibration can be used, but something could be better. The reasons are below.",
+    "usable": "This calibration can be used, but it could be better. The reasons are below.",
     "refused": "Do not use this calibration: heights measured with it cannot be trusted. The reasons are below.",
 }
 PAGE = Path(__file__).with_name(REPORT_FILE)
@@ -29,7 +29,7 @@ MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
 def write_report(result: CalibrationResult, folder: str | Path) -> Path:
-    """Draw and write `report.html` into a folder, which is created if needed; return its path.
+    """Write `report.html` into a folder, which is created if needed; return the path of the file.
 
     Raises:
         InvalidInput: `folder` is a file.
@@ -83,14 +83,14 @@ def report_page(result: CalibrationResult) -> str:
 
 
 def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
-    """Table of escaped cells, with a heading or without."""
+    """HTML table of escaped cells, with or without a heading."""
     lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)] if head else []
     lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def image(png: bytes, text: str) -> str:
-    """Picture within the page, and its text for those who do not see it."""
+    """HTML image with the PNG embedded, and its alternative text."""
     return f'<img alt="{escape(text)}" src="{data_url(png)}">'
 
 
@@ -132,7 +132,7 @@ def _found(result: CalibrationResult) -> str:
 
 
 def summary(result: CalibrationResult) -> str:
-    """Verdict, lens, mount, every check with its limits, and the reasons."""
+    """Summary as text: verdict, camera, mount, laser, every check with its limits, and the reasons."""
     matrix, camera = result.fit.camera.matrix, result.fit.camera
     x, y, z = result.calibration.transform_camera_to_base[:3, 3]
     lines = [
@@ -142,7 +142,7 @@ def summary(result: CalibrationResult) -> str:
         f"mount: {MOUNTS[result.floor.mount]}, optical centre at {x:.4f} {y:.4f} {z:.4f} m in "
         f"base_link, {1e3 * result.fit.transform_camera_to_footprint[2, 3]:.1f} mm above the floor",
         f"laser: {len(result.calibration.stripes)} stripes, axis at {_axis(result)} in base_footprint",
-        "checks (limit of good, limit of refused):",
+        "checks (limit for good, limit for refused):",
     ]
     width = max(len(check.name) for check in result.checks)
     lines += [
@@ -164,7 +164,7 @@ def value_text(check: Check) -> str:
 
 
 def limits_text(check: Check) -> str:
-    """Limits of good and of refused, with the sign of the side on which values are good."""
+    """Limits that a value must meet to be good, and not to be refused, with the comparison."""
     side = ">=" if check.higher_is_better else "<="
     return f"({side} {check.usable_from:g}, {side} {check.refused_from:g})"
 

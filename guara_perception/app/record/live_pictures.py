@@ -1,4 +1,4 @@
-"""Pictures for the live page while the operator lays something down, with what is found drawn into them."""
+"""Camera pictures for the live page while the operator lays out board, crosses or plates, with detections drawn in."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from guara_perception.settings import Settings
 from guara_perception.shown import eight_bits
 from transport.supervision import supervised
 
-# A picture with what was found drawn into it, and a sentence about it.
+# Draws what it finds into a copy of a picture; returns that copy and a sentence about it.
 Look = Callable[[Image], tuple[Image, str]]
-# Called with a picture and a sentence about it, or the request for the next one.
+# Called with each picture and a text: a sentence about it, or the request to the operator.
 Watch = Callable[[Image, str], None]
 GREEN, RED = (0, 220, 0), (0, 0, 255)
-# [px] Radius of the circles; points of an outline on each side, since a lens bends it.
+# Radius of the circles [px].
 RADIUS = 8
+# Points on each side of an outline, whose image the lens bends.
 SIDE_POINTS = 20
 
 
 def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, watch: Watch) -> None:
-    """Show one picture after the other until `ask`, on a thread of its own, has its answer."""
+    """Show pictures until `ask`, which runs in its own thread, returns; its exception is raised here."""
     answer: Future[None] = Future()
 
     def wait_for_answer() -> None:
@@ -53,12 +54,12 @@ def show_while(ask: Callable[[], None], grab: Callable[[], Image], look: Look, w
 
 
 def plain(picture: Image) -> tuple[Image, str]:
-    """The picture as it is."""
+    """Return the picture as it is."""
     return picture, ""
 
 
 def board_look(board: BoardSpec) -> Look:
-    """Look for a board; its corners are drawn."""
+    """Function that finds a board and draws its corners."""
 
     def look(picture: Image) -> tuple[Image, str]:
         view = find_board(picture, board)
@@ -71,7 +72,7 @@ def board_look(board: BoardSpec) -> Look:
 
 
 def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]) -> Look:
-    """Look for crosses near where one of the mounts expects them: found in green, places of the others in red."""
+    """Function that looks for crosses where the best-fitting mount expects them: green if found, red if missing."""
 
     def look(picture: Image) -> tuple[Image, str]:
         grey, drawn = to_grey(picture), _colour(picture)
@@ -86,7 +87,7 @@ def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]
 
 
 def area_look(camera: CameraModel, transform_camera_to_footprint: Float, settings: Settings, height: float) -> Look:
-    """Outline of the scanned area on a plate of this height [m]."""
+    """Function that draws the outline of the scanned area on a plate of this height [m]."""
     (x0, x1), (y0, y1) = settings.footprint_x, settings.footprint_y
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
     share = np.linspace(0, 4, 4 * SIDE_POINTS + 1)
@@ -102,7 +103,7 @@ def area_look(camera: CameraModel, transform_camera_to_footprint: Float, setting
 
 
 def _colour(picture: Image) -> Image:
-    """A copy of 8 bits and three colours."""
+    """Copy of a picture as 8-bit BGR."""
     picture = eight_bits(picture)
     return cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
 

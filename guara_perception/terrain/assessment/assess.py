@@ -22,7 +22,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 LEAST_SAFE_SCORE = 0.01
 # Large grids are assessed in blocks of rows that fit the cache; all tests are local, so the result is the same.
 BLOCK_CELLS = 60_000
-# Minimum height of a block, in heights of its margin: rows of the margins are assessed twice.
+# Minimum height of a block, in multiples of its margin, whose rows are assessed twice.
 LEAST_MARGINS = 6
 
 
@@ -108,7 +108,7 @@ def _assess_in_blocks(
     limits: TraversabilityLimits,
     drift: Index | None,
 ) -> dict[str, Array]:
-    """All layers but the clearance."""
+    """All layers but clearance, age and looks, computed in blocks of rows."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = flags.shape
     margin = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)

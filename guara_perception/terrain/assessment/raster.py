@@ -21,7 +21,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class CellSamples:
-    """Samples of one swath, summed per cell; arrays of equal length, each cell once.
+    """Samples of one swath, summed per cell; arrays of equal length, each cell once, in ascending order.
 
     Attributes:
         cell: int32 ix * (ny + 2) + iy, column and row counted from 1; a ring of cells around the grid collects the
@@ -65,7 +65,7 @@ class SurfaceSamples:
     Attributes:
         points: (3, n) float64 in base_footprint, coordinate by coordinate; samples that are NaN are left out.
         variance: (n,) float64 variance of the heights [m^2].
-        runs: (swath, number of samples) of each run, at least one sample a run and n in all. A swath may have any
+        runs: (swath, number of samples) of each run, at least one sample per run and n in all. A swath may have any
             number of runs.
     """
 
@@ -80,7 +80,7 @@ class Raster:
 
     Attributes:
         elevation: mean height of the top layer of each cell [m].
-        variance: variance of that mean [m^2].
+        variance: mean variance of the samples in that layer [m^2]; the variance of the mean cannot exceed it.
         low, high: lowest and highest sample [m].
     """
 
@@ -95,7 +95,7 @@ class Raster:
         return self.elevation, self.variance, self.low, self.high
 
     def window(self, cells: tuple[slice, slice]) -> Raster:
-        """Rows and columns of the raster."""
+        """Part of the raster: ranges of its rows and columns."""
         return Raster(*(np.ascontiguousarray(layer[cells]) for layer in self.layers))
 
     def with_columns(self, columns: slice, part: Raster) -> Raster:
@@ -198,7 +198,7 @@ def merge(swaths: Iterable[CellSamples], geometry: GridGeometry, columns: slice 
     """Merge the swaths of all stripes and pairs into the heights of a grid.
 
     Args:
-        swaths: the swaths, always in the same order, which decides the last bit of the sums.
+        swaths: the swaths, always in the same order, which determines the last bit of the sums.
         geometry: the grid.
         columns: columns of the grid to compute; None = all.
     """

@@ -41,7 +41,7 @@ class Hazard(IntFlag):
     STALE = 32768
 
     def __str__(self) -> str:
-        """Names of the flags, as in "EDGE|STEP"."""
+        """Names of the flags, lowest first, as in "STEP|EDGE"."""
         return self.name or str(int(self))
 
 
@@ -117,7 +117,8 @@ def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> No
     _reject((hazard == 0) != (traversability > 0), "a cell is traversable with a hazard, or not without one")
     occupancy = occupancy_values(traversability, hazard)
     _reject((hazard == 0) != (occupancy < 100), "occupancy and hazard disagree")
-    # All cells in the test windows of a safe cell must be known. Without the limits only the ring around it is checked.
+    # All cells in the test windows of a safe cell must be known. Their size is not known here: only the
+    # eight neighbours are checked.
     _reject((hazard == 0) & with_neighbours(unknown), "a cell beside an unknown one is traversable")
 
 

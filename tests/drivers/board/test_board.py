@@ -43,7 +43,7 @@ def test_stuck_laser_is_found_and_put_out_by_the_supply(board: LaserBoard, emula
     """A transistor that sticks raises an error, and the laser is dark nevertheless, until it is mended."""
     emulated.inject(Fault(FaultKind.LASER_STUCK_ON))
     board.laser_on()
-    with pytest.raises(LaserStuckOn, match="opened its supply"):
+    with pytest.raises(LaserStuckOn, match="the board cut its supply"):
         board.laser_off()
     eventually(lambda: not emulated.view().laser_on)
     with pytest.raises(LaserRefused, match="cannot work: the laser shines without command"):
@@ -165,7 +165,7 @@ def test_lost_steps_show_at_home(board: LaserBoard, emulated: BenchBoard) -> Non
 def test_missing_home_switch_is_reported(board: LaserBoard, emulated: BenchBoard) -> None:
     """A switch that is never met ends in an error, and the mirror counts as not homed."""
     emulated.inject(Fault(FaultKind.NO_HOME_SWITCH))
-    with pytest.raises(HomeNotFound, match="met no home switch"):
+    with pytest.raises(HomeNotFound, match="found no home switch"):
         board.home()
     assert not board.status().homed
 
