@@ -31,6 +31,7 @@ class Light:
         shot_noise: variance per level, from the number of electrons.
         read_noise: standard deviation of the darkest level.
         vignetting: exponent of the brightness as a power of the cosine of the field angle.
+        texture: factor of the mottles of all surfaces, 0 = none.
         skirt: scattered light 8 px beside the stripe's peak, as a share of it; it falls with the distance.
         halo: level beside a clipped core; it fades within 20 px.
         ghost: relative strength of a second image of the stripe, caused by reflection.
@@ -55,6 +56,7 @@ class Light:
     shot_noise: float = 0.011
     read_noise: float = 0.5
     vignetting: float = 3.0
+    texture: float = 1.0
     skirt: float = 0.0
     halo: float = 0.0
     ghost: float = 0.0

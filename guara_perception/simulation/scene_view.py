@@ -80,7 +80,7 @@ def view_scene(
     slope = relief.sample(relief.slope, points[..., 0], points[..., 1])
     steepness = 1 / np.sqrt(1 + slope[..., 0] ** 2 + slope[..., 1] ** 2)
     normals = np.dstack((-slope[..., 0] * steepness, -slope[..., 1] * steepness, steepness))
-    albedo, shine = _surface(relief, points, normals)
+    albedo, shine = _surface(relief, points, normals, light.texture)
     if light.chessboard:
         # The chessboard does not cover absorbing material: dark ground stays dark.
         board = np.where(albedo.max(axis=2) > DARK_ALBEDO, _chessboard(points), albedo[..., 0])
@@ -132,7 +132,7 @@ def _ground_points(relief: Relief, camera: Float, directions: Float32) -> Float3
     return points
 
 
-def _surface(relief: Relief, points: Float32, normals: Float32) -> tuple[Float32, Float32]:
+def _surface(relief: Relief, points: Float32, normals: Float32, contrast: float) -> tuple[Float32, Float32]:
     """Albedo (h, w, 3) red, green, blue and shine (h, w); those of a wall are sampled just behind it."""
     behind = np.float32(0.0015) * (1 - normals[..., 2])
     x = points[..., 0] - behind * normals[..., 0]
@@ -141,7 +141,7 @@ def _surface(relief: Relief, points: Float32, normals: Float32) -> tuple[Float32
     rows = ((material.albedo, material.shine, material.texture) for material in MATERIALS)
     albedo, shine, depth = (np.array(values, dtype=np.float32)[index] for values in zip(*rows, strict=True))
     texture = relief.sample_texture(x + points[..., 2], y - points[..., 2])
-    mottled = np.clip(1 + depth * texture, *TEXTURE_RANGE)
+    mottled = np.clip(1 + np.float32(contrast) * depth * texture, *TEXTURE_RANGE)
     return np.clip(albedo * mottled[..., None], 0, 1).astype(np.float32), shine
 
 

@@ -34,6 +34,7 @@ class WalkNoise:
         imu: standard deviation of the reported direction of gravity, per axis [rad]; None = no IMU, gravity is not
             reported.
         creep: standard deviation of the motion of a standing sole between two pauses, per horizontal axis [m].
+        slide: share of the way by which all standing soles slide back together; negative: ahead.
     """
 
     joint: float = 0.0035
@@ -41,12 +42,15 @@ class WalkNoise:
     slip: float = 0.001
     imu: float | None = 0.00175
     creep: float = 0.0
+    slide: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("joint", "contact", "slip", "imu", "creep"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"walk noise: {name} is {value}, allowed: finite, 0 or more")
+        if not abs(self.slide) <= 0.5:
+            raise InvalidInput(f"walk noise: slide is {self.slide}, allowed: -0.5 ... 0.5 of the way")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +173,8 @@ def simulate_walk(
         x, y = chosen_foothold(pause, choose)
         if noise.creep:
             soles = {each: sole + noise.creep * np.append(rng.standard_normal(2), 0.0) for each, sole in soles.items()}
+        if noise.slide:
+            soles = {each: sole - (noise.slide * gait.advance, 0.0, 0.0) for each, sole in soles.items()}
         soles = {**soles, leg: set_down(*pause.to_world(x, y))}
         sole = soles[leg]
         footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
