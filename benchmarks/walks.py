@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import map_cost, moving_ground, scan_modes
+from benchmarks import map_cost, moving_ground, pictures, scan_modes
 from benchmarks.command import options, run_part
 from benchmarks.scanned_walk import PAUSES_BETWEEN, WalkedPause, drift_aside, fused_pauses, scanned_walk
 from guara_perception.arrays import Float
@@ -211,7 +211,16 @@ def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
 
 def main() -> None:
     """Command line."""
-    run_part("walks", {"drift": drift, "moving": moving_ground.main, "cost": map_cost.main, "modes": scan_modes.main})
+    run_part(
+        "walks",
+        {
+            "drift": drift,
+            "pictures": pictures.main,
+            "moving": moving_ground.main,
+            "cost": map_cost.main,
+            "modes": scan_modes.main,
+        },
+    )
 
 
 if __name__ == "__main__":

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from guara_perception.arrays import Float, Image, Index
+from guara_perception.arrays import Float, Grey, Image, Index
 from guara_perception.calibration.calibration import Calibration, format_indices
 from guara_perception.calibration.drift import Drift
 from guara_perception.calibration.file import load_calibration
 from guara_perception.exceptions import CalibrationMismatch, InvalidInput
+from guara_perception.ground_picture import GroundPicture, grey_picture
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
 from guara_perception.ranging.stripe_points import StripePoints
@@ -136,6 +137,8 @@ class ScanProcessor:
         self._witness = BackgroundWitness(calibration.camera, self._geometry.transform_camera_to_footprint, ends)
         # Result of the last `_prove`, and what had been added by then.
         self._proved: tuple[tuple[int, ...], _Proved] | None = None
+        # Laser-off picture of the stripe with the lowest index, the first that is fired.
+        self._off: tuple[int, Grey] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
 
     def _undetectable_motion(self) -> Float | None:
@@ -176,6 +179,19 @@ class ScanProcessor:
     def refused(self) -> str:
         """Reason why the dark flashes rule out the whole scan; empty if they do not."""
         return self._what_is_proved().proof.refused
+
+    @property
+    def ground_picture(self) -> GroundPicture | str:
+        """Laser-off picture of this scan for `TerrainMap.update`, or the reason why there is none."""
+        if self._off is None:
+            return "the scan has no laser-off picture"
+        index, grey = self._off
+        proved = self._what_is_proved()
+        places = None if self._places is None else self._places.places
+        if proved.proof.refused or proved.profiles[index].is_frame_bad:
+            return proved.proof.refused or proved.profiles[index].reason
+        pose = self.transform_camera_to_footprint if places is None else places[index].transform_camera_to_footprint
+        return GroundPicture(grey, self._calibration.camera, pose)
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
         """Expect dark flashes after some stripes. Stripes after the last usable dark flash are not used.
@@ -306,6 +322,8 @@ class ScanProcessor:
             self._proof.add(pair.index, profiles[pair.index])
             if pair.index in good:
                 self._proof.add_second_line(pair.index, second_line(pair, good[pair.index], aligned))
+                if pair.off is not None and (self._off is None or pair.index < self._off[0]):
+                    self._off = pair.index, grey_picture(pair.off)
             if pair.dark is not None:
                 self._proof.add_dark(pair.index, pair.dark, pair.off)
         extracted = time.perf_counter()
@@ -382,6 +400,7 @@ class ScanProcessor:
         other._places = self._places
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})
         other._samples.take_over(self._samples, indices)
+        other._off = self._off if self._off is not None and self._off[0] in indices else None
         other._surface.add({index: each for index, each in self._surface.stripes.items() if index in indices})
         # The same object: a finding on later frames also applies to the stripes copied now.
         other._proof, other._witness = self._proof, self._witness

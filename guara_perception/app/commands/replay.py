@@ -93,7 +93,7 @@ def command(
             last = scan.step
             with progress(f"Step {scan.step}") as show:
                 processor = run_scan(scan, calibrated, model, method, threshold=threshold, progress=show)
-            fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"))
+            fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"), picture=processor.ground_picture)
             grids = {"footprint": processor.finish(), "map": fused}
             if session is not None and number:
                 time.sleep(interval)

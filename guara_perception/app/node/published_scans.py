@@ -172,7 +172,10 @@ class PublishedScans:
             pause.known_ground,
             epoch=pause.epoch,
             time=swept.scan.last_frame,
+            picture=swept.processor.ground_picture,
         )
+        refused = published.fused.metadata.get("visual_refused")
+        self._status.note("texture", f"pictures do not hold the map: {refused}" if refused else "")
         self.fused = published
         return self._send(published, published.fused)
 

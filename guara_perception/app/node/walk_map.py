@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
+from guara_perception.ground_picture import GroundPicture
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
+from kinematics.transforms import transform_points
 
 logger = logging.getLogger(__name__)
 
@@ -29,6 +34,8 @@ class _WalkState:
     pose: OdometryPose | None = None
     last: TerrainGrid | None = None
     restarts: list[str] = field(default_factory=list)
+    # Soles in the map's odom, None where no texture held the map.
+    soles: Mapping[str, Float] | None = None
 
     def copy(self) -> _WalkState:
         """Copy with its own odometry. The map is shared: it is large, and keeps its own undo state."""
@@ -60,6 +67,7 @@ class WalkMap:
         *,
         epoch: str = "",
         time: float | None = None,
+        picture: GroundPicture | str | None = None,
     ) -> TerrainGrid:
         """Fuse the scan of one pause and return the map in base_footprint of that pause.
 
@@ -70,6 +78,7 @@ class WalkMap:
             known_ground: ground that the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
             time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
+            picture: laser-off picture of the scan, as `TerrainMap.update` takes it.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -83,8 +92,8 @@ class WalkMap:
         elif state.step is not None and step <= state.step:
             self._restart(f"step {step} came after step {state.step}: another walk")
         state.pose = pose = self._locate(stance)
-        fused = state.map.update(terrain, pose, known_ground=known_ground, time=time)
-        state.last = self.latest = fused.restated(**self._reported(pose))
+        fused = state.map.update(terrain, pose, known_ground=known_ground, time=time, picture=picture)
+        state.last = self.latest = fused.restated(**self._reported(pose), foot_slips=self._slips(pose, fused))
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
 
@@ -120,6 +129,20 @@ class WalkMap:
         self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
         return self.latest
 
+    def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
+        """Distance by which each foot that stood slid since the last pause [m]; None if texture did not show both."""
+        told, before = fused.metadata, self._state.soles
+        is_shown = self._state.step is None or "visual_corners" in told
+        if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:
+            self._state.soles = None
+            return None
+        to_odom = np.array(told["transform_footprint_to_odom"]) @ np.array(told["transform_base_to_footprint"])
+        legs = tuple(self._robot.legs)
+        soles = transform_points(to_odom, pose.pose.state.soles_in_base(legs))
+        self._state.soles = now = dict(zip(legs, soles, strict=True))
+        stood = (*pose.stayed_feet, *pose.slipped_feet)
+        return None if before is None else {leg: float(np.linalg.norm((now[leg] - before[leg])[:2])) for leg in stood}
+
     def _reported(self, pose: OdometryPose) -> dict[str, object]:
         return {
             "slipped_feet": tuple(pose.slipped_feet),
@@ -138,4 +161,4 @@ class WalkMap:
         logger.warning("the map starts again: %s", reason)
         self._state.restarts.append(reason)
         self._state.odometry.reset()
-        self._state.map = TerrainMap(self._robot)
+        self._state.map, self._state.soles, self._state.step = TerrainMap(self._robot), None, None

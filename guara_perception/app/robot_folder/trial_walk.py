@@ -104,7 +104,8 @@ def trial_walk(
                 processor.add(index, on, off)
             terrain = processor.finish()
             pose = odometry.update(pause.stance)
-            fused = rolling.update(processor.finish("wide"), pose, known_ground=pause.known_ground)
+            picture = processor.ground_picture
+            fused = rolling.update(processor.finish("wide"), pose, known_ground=pause.known_ground, picture=picture)
             known.append(float(np.isfinite(terrain.elevation).mean()))
             for grid in (terrain, fused):
                 unknown = (grid.hazard & UNKNOWN_MASK) != 0

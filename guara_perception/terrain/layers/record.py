@@ -269,6 +269,10 @@ class MapRecord(GridRecord):
         known_ground: declared patches.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
         registration_refused: reason why the registration of the scan was not used.
+        visual_corners: number of corners of the ground's texture that moved alike, None without pictures.
+        visual_refused: reason why the laser-off picture did not correct the walk.
+        foot_slips: leg -> distance by which it slid since the last pause while it stood, all feet alike included [m];
+            None where pictures did not hold the map at both.
         slipped_feet, odometry_residual, restarts: findings of leg odometry.
     """
 
@@ -277,7 +281,8 @@ class MapRecord(GridRecord):
         *("validity_pauses", "validity_seconds", "transform_footprint_to_odom", "odometry_covariance", "scans"),
         *("disagreeing_cells", "support_residuals", "height_correction", "height_correction_sigma", "known_ground"),
         *("coverage", "known", "hazard_cells", "health", "sideways_correction", "sideways_correction_sigma"),
-        *("registration_refused", "slipped_feet", "odometry_residual", "restarts", *STATED),
+        *("registration_refused", "visual_corners", "visual_refused", "foot_slips"),
+        *("slipped_feet", "odometry_residual", "restarts", *STATED),
     )
 
     transform_footprint_to_odom: Transform | None = None
@@ -291,6 +296,9 @@ class MapRecord(GridRecord):
     sideways_correction: tuple[float, ...] | None = None
     sideways_correction_sigma: tuple[float, ...] | None = None
     registration_refused: str | None = None
+    visual_corners: int | None = None
+    visual_refused: str | None = None
+    foot_slips: Mapping[str, float] | None = None
     slipped_feet: tuple[str, ...] | None = None
     odometry_residual: float | None = None
     restarts: tuple[str, ...] | None = None

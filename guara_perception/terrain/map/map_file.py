@@ -18,12 +18,15 @@ from guara_perception.files import existing_file, read_arrays, whole_file
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.registration import SeenGround
+from guara_perception.terrain.map.seen_texture import SeenTexture
 from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
 FORMAT = "guara-map/3"
 # Names in files of the arrays of SeenGround.
 SEEN = {"layers": "seen", "origin": "seen_origin"}
+# Names in files of the arrays of SeenTexture.
+TEXTURE = {"texture": "texture", "first": "texture_first"}
 # Largest size of all arrays together [byte]: those of a map of 4 m with cells of 1 mm take 1.6 GB.
 LARGEST_MAP = 2 * 1024**3
 
@@ -39,6 +42,7 @@ class MapState:
         drift, sideways: drift of odometry since the start, and sideways drift by pause.
         anchor, walk: height and planar correction of odometry.
         seen: ground as the newest scan saw it, for registered walks.
+        texture: texture of the ground in view, for walks with pictures.
         ground: declared patches of known ground, as in the map's record.
         scans: number of scans fused.
         reasons: faults of the map for the health of its grids.
@@ -53,6 +57,7 @@ class MapState:
     anchor: HeightAnchor = HeightAnchor()
     walk: WalkCorrection = field(default_factory=WalkCorrection)
     seen: SeenGround | None = None
+    texture: SeenTexture | None = None
     ground: tuple[Mapping[str, Any], ...] = ()
     scans: int = 0
     reasons: tuple[str, ...] = ()
@@ -87,7 +92,7 @@ def write_map(path: str | Path, robot: str, cells: OdomCells, state: MapState) -
     """
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = dataclasses.asdict(state)
-    seen = fields.pop("seen") or {}
+    named = [(SEEN, fields.pop("seen") or {}), (TEXTURE, fields.pop("texture") or {})]
     fields["walk"] = {FILE_KEYS.get(name, name): value for name, value in fields["walk"].items()}
     text = json.dumps({**header, "first": cells.first, **fields}, default=np.ndarray.tolist)
     with whole_file(path) as temporary, temporary.open("wb") as stream:
@@ -96,7 +101,7 @@ def write_map(path: str | Path, robot: str, cells: OdomCells, state: MapState) -
             allow_pickle=False,
             state=np.array(text),
             **cells.memory,
-            **{SEEN[name]: array for name, array in seen.items()},
+            **{names[name]: array for names, arrays in named for name, array in arrays.items()},
         )
 
 
@@ -108,7 +113,7 @@ def read_map(path: str | Path) -> SavedMap:
         FileFormatError: not such a file, or one whose contents are inconsistent.
     """
     path = existing_file(path)
-    data = read_arrays(path, ("state", *MEMORY, *SEEN.values()), "map", LARGEST_MAP)
+    data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a map file")
@@ -123,7 +128,7 @@ def read_map(path: str | Path) -> SavedMap:
         side=side,
         first=None if first is None else (first[0], first[1]),
         memory={name: data[name] for name in MEMORY},
-        state=_state(fields, _seen(path, data)),
+        state=dataclasses.replace(_state(fields, _seen(path, data)), texture=_texture(path, data)),
     )
 
 
@@ -137,6 +142,18 @@ def _seen(path: Path, data: Mapping[str, Array]) -> SeenGround | None:
     if origin.dtype != np.float64 or origin.shape != (2,) or not np.isfinite(origin).all():
         raise FileFormatError(f"{path}: seen_origin is not two finite numbers, the file is damaged")
     return SeenGround(layers, origin)
+
+
+def _texture(path: Path, data: Mapping[str, Array]) -> SeenTexture | None:
+    texture, first = (data.get(key) for key in TEXTURE.values())
+    if texture is None or first is None:
+        return None
+    if texture.dtype != np.uint8 or texture.ndim != 2 or first.dtype != np.int64 or first.shape != (2,):
+        raise FileFormatError(
+            f"{path}: texture is {texture.dtype} {texture.shape} from {first.dtype} {first.shape} on, it must be uint8 "
+            "(ny, nx) from int64 (2,) on"
+        )
+    return SeenTexture(texture, first)
 
 
 def _state(fields: Fields, seen: SeenGround | None) -> MapState:

@@ -16,7 +16,7 @@ now, the second alone:
 
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it says. It cannot be told
 which, so no correction since the earliest such j is kept. Those before it are: had the ground moved then, the sums
-since earlier pauses would exceed the bound as well.
+since earlier pauses would exceed the bound as well. Those that texture over the whole view showed are kept too.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ from kinematics.arrays import FrozenArrays
 EARLIER_PAUSES = 24
 # A still walk that is refused loses its corrections and keeps odometry; with 2 sigma one in six was.
 MOST_SIGMAS = 3.0
+# Slip in any direction, as a share of the path, that texture over the whole view is believed to show: position servos
+# without feed-forward slide by 4 to 13 % in physics, always the same way. The feet's distance makes a turn of it.
+SHOWN_SLIP_SHARE, LEVER_M = 0.1, 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +66,7 @@ class OdometrySum(FrozenArrays):
         covariances: (k, 3, 3) of the drift at the pause and since, about the present robot.
         seen: (k, 3) x, y, yaw by which scans show more motion since than odometry, about the present robot.
         seen_covariances: (k, 3, 3) of their difference.
+        shown: (k,) path since that texture over the whole view showed [m].
     """
 
     transforms: Float = field(default_factory=partial(np.empty, (0, 4, 4)))
@@ -70,6 +74,7 @@ class OdometrySum(FrozenArrays):
     covariances: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
     seen: Float = field(default_factory=partial(np.empty, (0, 3)))
     seen_covariances: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
+    shown: Float = field(default_factory=partial(np.empty, 0))
 
     def started(self, transform: Float, odometry: Float, covariance: Float, noise: Float) -> OdometrySum:
         """Add a pause.
@@ -80,13 +85,15 @@ class OdometrySum(FrozenArrays):
             covariance: (3, 3) covariance of the drift there.
             noise: (3, 3) covariance of the noise of this pause alone.
         """
-        added = (transform, odometry[:2, 3], covariance, np.zeros(3), noise)
-        before = (self.transforms, self.positions, self.covariances, self.seen, self.seen_covariances)
+        added = (transform, odometry[:2, 3], covariance, np.zeros(3), noise, np.zeros(()))
+        before = (self.transforms, self.positions, self.covariances, self.seen, self.seen_covariances, self.shown)
         return OdometrySum(
             *(np.concatenate((old, new[None]))[-EARLIER_PAUSES:] for old, new in zip(before, added, strict=True))
         )
 
-    def grown(self, transition: Float, drift: Float, seen: Float, seen_covariance: Float) -> OdometrySum:
+    def grown(
+        self, transition: Float, drift: Float, seen: Float, seen_covariance: Float, shown: float = 0.0
+    ) -> OdometrySum:
         """Add one motion to each sum.
 
         Args:
@@ -94,6 +101,7 @@ class OdometrySum(FrozenArrays):
             drift: (3, 3) covariance of odometry's drift in it.
             seen: (3,) x, y, yaw by which scans show more motion than odometry.
             seen_covariance: (3, 3) its covariance by the heights alone.
+            shown: its length, if texture over the whole view shows it [m].
         """
         return OdometrySum(
             self.transforms,
@@ -101,6 +109,7 @@ class OdometrySum(FrozenArrays):
             transition @ self.covariances @ transition.T + drift,
             self.seen @ transition.T + seen,
             transition @ self.seen_covariances @ transition.T + drift + seen_covariance,
+            self.shown + shown,
         )
 
     def contradiction(self, transform: Float, odometry: Float, noise: Float, slip_share: float) -> Contradiction | None:
@@ -117,7 +126,8 @@ class OdometrySum(FrozenArrays):
         corrected, slip = self._corrected(transform, odometry), self._slip(odometry, slip_share)
         covariances = self.covariances + slip
         sums = np.stack((corrected, self.seen))
-        squares = np.stack((_squares(corrected, covariances), self._seen_squares(odometry, noise, slip_share)))
+        seen_squares = _squares(self.seen, self.seen_covariances + noise + slip)
+        squares = np.stack((_squares(corrected, covariances), seen_squares))
         over = np.flatnonzero((squares > MOST_SIGMAS**2).any(axis=0))
         if not over.size:
             return None
@@ -130,18 +140,18 @@ class OdometrySum(FrozenArrays):
             f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of what odometry adds "
             "up to: ground that is seen may move, so it is not used"
         )
-        moved_by = np.stack((corrected[first], self.seen[first]))
-        return Contradiction(self.transforms[first], covariances[first], moved_by, reason)
+        # Where texture over the whole view held the walk, corrections before the last such pause are not in doubt.
+        kept = max(first, int(np.argmax(self.shown == 0)))
+        moved_by = np.stack((corrected[kept], self.seen[first]))
+        return Contradiction(self.transforms[kept], covariances[kept], moved_by, reason)
 
     def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
         """Largest contradiction between the motions of scans and odometry since any pause [sigmas].
 
         Arguments are those of `contradiction`.
         """
-        return float(np.sqrt(self._seen_squares(odometry, noise, slip_share).max(initial=0.0)))
-
-    def _seen_squares(self, odometry: Float, noise: Float, slip_share: float) -> Float:
-        return _squares(self.seen, self.seen_covariances + noise + self._slip(odometry, slip_share))
+        covariances = self.seen_covariances + noise + self._slip(odometry, slip_share)
+        return float(np.sqrt(_squares(self.seen, covariances).max(initial=0.0)))
 
     def _corrected(self, transform: Float, odometry: Float) -> Float:
         """Corrections (k, 3) since each pause, about the present robot."""
@@ -151,11 +161,11 @@ class OdometrySum(FrozenArrays):
         return np.column_stack((aside, np.arctan2(since[:, 1, 0], since[:, 0, 0])))
 
     def _slip(self, odometry: Float, slip_share: float) -> Float:
-        """Covariances (k, 3, 3) of what odometry may err by along the way since each pause."""
+        """Covariances (k, 3, 3) of what odometry may err by since each pause: along the way, or as texture shows."""
         way = odometry[:2, 3] - self.positions
         slip = np.zeros_like(self.covariances)
         slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]
-        return slip
+        return slip + np.array([shown_slip(path) for path in self.shown.tolist()]).reshape(-1, 3, 3)
 
     @staticmethod
     def of_fields(fields: Fields) -> OdometrySum:
@@ -171,11 +181,12 @@ class OdometrySum(FrozenArrays):
             "covariances": (count, 3, 3),
             "seen": (count, 3),
             "seen_covariances": (count, 3, 3),
+            "shown": (count,),
         }
-        # Files of earlier versions hold no motions of scans: their sums begin anew.
+        # Files of earlier versions lack some of them: their sums begin anew.
         return (
             OdometrySum(**{name: fields.array(name, shape) for name, shape in shapes.items()})
-            if count and fields.has("seen")
+            if count and fields.has("shown")
             else OdometrySum()
         )
 
@@ -183,6 +194,11 @@ class OdometrySum(FrozenArrays):
 def _squares(sums: Float, covariances: Float) -> Float:
     """Squares (k,) of sums (k, 3) in units of their covariances (k, 3, 3)."""
     return np.asarray(np.vecdot(sums, np.linalg.solve(covariances, sums[:, :, None])[:, :, 0]))
+
+
+def shown_slip(path: float) -> Float:
+    """Covariance (3, 3) of slip that texture over the whole view is believed to show over a path [m]."""
+    return (SHOWN_SLIP_SHARE * path) ** 2 * np.diag([1.0, 1.0, 1.0 / LEVER_M**2])
 
 
 def transition_between(before: Float, here: Float) -> Float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
@@ -21,7 +22,9 @@ from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
+from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES
 from guara_perception.terrain.map.registration import SeenGround
+from guara_perception.terrain.map.seen_texture import GroundView, seen_after, view_of
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
@@ -99,6 +102,7 @@ class TerrainMap:
         *,
         known_ground: Sequence[KnownGround] = (),
         time: float | None = None,
+        picture: GroundPicture | str | None = None,
     ) -> TerrainGrid:
         """Fuse one scan and return the map.
 
@@ -110,6 +114,9 @@ class TerrainMap:
             known_ground: ground that the gait declares at this pause, in its base_footprint.
             time: time of the scan by a monotonic clock [s], for the age of cells; None = the grid's stamp. If time
                 runs backwards, everything seen before becomes STALE.
+            picture: laser-off picture of the scan, or the reason why it has none, as `ScanProcessor.ground_picture`
+                gives it. If the pose has `covariance_since_last`, texture of the ground then corrects the walk too, and
+                slip along the way (`[odometry] slip_share`) counts in its sigma. None = a walk without pictures.
 
         Returns:
             Grid of extent "map" in base_footprint of this pause. Ground known only from foot contacts or declared by
@@ -125,10 +132,14 @@ class TerrainMap:
         checked = checked_pose(terrain, pose)
         transform, since_last, walk = checked.transform, checked.since_last, state.walk
         walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
+        view: GroundView | str | None = None
+        if since_last is not None and (picture is not None or state.texture is not None):
+            view = view_of(picture or "no laser-off picture was given", terrain)
         if since_last is not None:
             slip_share = self._robot.odometry_limits.slip_share
+            rise, noise = state.anchor.offset, checked.noise
             walk = walk.after(
-                self._cells, terrain, transform, state.anchor.offset, since_last, checked.noise, state.seen, slip_share
+                self._cells, terrain, transform, rise, since_last, noise, state.seen, slip_share, view, state.texture
             )
         transform = walk.pause_transform @ transform
         clock, reasons = _clock(terrain, time), state.reasons
@@ -160,6 +171,11 @@ class TerrainMap:
         pause = self._pause_of(terrain)
         now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position), transform)
         rejected = fuse_scan(self._cells, terrain, now)
+        texture = None
+        if view is not None:
+            # Corrections that were taken back, and texture with them.
+            before = None if walk.distrusted == EARLIER_PAUSES else state.texture
+            texture = seen_after(view, before, transform, held=walk.visual_refused is None)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), now)
         # The record also names earlier patches while cells that they filled may be valid.
@@ -176,6 +192,7 @@ class TerrainMap:
             anchor=anchor,
             walk=walk,
             seen=None if since_last is None else SeenGround.of(terrain),
+            texture=texture,
             ground=tuple(ground),
             scans=state.scans + 1,
             reasons=reasons,
@@ -302,6 +319,8 @@ class TerrainMap:
             sideways_correction=(*correction[:2, 3].tolist(), float(np.arctan2(*correction[1::-1, 0]))),
             sideways_correction_sigma=tuple(np.sqrt(np.diag(walk.pause_covariance)).tolist()),
             registration_refused=walk.refused,
+            visual_corners=walk.corners,
+            visual_refused=walk.visual_refused,
             # Fields that the scan's record could not read, and a field that is written even if it is null.
             extra={name: scan.extra[name] for name in FROM_SCAN if name in scan.extra} | {"registration_refused": None},
         )

@@ -26,8 +26,9 @@ from guara_perception.exceptions import FileFormatError, InvalidInput
 from guara_perception.fields import Fields
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES, OdometrySum, moved, transition_between
+from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES, OdometrySum, moved, shown_slip, transition_between
 from guara_perception.terrain.map.registration import OPEN_SIGMA, Registration, SeenGround, motion_between, register
+from guara_perception.terrain.map.seen_texture import GroundView, SeenTexture, visual_motion
 from kinematics.arrays import FrozenArrays
 
 SIDEWAYS = [0, 1, 5]
@@ -65,6 +66,9 @@ class WalkCorrection:
         refused: reason why the last registration was not used, None if it was.
         sum: corrections of earlier pauses beside odometry's drift since.
         distrusted: number of pauses that are yet to come whose registration is not used.
+        unheld: (2,) way since texture held the walk last [m].
+        corners: number of corners of the texture that moved alike at the last pause, None without pictures.
+        visual_refused: reason why the last picture was not used, None if it was or none was given.
     """
 
     transform: Float = field(default_factory=partial(np.eye, 4))
@@ -79,6 +83,9 @@ class WalkCorrection:
     refused: str | None = None
     sum: OdometrySum = field(default_factory=OdometrySum)
     distrusted: int = 0
+    unheld: Float = field(default_factory=partial(np.zeros, 2))
+    corners: int | None = None
+    visual_refused: str | None = None
 
     def check_kind(self, scans: int, *, is_registered: bool, step: int) -> None:
         """Refuse a pause of another kind than the `scans` before it: the drift of the motion between is unknown.
@@ -111,6 +118,9 @@ class WalkCorrection:
             refused=fields.text("refused") if fields.has("refused") else None,
             sum=OdometrySum.of_fields(fields.sub("sum")) if fields.has("sum") else start.sum,
             distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
+            unheld=fields.array("unheld", (2,)) if fields.has("unheld") else start.unheld,
+            corners=fields.integer("corners", 0) if fields.has("corners") else None,
+            visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
 
     def after(
@@ -123,8 +133,10 @@ class WalkCorrection:
         noise: Float,
         before_this: SeenGround | None = None,
         slip_share: float = 0.0,
+        view: GroundView | str | None = None,
+        texture: SeenTexture | None = None,
     ) -> WalkCorrection:
-        """Predict the drift at the next pause and update it by registration of its scan.
+        """Predict the drift at the next pause, and update it by its picture and by registration of its scan.
 
         Args:
             cells: memory of the map.
@@ -135,6 +147,8 @@ class WalkCorrection:
             noise: (6, 6) pose noise of the pause, along the axes of odom.
             before_this: ground as the scan before saw it, None if it is not known.
             slip_share: sigma of what odometry errs by in the direction of the way, as a share of it.
+            view: the scan's picture, the reason why it has none, or None for a walk without pictures.
+            texture: texture that earlier pictures showed.
         """
         if self.last is None:
             # The map begins at the pose of the first pause: the motion to it adds no drift.
@@ -150,6 +164,10 @@ class WalkCorrection:
         noise_before = transition @ self.noise @ transition.T
         added = _without(growth, noise_before + noise)
         drift = transition @ self.covariance @ transition.T + added
+        unheld = self.unheld + here[:2, 3] - before[:2, 3]
+        if view is not None:
+            slip = _slip_growth(self.unheld, unheld, slip_share)
+            growth, drift = growth + slip, drift + slip
         predicted = drift + noise
         prior = np.diag([0.0, 0.0, motion[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
         terrain.record.check("pose_covariance")
@@ -162,7 +180,13 @@ class WalkCorrection:
             seen, seen_covariance = motion_between(before_this, terrain, np.linalg.inv(self.last) @ odometry, 2 * prior)
             seen, seen_covariance = before[:3, :3] @ seen, before[:3, :3] @ seen_covariance @ before[:3, :3].T
         here[2, 3] += rise
-        earlier = self.sum.grown(transition, added, seen, seen_covariance)
+        visual, visual_refused, by_odometry = None, None, here
+        if view is not None:
+            visual = visual_motion(view, texture, here, prior, shown_slip(float(np.linalg.norm(unheld))))
+            here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
+            unheld = unheld if visual_refused else np.zeros(2)
+        shown = float(np.linalg.norm(here[:2, 3] - before[:2, 3])) if visual is not None and visual.is_whole else 0.0
+        earlier = self.sum.grown(transition, added, seen, seen_covariance, shown)
         if self.distrusted:
             found = Registration(np.zeros(6), prior, 0, self.refused)
         else:
@@ -171,11 +195,12 @@ class WalkCorrection:
             if suspicion > SUSPICIOUS_SIGMAS and _shown_sigma(prior, found.covariance) > FEW_THINGS_SIGMA_M:
                 reason = f"few things show the motion, and they contradict odometry by {suspicion:.1f} sigma"
                 found = Registration(np.zeros(6), prior, found.cells, found.refused or reason)
+        motion = found.motion[SIDEWAYS] + (0.0 if visual is None else visual.motion)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
         kept = kept_growth(growth, predicted, posterior)
         gain = np.linalg.solve(predicted, drift).T
-        transform = moved(gain @ found.motion[SIDEWAYS], here) @ self.transform
-        pause_transform = moved(found.motion[SIDEWAYS], here) @ self.transform
+        transform = moved(gain @ motion, by_odometry) @ self.transform
+        pause_transform = moved(motion, by_odometry) @ self.transform
         covariance = drift - gain @ (predicted - posterior) @ gain.T
         distrusted, refused = max(self.distrusted - 1, 0), found.refused
         contradiction = earlier.contradiction(transform, odometry, noise, slip_share)
@@ -199,7 +224,23 @@ class WalkCorrection:
             refused=refused,
             sum=earlier.started(transform, odometry, covariance, noise),
             distrusted=distrusted,
+            unheld=unheld,
+            corners=None if visual is None else visual.corners,
+            visual_refused=visual_refused,
         )
+
+
+def _slip_growth(before: Float, now: Float, slip_share: float) -> Float:
+    """Covariance (3, 3) that slip in the direction of the way, always with the same sign, gains in one motion.
+
+    Args:
+        before, now: (2,) ways since texture held the walk last [m].
+        slip_share: sigma of slip as a share of the way.
+    """
+    gained, directions = np.linalg.eigh(np.outer(now, now) - np.outer(before, before))
+    result = np.zeros((3, 3))
+    result[:2, :2] = slip_share**2 * (directions * np.maximum(gained, 0.0)) @ directions.T
+    return result
 
 
 def _shown_sigma(prior: Float, posterior: Float) -> float:

@@ -141,7 +141,7 @@ def test_memory_is_bounded_and_a_file_gives_it_back() -> None:
     """A walk without end keeps EARLIER_PAUSES of them."""
     sums, _, _ = walked(np.random.default_rng(0), np.zeros((EARLIER_PAUSES + 30, 3)))
     assert len(sums.transforms) == len(sums.positions) == len(sums.covariances) == EARLIER_PAUSES
-    names = ("transforms", "positions", "covariances", "seen", "seen_covariances")
+    names = ("transforms", "positions", "covariances", "seen", "seen_covariances", "shown")
     again = OdometrySum.of_fields(Fields({name: getattr(sums, name).tolist() for name in names}, "map.npz"))
     for name in names:
         np.testing.assert_array_equal(getattr(again, name), getattr(sums, name))

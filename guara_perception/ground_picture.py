@@ -1,0 +1,35 @@
+"""Laser-off picture of a scan, which shows the texture of the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Float, Grey, Image
+from guara_perception.calibration.calibration import CameraModel
+from kinematics.arrays import FrozenArrays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundPicture(FrozenArrays):
+    """Laser-off picture of a scan.
+
+    Attributes:
+        grey: (h, w) grey levels.
+        camera: lens of the camera.
+        transform_camera_to_footprint: (4, 4) pose of the camera when it was taken.
+    """
+
+    grey: Grey
+    camera: CameraModel
+    transform_camera_to_footprint: Float
+
+
+def grey_picture(picture: Image) -> Grey:
+    """Grey levels (h, w) of 8 bits of a camera's picture; always a copy."""
+    grey: Image = picture
+    if picture.ndim == 3:
+        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.shape[2] == 3 else picture[:, :, 0]
+    return np.array(grey if grey.dtype == np.uint8 else grey // 256, np.uint8)

@@ -1,0 +1,296 @@
+"""Texture of the ground as laser-off pictures showed it, and the motion of a pause by it: x, y and yaw.
+
+Heights of the scan turn its laser-off picture into a view from straight above, in pixels fixed in `odom`. Corners of
+that view are found again in the texture of earlier pauses by optical flow, forward and backward. As picture and heights
+come from one place of the camera, an error of its pose moves all corners alike:
+
+    d = (x, y) + yaw * (-py, px),        minimised: sum |r|^2 / s^2 / n + m' P^-1 m
+
+with p the corner about the footprint, s the spread of the corners that agree, P the prior covariance by odometry.
+Errors of neighbouring corners are correlated, so their information is divided by n.
+
+A pixel keeps the texture with which it was first seen, at the pose that the walk had there: errors add up when texture
+leaves the view, not at each pause.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guara_perception.arrays import Array, Codes, Float, Float32, Grey, Index, Mask
+from guara_perception.ground_picture import GroundPicture
+from guara_perception.terrain.grid import TerrainGrid
+from kinematics.arrays import FrozenArrays
+
+PIXEL_M = 0.003
+# Texture is kept this far around the ground in view, for a robot that turns or sways [px].
+MARGIN_PX = 33
+# Contrast to the mean of the neighbourhood, as grey levels about GREY; soil and concrete vary by 5 to 15 %.
+NEIGHBOURHOOD_PX, GREY, LEVELS_OF_CONTRAST = 27, 128, 400.0
+# At this median level of 255 and below it, noise of the sensor is as strong as texture.
+DARK_LEVEL = 10.0
+# Ground that rises by more from a cell to its neighbours is seen differently from each side.
+MOST_RISE_M = 0.008
+MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX = 120, 0.02, 6
+WINDOW_PX, PYRAMID = 11, 2
+# A corner counts if the way back ends this near to where it began [px].
+MOST_RETURN_PX = 0.3
+# A pause is refused with fewer corners that agree, if they are a smaller share of all that were found again, or if
+# their motion is more sigmas from odometry.
+LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 4.0
+# From this share of agreeing corners on, and this standard deviation of their places in every direction [m] (that of a
+# whole view is 0.13 or more), it is not a part of the view that moves by itself.
+WHOLE, LEAST_EXTENT_M = 0.8, 0.08
+# A corner agrees within this number of sigmas of all. These are at least the first value [m]; beyond the second, half a
+# pixel of a picture, the corners are noise that happens to agree.
+AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
+CORNERS_THAT_COUNT_AS_ONE = 4.0
+# Errors of a view as a whole, by heights and lens [m, m, rad].
+VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
+# Share of the ground in view below which texture begins anew after pauses that it could not hold.
+LEAST_LEFT = 0.3
+ROUNDS = 5
+SIDEWAYS = [0, 1, 5]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualMotion:
+    """Motion of a pause by texture.
+
+    Attributes:
+        motion: (3,) x, y [m] and yaw [rad] from odometry to the texture, about the footprint; zero if refused.
+        covariance: (6, 6) covariance of the pose, the prior if refused.
+        corners: number of corners that agree.
+        is_whole: nearly all corners of the view agree: it is the robot that moved, or all of the ground in view.
+        refused: reason why it is not used, None if it is.
+    """
+
+    motion: Float
+    covariance: Float
+    corners: int
+    is_whole: bool
+    refused: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenTexture(FrozenArrays):
+    """Texture of the ground in `odom`.
+
+    Attributes:
+        texture: (ny, nx) contrast of each pixel about GREY, 0 where none was seen.
+        first: (2,) number of the lowest pixel (y, x); pixel 0 begins at the origin.
+    """
+
+    texture: Grey
+    first: Index
+
+    def at(self, first: Index, shape: tuple[int, int]) -> Grey:
+        """Copy of the pixels (ny, nx) from `first` on."""
+        result = np.zeros(shape, np.uint8)
+        low = np.maximum(first, self.first)
+        high = np.minimum(first + shape, self.first + self.texture.shape)
+        if (high > low).all():
+            to, of = (tuple(slice(*ends) for ends in zip(low - f, high - f, strict=True)) for f in (first, self.first))
+            result[to] = self.texture[of]
+        return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundView:
+    """A scan's picture, to be seen from above.
+
+    Attributes:
+        picture: the laser-off picture.
+        terrain: the scan.
+        places: (ny, nx, 2) position of each cell in the picture [px], outside of it where that is not known.
+        known: (ny, nx) 255 where a cell and its neighbours are known and level, else 0.
+        level: median height [m].
+        median: median grey level of the ground in the picture.
+    """
+
+    picture: GroundPicture
+    terrain: TerrainGrid
+    places: Float32
+    known: Codes
+    level: float
+    median: float
+
+    @staticmethod
+    def of(picture: GroundPicture, terrain: TerrainGrid) -> GroundView:
+        """View of a scan, whose grid may be wider than its footprint."""
+        elevation = np.asarray(terrain.elevation, np.float32)
+        is_known = np.isfinite(elevation)
+        level = float(np.median(elevation[is_known])) if is_known.any() else 0.0
+        heights = np.where(is_known, elevation, np.float32(level))
+        x, y = np.meshgrid(*terrain.geometry.centres())
+        pose = picture.transform_camera_to_footprint
+        points = np.column_stack((x.ravel(), y.ravel(), heights.ravel())) - pose[:3, 3]
+        places = picture.camera.project(points @ pose[:3, :3]).reshape(*x.shape, 2)
+        height, width = picture.grey.shape
+        inside: Mask = np.all((places > 2) & (places < (width - 3, height - 3)), axis=2)
+        near = np.ones((3, 3), np.uint8)
+        rise = cv2.dilate(heights, near) - cv2.erode(heights, near)
+        known = cv2.erode((is_known & inside).astype(np.uint8), near) * (rise < MOST_RISE_M).astype(np.uint8)
+        at = np.rint(places[known > 0]).astype(np.intp)
+        median = float(np.median(picture.grey[at[:, 1], at[:, 0]])) if len(at) else 0.0
+        placed = np.where(inside[..., None], places, -1e4).astype(np.float32)
+        return GroundView(picture, terrain, placed, np.asarray(255 * known, np.uint8), level, median)
+
+    def pixels(self, transform: Float) -> tuple[Index, tuple[int, int]]:
+        """Lowest pixel (y, x) in odom, and numbers of pixels (y, x), of the ground in view from a pose (4, 4)."""
+        ny, nx = self.terrain.geometry.shape
+        origin = np.array(self.terrain.geometry.origin)
+        size = np.array((nx, ny)) * self.terrain.resolution
+        corners = origin + size * np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
+        there = corners @ transform[:2, :2].T + transform[:2, 3]
+        first = np.floor(there.min(axis=0) / PIXEL_M).astype(np.intp)[::-1]
+        end = np.ceil(there.max(axis=0) / PIXEL_M).astype(np.intp)[::-1]
+        return first, (int(end[0] - first[0]), int(end[1] - first[1]))
+
+    def from_above(self, transform: Float, first: Index, shape: tuple[int, int]) -> Grey:
+        """Texture of the pixels (ny, nx) from `first` on, seen from a pose (4, 4); 0 where it is not known."""
+        # Pixel to cell: odom, then the footprint, then cells.
+        back = np.linalg.inv(transform[:2, :2])
+        scale = PIXEL_M / self.terrain.resolution
+        base = (first[::-1] + 0.5) * PIXEL_M - transform[:2, 3] - transform[:2, 2] * self.level
+        offset = (back @ base - np.array(self.terrain.geometry.origin)) / self.terrain.resolution - 0.5
+        to_cell = np.column_stack((back * scale, offset))
+        size, how = shape[::-1], cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        outside = (-1e4, -1e4)
+        places = np.asarray(cv2.warpAffine(self.places, to_cell, size, flags=how, borderValue=outside), np.float32)
+        known = cv2.warpAffine(self.known, to_cell, size, flags=how) == 255
+        # A pixel covers about three of the picture.
+        smooth = cv2.blur(self.picture.grey, (3, 3))
+        seen = np.asarray(cv2.remap(smooth, places[..., 0], places[..., 1], cv2.INTER_LINEAR), np.float32)
+        weight = known.astype(np.float32)
+        around = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
+        mean = cv2.blur(seen * weight, around) / np.maximum(cv2.blur(weight, around), np.float32(1e-3))
+        contrast = seen / np.maximum(mean, np.float32(1.0)) - 1
+        return np.where(known, np.clip(GREY + LEVELS_OF_CONTRAST * contrast, 1, 255), 0).astype(np.uint8)
+
+
+def view_of(picture: GroundPicture | str, terrain: TerrainGrid) -> GroundView | str:
+    """View of a scan, or the reason why it has no picture."""
+    return picture if isinstance(picture, str) else GroundView.of(picture, terrain)
+
+
+def visual_motion(
+    view: GroundView | str, seen: SeenTexture | None, transform: Float, prior: Float, slip: Float
+) -> VisualMotion:
+    """Estimate by texture how far a pose by odometry is off.
+
+    Args:
+        view: picture and scan of the pause, or the reason why there is no picture.
+        seen: texture of earlier pauses, None if there is none.
+        transform: (4, 4) transform_footprint_to_odom by odometry.
+        prior: (6, 6) covariance of its error relative to the texture, REP-103 order.
+        slip: (3, 3) covariance of slip that is believed where the whole view shows it.
+    """
+
+    def refused(reason: str, corners: int = 0) -> VisualMotion:
+        return VisualMotion(np.zeros(3), prior, corners, False, reason)
+
+    if isinstance(view, str):
+        return refused(view)
+    if not view.known.any():
+        return refused("the scan shows no level ground in its picture")
+    if view.median <= DARK_LEVEL:
+        return refused(f"the laser-off picture is dark: its median level is {view.median:.0f} of 255")
+    if seen is None:
+        return refused("no picture came before")
+    first, shape = view.pixels(transform)
+    now, before = view.from_above(transform, first, shape), seen.at(first, shape)
+    found, shifts = _found_again(now, before)
+    if len(found) < LEAST_CORNERS:
+        return refused(f"{len(found)} corners of the texture were found again", len(found))
+    about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
+    motion, spread, agreeing = _agreed(about, shifts * PIXEL_M)
+    count = int(agreeing.sum())
+    if count < max(LEAST_CORNERS, LEAST_AGREEING * len(found)):
+        return refused(f"{count} of {len(found)} corners of the texture moved alike", count)
+    jacobian = _jacobian(about[agreeing])
+    information = jacobian.T @ jacobian / (spread**2 * CORNERS_THAT_COUNT_AS_ONE)
+    measured = np.linalg.inv(information) + np.diag(VIEW_SIGMA**2)
+    before_it = prior[np.ix_(SIDEWAYS, SIDEWAYS)]
+    extent = np.linalg.eigvalsh(np.cov(about[agreeing].T))[0]
+    is_whole = bool(count > WHOLE * len(found) and extent > LEAST_EXTENT_M**2)
+    believed = before_it + measured + slip if is_whole else before_it + measured
+    sigmas = float(np.sqrt(motion @ np.linalg.solve(believed, motion)))
+    if sigmas > MOST_SIGMAS:
+        return refused(f"texture and odometry contradict each other by {sigmas:.1f} sigma of both", count)
+    gain = np.linalg.solve(before_it + measured, prior[SIDEWAYS]).T
+    covariance = prior - gain @ prior[SIDEWAYS]
+    return VisualMotion(gain[SIDEWAYS] @ motion, 0.5 * (covariance + covariance.T), count, is_whole, None)
+
+
+def seen_after(view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool) -> SeenTexture | None:
+    """Texture of the ground in view after a pause: what was seen of it before, and around it what its picture shows.
+
+    Args:
+        view: as in `visual_motion`.
+        seen: texture of earlier pauses, None if there is none.
+        transform: (4, 4) corrected transform_footprint_to_odom.
+        held: True if texture corrected it. Otherwise nothing is added to what was seen, and texture begins anew when
+            little of that is left in view.
+    """
+    if isinstance(view, str) or view.median <= DARK_LEVEL:
+        return seen
+    first, shape = view.pixels(transform)
+    now = view.from_above(transform, first, shape)
+    first, shape = first - MARGIN_PX, (shape[0] + 2 * MARGIN_PX, shape[1] + 2 * MARGIN_PX)
+    texture = np.zeros(shape, np.uint8) if seen is None else seen.at(first, shape)
+    in_view = texture[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
+    if seen is not None and not held:
+        if np.count_nonzero((in_view > 0) & (now > 0)) > LEAST_LEFT * np.count_nonzero(now):
+            return seen
+        texture[:] = 0
+    in_view[:] = np.where(in_view > 0, in_view, now)
+    return SeenTexture(texture, first)
+
+
+def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
+    """Corners (n, 2) of a view from above and their shifts (n, 2) to the texture of before, x and y [px]."""
+    window = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+    common = cv2.erode(
+        ((now > 0) & (before > 0)).astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    now, before = (np.where(each > 0, each, GREY).astype(np.uint8) for each in (now, before))
+    corners = cv2.goodFeaturesToTrack(now, MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX, mask=common, blockSize=5)
+    if corners is None:
+        return np.empty((0, 2)), np.empty((0, 2))
+    there, is_there, _ = _flow(now, before, corners)
+    back, is_back, _ = _flow(before, now, there)
+    returned = np.linalg.norm((back - corners)[:, 0], axis=1)
+    good = (is_there[:, 0] == 1) & (is_back[:, 0] == 1) & (returned < MOST_RETURN_PX)
+    found = corners[good, 0].astype(np.float64)
+    return found, there[good, 0].astype(np.float64) - found
+
+
+def _flow(one: Grey, other: Grey, corners: Array) -> tuple[Array, Array, Array]:
+    return cv2.calcOpticalFlowPyrLK(one, other, corners, None, winSize=(WINDOW_PX, WINDOW_PX), maxLevel=PYRAMID)  # type: ignore[call-overload]
+
+
+def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
+    """Motion (3,) on which most corners agree, their spread [m], and the mask (n,) of those."""
+    motion, jacobian = np.append(np.median(shifts, axis=0), 0.0), _jacobian(about).reshape(-1, 2, 3)
+    spread, agreeing = LEAST_SPREAD_M, np.ones(len(about), dtype=bool)
+    for _ in range(ROUNDS):
+        off = np.linalg.norm(shifts - jacobian @ motion, axis=1)
+        # The median of the length of two normal errors is 1.18 sigma.
+        spread = float(np.clip(np.median(off) / 1.18, LEAST_SPREAD_M, MOST_SPREAD_M))
+        agreeing = off < AGREEING_SIGMAS * spread
+        if agreeing.sum() < LEAST_CORNERS:
+            break
+        motion = np.linalg.lstsq(jacobian[agreeing].reshape(-1, 3), shifts[agreeing].ravel(), rcond=None)[0]
+    return motion, spread, agreeing
+
+
+def _jacobian(about: Float) -> Float:
+    """Derivatives (2 n, 3) of the shifts of corners by x, y and yaw."""
+    result = np.zeros((len(about), 2, 3))
+    result[:, 0, 0] = result[:, 1, 1] = 1.0
+    result[:, 0, 2], result[:, 1, 2] = -about[:, 1], about[:, 0]
+    return result.reshape(-1, 3)

@@ -1,0 +1,254 @@
+"""Pictures hold a walk: what odometry does not see is taken off; moving things and bare floors do not drag it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from guara_perception.ground_picture import GroundPicture, grey_picture
+from guara_perception.simulation import specimen
+from guara_perception.terrain.map.seen_texture import seen_after, view_of, visual_motion
+from kinematics import PoseInOdom, RobotModel
+
+MakeScan = Callable[..., gp.TerrainGrid]
+# Motion by odometry between two pauses: sigmas of 2 mm and 2 mrad.
+SINCE_LAST = np.diag([0.002**2, 0.002**2, 0.001**2, 1e-8, 1e-8, 0.002**2])
+PIXELS_A_METRE, FLOOR_FROM = 1000, (0.5, 1.0)
+CAMERA_AT = (0.40, 0.0, 0.50)
+
+
+def planar(x: float, y: float, yaw: float = 0.0) -> np.ndarray:
+    """A motion along the floor."""
+    transform = np.eye(4)
+    transform[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    transform[:2, 3] = x, y
+    return transform
+
+
+def mottled(seed: int = 0) -> np.ndarray:
+    """Grey levels of a floor of 3 m by 2 m, 1 mm a pixel; it begins 0.5 m behind the origin and 1 m beside it."""
+    noise = np.random.default_rng(seed).standard_normal((2000, 3000)).astype(np.float32)
+    soft = cv2.GaussianBlur(noise, (0, 0), 3.0)
+    return np.asarray(90 + 9 * soft / soft.std(), np.float32)
+
+
+@dataclass
+class Walk:
+    """A robot that walks over a level floor, its pictures and its map."""
+
+    robot: RobotModel
+    make_scan: MakeScan
+    floor: np.ndarray = field(default_factory=mottled)
+    rng: np.random.Generator = field(default_factory=partial(np.random.default_rng, 5))
+
+    def __post_init__(self) -> None:
+        self.map, self.step, self.truth, self.odometry = gp.TerrainMap(self.robot), -1, np.eye(4), np.eye(4)
+        calibration = specimen(self.robot, (640, 512), 0)
+        self._camera = calibration.camera
+        pose = self.robot.transform_camera_to_base.copy()
+        pose[:3, 3] = CAMERA_AT
+        self._pose = pose
+        rows, columns = np.indices((512, 640))
+        rays = self._camera.rays(np.stack((columns.ravel(), rows.ravel()), axis=1)) @ pose[:3, :3].T
+        self._ground = pose[:2, 3] - rays[:, :2] / rays[:, 2:] * pose[2, 3]
+
+    def picture(self) -> GroundPicture:
+        """What the camera sees now, with the noise of its sensor."""
+        there = self._ground @ self.truth[:2, :2].T + self.truth[:2, 3]
+        u, v = ((there + FLOOR_FROM) * PIXELS_A_METRE - 0.5).T.astype(np.float32).reshape(2, 512, 640)
+        seen = cv2.remap(self.floor, u, v, cv2.INTER_LINEAR)
+        noisy = seen + np.sqrt(0.25 + 0.011 * seen) * self.rng.standard_normal(seen.shape)
+        return GroundPicture(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), self._camera, self._pose)
+
+    def pause(
+        self,
+        motion: np.ndarray,
+        error: np.ndarray | None = None,
+        picture: GroundPicture | str | None = None,
+    ) -> gp.TerrainGrid:
+        """Move by `motion`, which odometry reports without the `error` that followed it, and scan."""
+        self.step += 1
+        self.truth = self.truth @ motion @ (np.eye(4) if error is None else error)
+        self.odometry = self.odometry @ motion
+        heights = self.rng.normal(0.0, 2e-4, self.make_scan(0.0).geometry.shape)
+        return self.map.update(
+            self.make_scan(heights, step=self.step),
+            PoseInOdom(self.odometry, (self.step + 1) * SINCE_LAST, SINCE_LAST),
+            picture=self.picture() if picture is None else picture,
+        )
+
+    def off_by(self, fused: gp.TerrainGrid) -> np.ndarray:
+        """Error of the map's pose: x, y [m] and yaw [rad]."""
+        off = np.linalg.inv(self.truth) @ np.array(fused.metadata["transform_footprint_to_odom"])
+        return np.array([*off[:2, 3], np.arctan2(off[1, 0], off[0, 0])])
+
+
+@pytest.fixture
+def walk(robot: RobotModel, make_scan: MakeScan) -> Iterator[Walk]:
+    """A walk that stood at its first pause."""
+    started = Walk(robot, make_scan)
+    started.pause(np.eye(4))
+    yield started
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [(0.003, 0.0, 0.0), (0.0, -0.003, 0.0), (-0.002, 0.002, 0.004)])
+def test_a_motion_that_odometry_does_not_see_is_taken_off(walk: Walk, error: tuple[float, float, float]) -> None:
+    """On a level floor heights show nothing, texture shows x, y and yaw to a fraction of a pixel."""
+    fused = walk.pause(planar(0.035, 0.0), planar(*error))
+    assert fused.metadata["visual_corners"] > 60
+    assert "visual_refused" not in fused.metadata
+    np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=4e-4)
+    sigmas = fused.metadata["sideways_correction_sigma"]
+    assert max(sigmas[:2]) < 5e-4
+    assert sigmas[2] < 6e-4
+
+
+@pytest.mark.slow
+def test_errors_do_not_add_up_at_each_pause(walk: Walk) -> None:
+    """Feet slide back by 8 % of the way, at each of 16 pauses: the map stays within half a millimetre of the truth."""
+    for _ in range(16):
+        fused = walk.pause(planar(0.035, 0.0), planar(-0.0028, 0.0))
+        assert np.abs(walk.off_by(fused)[:2]).max() < 5e-4
+    assert walk.odometry[0, 3] - walk.truth[0, 3] == pytest.approx(16 * 0.0028)
+    # Since ground was seen at the far edge, its drift is of the same size, not of that of odometry.
+    drift = walk.map.sideways_drift
+    sigma = np.sqrt(drift.variances(drift.pauses[:1], np.array([0.9]), np.zeros(1), walk.odometry))
+    assert sigma.max() < 0.002
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "is_held"), [(0.3, True), (0.7, False)])
+def test_what_moves_does_not_drag_the_map(walk: Walk, share: float, is_held: bool) -> None:
+    """A mat with a third of the view is dragged aside: the rest decides. With more of it than floor, nobody knows."""
+    first = int(1000 * (1 + 0.28 - 0.56 * share))
+    walk.floor = walk.floor.copy()
+    walk.floor[first:1300] = np.roll(walk.floor[first:1300], 5, axis=1)
+    fused = walk.pause(planar(0.035, 0.0))
+    if is_held:
+        assert "visual_refused" not in fused.metadata
+        np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=6e-4)
+    else:
+        # The mat alone, 5 mm aside, is within four sigma of odometry: it moves the map by no more than odometry allows.
+        assert np.abs(walk.off_by(fused)[:2]).max() < 0.0055
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("is_mat", "is_whole"), [(True, False), (False, True)])
+def test_a_thing_on_a_bare_floor_is_not_the_whole_view(walk: Walk, is_mat: bool, is_whole: bool) -> None:
+    """All corners of a small mat agree, but it may be what moves: its motion is not believed to be slip."""
+    if is_mat:
+        bare = np.full_like(walk.floor, 90)
+        bare[900:1100, 1150:1350] = walk.floor[900:1100, 1150:1350]
+        walk.floor = bare
+    picture = walk.picture()
+    view = view_of(picture, walk.make_scan(0.0))
+    seen = seen_after(view, None, walk.truth, held=True)
+    found = visual_motion(view, seen, walk.truth, SINCE_LAST + 1e-6 * np.eye(6), np.zeros((3, 3)))
+    assert found.refused is None
+    assert found.is_whole is is_whole
+
+
+@pytest.mark.slow
+def test_a_shadow_of_the_robot_does_not_drag_the_map(walk: Walk) -> None:
+    """A pattern that stays in the picture while the robot walks is no ground."""
+    pattern = 0.75 + 0.25 * (mottled(7)[:512, :640] > 90)
+    for _ in range(6):
+        moved = planar(0.035, 0.0)
+        walk.truth = walk.truth @ moved
+        shaded = walk.picture().grey.copy()
+        walk.truth = walk.truth @ np.linalg.inv(moved)
+        shaded[:, :220] = (shaded[:, :220] * pattern[:, :220]).astype(np.uint8)
+        fused = walk.pause(
+            moved, picture=GroundPicture(shaded, walk.picture().camera, walk.picture().transform_camera_to_footprint)
+        )
+        np.testing.assert_array_less(np.abs(walk.off_by(fused)), (6e-4, 6e-4, 1e-3))
+
+
+@pytest.mark.slow
+def test_texture_far_from_odometry_is_refused(walk: Walk) -> None:
+    """20 mm are ten sigma: odometry stays, and the reason is told."""
+    fused = walk.pause(planar(0.035, 0.0), planar(0.02, 0.0))
+    assert "contradict each other" in fused.metadata["visual_refused"]
+    assert fused.metadata["sideways_correction"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("floor", "told"),
+    [
+        (np.full((2000, 3000), 90, np.float32), "corners"),
+        (mottled() / 12, "the laser-off picture is dark: its median level is 7 of 255"),
+    ],
+)
+def test_without_texture_or_light_odometry_holds_the_map(
+    robot: RobotModel, make_scan: MakeScan, floor: np.ndarray, told: str
+) -> None:
+    """A bare floor and a dark one move nothing; the sigma grows by 4 % of the way, as slip may all be of one sign."""
+    walk = Walk(robot, make_scan, floor)
+    walk.pause(np.eye(4))
+    for _ in range(8):
+        fused = walk.pause(planar(0.035, 0.0))
+        assert told in fused.metadata["visual_refused"]
+    assert fused.metadata["sideways_correction"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    by_motions = np.sqrt(8 * (0.002**2 + 1e-8))
+    assert fused.metadata["sideways_correction_sigma"][0] == pytest.approx(
+        np.hypot(by_motions, 0.04 * 8 * 0.035), rel=0.02
+    )
+    assert fused.metadata["sideways_correction_sigma"][1] == pytest.approx(by_motions, rel=0.25)
+
+
+@pytest.mark.slow
+def test_a_gap_is_told_and_texture_begins_anew(walk: Walk) -> None:
+    """Two pauses without a picture, and half a metre on: nothing in view was seen before; from there pictures hold."""
+    for _ in range(2):
+        fused = walk.pause(planar(0.25, 0.0), picture="the scan has no laser-off picture")
+        assert fused.metadata["visual_refused"] == "the scan has no laser-off picture"
+    assert "corners" in walk.pause(planar(0.01, 0.0)).metadata["visual_refused"]
+    fused = walk.pause(planar(0.035, 0.0), planar(-0.003, 0.001))
+    assert "visual_refused" not in fused.metadata
+    np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=5e-4)
+
+
+@pytest.mark.slow
+def test_one_refused_pause_costs_nothing_later(walk: Walk) -> None:
+    """What was seen before a picture that shows nothing holds the pauses after it."""
+    walk.pause(planar(0.035, 0.0))
+    walk.pause(planar(0.035, 0.0), planar(-0.003, 0.0), picture="lost")
+    fused = walk.pause(planar(0.035, 0.0), planar(-0.003, 0.0))
+    np.testing.assert_allclose(walk.off_by(fused), 0.0, atol=5e-4)
+
+
+@pytest.mark.slow
+def test_a_map_with_pictures_goes_on_from_a_file(walk: Walk, tmp_path: Path) -> None:
+    """Saved and loaded between two pauses: the same bytes as without a break."""
+    walk.pause(planar(0.035, 0.0))
+    walk.map.save(tmp_path / "map.npz")
+    again = gp.TerrainMap.load(tmp_path / "map.npz")
+    scan, moved = walk.make_scan(0.0, step=2), planar(0.07, 0.0)
+    walk.truth = planar(0.068, 0.001)
+    picture = walk.picture()
+    expected, found = (
+        each.update(scan, PoseInOdom(moved, 3 * SINCE_LAST, SINCE_LAST), picture=picture) for each in (walk.map, again)
+    )
+    assert expected.metadata["visual_corners"] > 60
+    for name, layer in expected.layers.items():
+        np.testing.assert_array_equal(layer, found.layer(name), err_msg=name)
+    assert dict(expected.metadata) == dict(found.metadata)
+
+
+def test_pictures_of_every_kind_become_grey() -> None:
+    """Colour, one channel, and sixteen bits; nothing shares memory with the camera's own picture."""
+    grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    kinds = [grey, grey[..., None], np.dstack([grey] * 3), grey.astype(np.uint16) * 256]
+    for picture in kinds:
+        found = grey_picture(picture)
+        np.testing.assert_array_equal(found, grey)
+        assert not np.shares_memory(found, picture)
