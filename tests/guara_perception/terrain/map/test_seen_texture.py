@@ -182,17 +182,17 @@ def test_texture_far_from_odometry_is_refused(walk: Walk) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("floor", "told"),
+    ("make_floor", "told"),
     [
-        (np.full((2000, 3000), 90, np.float32), "corners"),
-        (mottled() / 12, "the laser-off picture is dark: its median level is 7 of 255"),
+        (lambda: np.full((2000, 3000), 90, np.float32), "corners"),
+        (lambda: mottled() / 12, "the laser-off picture is dark: its median level is 7 of 255"),
     ],
 )
 def test_without_texture_or_light_odometry_holds_the_map(
-    robot: RobotModel, make_scan: MakeScan, floor: np.ndarray, told: str
+    robot: RobotModel, make_scan: MakeScan, make_floor: Callable[[], np.ndarray], told: str
 ) -> None:
     """A bare floor and a dark one move nothing; the sigma grows by 4 % of the way, as slip may all be of one sign."""
-    walk = Walk(robot, make_scan, floor)
+    walk = Walk(robot, make_scan, make_floor())
     walk.pause(np.eye(4))
     for _ in range(8):
         fused = walk.pause(planar(0.035, 0.0))
