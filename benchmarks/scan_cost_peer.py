@@ -32,16 +32,18 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
     cheap: list[float] = []
     strong: list[float] = []
     in_any_light: list[float] = []
-    detect = precise.detect
+    # Older revisions detect, then measure.
+    whole = "detect" if hasattr(precise, "detect") else "_extract"
+    of_band = getattr(precise, whole)
     precise.detect_in_any_light = clocked(in_any_light, precise.detect_in_any_light)
 
     def sort(band: Any) -> Any:
         before, start = len(in_any_light), time.process_time()
-        found = detect(band)
+        found = of_band(band)
         (strong if len(in_any_light) > before else cheap).append(time.process_time() - start)
         return found
 
-    precise.detect = sort
+    setattr(precise, whole, sort)
     return cheap, strong
 
 
