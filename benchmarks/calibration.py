@@ -17,6 +17,7 @@ from benchmarks.accuracy import scans_with_truth
 from benchmarks.command import options, run_part
 from guara_perception.app.files.calibration_session import open_session
 from guara_perception.calibration.calibrate_session import calibrate_session
+from guara_perception.terrain.map.fuse_scan import pose_variance
 from kinematics import load_robot
 from testbed.calibration_errors import BEYOND_MM, IN_RANGE_MM, height_errors, worst_rms
 from testbed.grid_truth import figures
@@ -56,7 +57,9 @@ def report(data: Path, scans: str) -> None:
         rows = []
         for calibration in (estimate, true):
             terrain = gp.process_scan(scan, calibration, robot, pictures=False)
-            sigma = np.sqrt(terrain.layer("variance").astype(np.float64))
+            # The stance of a recorded scan is exact.
+            of_pose = pose_variance(terrain, *(each.ravel() for each in np.meshgrid(*terrain.geometry.centres())))
+            sigma = np.sqrt(terrain.variance.astype(np.float64) - of_pose.reshape(terrain.shape))
             used = reference.interior & np.isfinite(terrain.elevation)
             ratio = ((terrain.elevation - reference.mean) / sigma)[used]
             rows.append((figures(terrain, reference).mean, float(np.std(ratio)), float(np.mean(ratio))))

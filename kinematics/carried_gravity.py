@@ -66,11 +66,3 @@ def turn_between(points_now: Float, points_before: Float) -> Float:
     left, _, right = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(right.T @ left.T))
     return np.asarray(right.T @ np.diag([1.0, 1.0, sign]) @ left.T)
-
-
-def first_gravity(up_in_base: Float, covariance: Float, noise: StanceNoise) -> GravityEstimate:
-    """Gravity at the first pause without an IMU: opposite the support plane's normal, sigma including terrain slope."""
-    tilt_variance = float(np.mean(np.diag(covariance)[3:5]))
-    return GravityEstimate(
-        (-up_in_base[0], -up_in_base[1], -up_in_base[2]), float(np.sqrt(tilt_variance + noise.terrain_slope_sigma**2))
-    )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from kinematics.arrays import Float, read_only
-from kinematics.carried_gravity import carry_gravity, first_gravity
+from kinematics.carried_gravity import carry_gravity
 from kinematics.exceptions import OdometryLost
 from kinematics.footholds import Fit, Footholds, first_footholds
 from kinematics.footprint import skew
@@ -141,26 +142,14 @@ class LegOdometry:
             covariance=EXACT,
             covariance_since_last=EXACT,
             own_covariance=EXACT,
-            gravity=self._gravity_of(pose),
+            gravity=pose.gravity,
         )
         return first, first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))
 
     def _next(self, stance: Stance, last: OdometryPose, footholds: Footholds) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        # A foot that seemed unloaded counts too: it may stand on a block, and if not, its distances change.
-        common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
-        stayed = self._stayed(state, last.pose.state, common)
-        gravity = None
-        if stance.gravity_in_base is None and len(stayed) >= 3:
-            gravity = carry_gravity(
-                last.gravity,
-                state.soles_in_base(stayed),
-                last.pose.state.soles_in_base(stayed),
-                state.soles_in_base(stance.support_feet),
-                sole_covariances(state, stance.support_feet, self._robot.noise),
-                self._robot.noise,
-            )
-        pose = self._pose(state, stance, gravity)
+        common, stayed = self._feet(state, stance, last)
+        pose = self._pose(state, stance, self._carried(state, stance, last, stayed))
         if len(stayed) < 2:
             raise OdometryLost(
                 f"{len(stayed)} feet stayed between two pauses ({', '.join(common) or 'none'} carried the body at "
@@ -187,16 +176,39 @@ class LegOdometry:
             swung_feet=tuple(leg for leg, distance in moved.items() if distance >= self._limits.swing_least),
             slipped_feet=tuple(leg for leg, distance in moved.items() if distance < self._limits.swing_least),
             residual=fit.residual,
-            gravity=gravity or self._gravity_of(pose),
+            gravity=pose.gravity,
         )
         return new, footholds
 
-    def _gravity_of(self, pose: StancePose) -> GravityEstimate:
-        """Gravity estimate of a pose whose attitude is not from odometry."""
-        if pose.attitude_source == "imu":
-            down = -pose.up_in_base
-            return GravityEstimate((down[0], down[1], down[2]), self._robot.noise.imu_sigma)
-        return first_gravity(pose.up_in_base, pose.covariance, self._robot.noise)
+    def carried_gravity(self, stance: Stance) -> GravityEstimate | None:
+        """Gravity that the walk carries to a new pause, for the scan there; the odometry stays as it is.
+
+        None at the first pause, where fewer than three feet stayed, and with an IMU, which is the better source.
+        """
+        if self._last is None:
+            return None
+        state = self._robot.state(stance.joint_positions)
+        return self._carried(state, stance, self._last, self._feet(state, stance, self._last)[1])
+
+    def _carried(
+        self, state: RobotState, stance: Stance, last: OdometryPose, stayed: Sequence[str]
+    ) -> GravityEstimate | None:
+        if stance.gravity_in_base is not None or len(stayed) < 3:
+            return None
+        return carry_gravity(
+            last.gravity,
+            state.soles_in_base(stayed),
+            last.pose.state.soles_in_base(stayed),
+            state.soles_in_base(stance.support_feet),
+            sole_covariances(state, stance.support_feet, self._robot.noise),
+            self._robot.noise,
+        )
+
+    def _feet(self, state: RobotState, stance: Stance, last: OdometryPose) -> tuple[list[str], list[str]]:
+        """Feet that carried the body at both pauses, and those of them that stayed."""
+        # A foot that seemed unloaded counts too: it may stand on a block, and if not, its distances change.
+        common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
+        return common, self._stayed(state, last.pose.state, common)
 
     def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:
         # In base_link: distances do not depend on the vertical.

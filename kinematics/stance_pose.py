@@ -94,6 +94,8 @@ class StancePose:
             x, y and the heading are exact by definition. With `support_plane` it is relative to that plane, not to
             gravity.
         attitude_source: "imu", "odometry", "support_plane" or "level".
+        attitude_sigma: standard deviation of the vertical against gravity, per axis [rad]; that of a support plane
+            includes the slope of the ground (robot.toml, [stance] terrain_slope_sigma).
         support_feet_used: feet used to compute the pose.
         unloaded_feet: feet named as supporting but found unloaded, left out.
         support_residual: rms distance of the used soles from their plane [m]; zero for three feet, NaN for fewer.
@@ -105,6 +107,7 @@ class StancePose:
     transform_base_to_footprint: Float
     covariance: Float
     attitude_source: str
+    attitude_sigma: float
     support_feet_used: tuple[str, ...]
     unloaded_feet: tuple[str, ...]
     support_residual: float
@@ -121,6 +124,12 @@ class StancePose:
     def up_in_base(self) -> Float:
         """Unit vertical in `base_link`, (3,)."""
         return read_only(self.transform_base_to_footprint[2, :3])
+
+    @property
+    def gravity(self) -> GravityEstimate:
+        """Gravity by this pose, opposite its vertical."""
+        down = (-self.up_in_base).tolist()
+        return GravityEstimate((down[0], down[1], down[2]), self.attitude_sigma)
 
     @property
     def height(self) -> float:
@@ -199,6 +208,8 @@ def stance_pose(
     for row, sole_covariance in enumerate(covariances):
         block = by_soles[:, 3 * row : 3 * row + 3]
         covariance += block @ sole_covariance @ block.T
+    if source == "support_plane":
+        sigma = float(np.sqrt(np.mean(np.diag(covariance)[3:5]) + noise.terrain_slope_sigma**2))
     if transform_camera_to_base is None:
         camera = state.transform_to_base(state.tree.config.camera_frame)
     else:
@@ -207,6 +218,7 @@ def stance_pose(
         transform_base_to_footprint=read_only(transform),
         covariance=read_only(covariance),
         attitude_source=source,
+        attitude_sigma=sigma,
         support_feet_used=tuple(legs),
         unloaded_feet=tuple(unloaded),
         support_residual=plane.residual if plane is not None else float("nan"),

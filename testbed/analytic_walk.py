@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 import guara_perception as gp
 from guara_perception.arrays import Float, Mask
+from guara_perception.ranging.scan_geometry import variance_by_motion
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
@@ -194,12 +195,21 @@ def scan(robot: RobotModel, ground: Ground, pause: Pause, seed: int) -> gp.Terra
 
     low, high = np.minimum(heights.min(axis=0), mean), np.maximum(top, mean)
     raster = Raster(layer(mean), layer(sigma**2), layer(low), layer(high))
-    layers = assess_layers(raster, flags.reshape(grid.shape), grid.resolution, settings.limits)
+    shared = variance_by_motion(np.stack((x, y)), np.zeros(2), pose.covariance[2:5, 2:5]).reshape(grid.shape)
+    layers = assess_layers(
+        raster,
+        flags.reshape(grid.shape),
+        grid.resolution,
+        settings.limits,
+        shared=shared,
+        attitude_sigma=pose.attitude_sigma,
+    )
     layers["age"] = np.where(unknown, 255, 0).astype(np.uint8).reshape(grid.shape)
     layers["looks"] = (~unknown).astype(np.uint8).reshape(grid.shape)
     metadata = {
         "robot": robot.name,
         "stance": pause.stance.to_dict(),
+        "attitude_sigma": pose.attitude_sigma,
         "support_feet_used": list(pose.support_feet_used),
         "transform_base_to_footprint": pose.transform_base_to_footprint.tolist(),
         "pose_covariance": pose.covariance.tolist(),

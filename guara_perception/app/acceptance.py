@@ -22,6 +22,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput, PerceptionError
 from guara_perception.files import whole_file
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.map.fuse_scan import pose_variance
 from guara_perception.terrain.questions.obstacles import fit_floor
 from kinematics.arrays import FrozenArrays
 
@@ -92,7 +93,12 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
     """
     rows, columns = np.nonzero(np.isfinite(terrain.elevation))
     x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (columns, rows), strict=True))
-    z, sigma = terrain.elevation[rows, columns].astype(np.float64), np.sqrt(terrain.variance[rows, columns])
+    z, variance, local = (
+        layer[rows, columns].astype(np.float64)
+        for layer in (terrain.elevation, terrain.variance, terrain.variance_local)
+    )
+    # Floor and blocks stand in one frame.
+    sigma = np.sqrt(np.maximum(variance - pose_variance(terrain, x, y), local))
     floor = fit_floor(x, y, z)
     found = []
     for block in terrain.obstacles():

@@ -68,7 +68,7 @@ def range_images(
             if not found.opens.size:
                 continue
             lines = _filled(found, followed, between) if between else found
-            share, _, _ = shares(lines.number)
+            share = shares(lines.number)
             # In pixels from the nadir: about it, the central projection that eqs. 20 and 21 undo is a pure stretch.
             first, difference = (lines.first[:2] - nadir[:, None]) / size[:, None], lines.difference[:2] / size[:, None]
             row, column, height = (

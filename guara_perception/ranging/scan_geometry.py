@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.calibration.calibration import Calibration, plane_in_frame
-from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.calibration.row_bands import row_bands
 from guara_perception.ranging.locate import Locator, Triangulator
 from guara_perception.ranging.stripe_points import StripePoints, stripe_points
@@ -148,7 +146,6 @@ class StripeRanger:
         locator: Locator,
         height_limits: tuple[float, float],
         on_robot: Callable[[Float], Mask],
-        motion_covariance: Float | None = None,
     ) -> None:
         """Prepare what does not depend on the frames.
 
@@ -157,22 +154,9 @@ class StripeRanger:
             locator: converts image rows to points.
             height_limits: lowest and highest height that counts as terrain [m].
             on_robot: mask of the points (n, 3) in base_footprint that lie on the robot itself.
-            motion_covariance: (6, 6) covariance in `base_link` of camera motion during the scan; None = it stood.
-
-        Raises:
-            FileFormatError: the covariance of the calibration is not as documented.
         """
         self._geometry, self._locator = geometry, locator
         self._height_limits, self._on_robot = height_limits, on_robot
-        calibration = geometry.calibration
-        self._uncertainty = HeightUncertainty.of(calibration)
-        self._by_motion: Callable[[Float], Float] | None = None
-        if motion_covariance is not None:
-            turn = geometry.transform_camera_to_footprint[:3, :3] @ calibration.transform_camera_to_base[:3, :3].T
-            # Components of the motion in base_footprint that change heights: z, and rotations about x and y.
-            rows = np.kron(np.eye(2), turn)[2:5]
-            camera = geometry.transform_camera_to_footprint[:3, 3]
-            self._by_motion = partial(variance_by_motion, camera=camera, motion=rows @ motion_covariance @ rows.T)
 
     def points(
         self, profiles: Mapping[int, StripeProfile], places: Mapping[int, StripePlace] | None = None
@@ -196,29 +180,10 @@ class StripeRanger:
                 np.array([self._geometry.stripes[index].plane_in_camera for index in group]),
                 self._height_limits,
                 on_robot,
-                self._added_variance(group, place),
+                None if place is None else place.height_variance,
             )
             found.update(zip(group, points, strict=True))
         return found
-
-    def _added_variance(self, indices: Sequence[int], place: StripePlace | None) -> Callable[[Float], Float] | None:
-        """Variances (s, n) [m^2] of heights at points (3, s, n) due to the calibration and to motion of the camera.
-
-        None for a camera that stood and a calibration without covariance, which is one made from a drawing.
-        """
-        uncertainty, geometry = self._uncertainty, self._geometry
-        by_motion = self._by_motion if place is None else place.height_variance
-        if uncertainty is None:
-            return by_motion
-        transform = (geometry if place is None else place).transform_camera_to_footprint
-        planes = np.array([geometry.stripes[index].plane_in_camera for index in indices])
-
-        def variance(points: Float) -> Float:
-            camera = transform, geometry.calibration.transform_camera_to_base
-            by_calibration = uncertainty.variance(indices, planes, points, *camera)
-            return by_calibration if by_motion is None else by_calibration + by_motion(points)
-
-        return variance
 
 
 def variance_by_motion(points: Float, camera: Float, motion: Float) -> Float:

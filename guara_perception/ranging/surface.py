@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Array, Float, Index, Mask
+from guara_perception.ranging.hidden_relief import pair_relief
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 
@@ -220,13 +221,18 @@ def joined_surface(seen: Links, variance: Array, resolution: float) -> list[Surf
     """
     joined = []
     width = variance.shape[1]
+    hidden = np.zeros((len(seen.pairs), width))
+    for k in (k for k, swath in enumerate(seen.pairs) if swath >= 0):
+        hidden[k] = pair_relief(seen.points[:, k : k + 2], variance[k : k + 2])
     for lines, indices, runs in _lines(seen, resolution):
-        share, of_first, of_last = shares(lines.number)
+        share = shares(lines.number)
         samples = share * lines.difference[:, None]
         samples += lines.first[:, None]
         samples[2].reshape(-1)[lines.cut()] = np.nan
-        along = of_first * variance.take(indices).astype(np.float64)
-        along += of_last * variance.take(indices + width).astype(np.float64)
+        # Not that of the mean of two independent heights: a line is no surer than the points at its ends.
+        along = (1 - share) * variance.take(indices).astype(np.float64)
+        along += share * variance.take(indices + width).astype(np.float64)
+        along += 4 * share * (1 - share) * hidden.take(indices)
         joined.append(SurfaceSamples(samples.reshape(3, -1), along.reshape(-1), runs * lines.number))
     return joined
 
@@ -272,7 +278,7 @@ class Lines:
 
     def cut(self) -> Index:
         """Flat indices of the samples, (number, c), that are cut off at open ends."""
-        share, _, _ = shares(self.number)
+        share = shares(self.number)
         at_ends = np.flatnonzero(self.opens | self.closes)
         run = np.maximum(np.hypot(*self.difference[:2].take(at_ends, axis=1)), 1e-9)
         length = np.minimum(OPEN_END_M / run, 0.5)
@@ -285,13 +291,12 @@ class Lines:
 
 
 @functools.cache
-def shares(n: int) -> tuple[Float, Float, Float]:
-    """Fraction of a line before each of n samples (n, 1), and the weights there of the variances of its two ends.
+def shares(n: int) -> Float:
+    """Fraction of a line before each of n samples (n, 1).
 
-    The positions do not depend on other stripes: samples that are cut off do not move the rest.
+    It does not depend on other stripes: samples that are cut off do not move the rest.
     """
-    share = ((np.arange(n) + 0.5) / n)[:, None]
-    return share, (1 - share) ** 2, share**2
+    return ((np.arange(n) + 0.5) / n)[:, None]
 
 
 def sample_count(difference: Array, is_line: Mask, resolution: float) -> list[int]:

@@ -144,5 +144,4 @@ def line_samples(ends: tuple[ColumnPoints, ColumnPoints], resolution: float) -> 
     first = ends[0].points[in_first]
     difference = ends[1].points[in_second] - first
     (n,) = sample_count(difference.T[:, None], np.ones((1, len(difference)), dtype=bool), resolution)
-    share, _, _ = shares(n)
-    return np.asarray((first + share[..., None] * difference).reshape(-1, 3))
+    return np.asarray((first + shares(n)[..., None] * difference).reshape(-1, 3))

@@ -13,7 +13,7 @@ from guara_perception.scan import FrameReader, Scan
 from guara_perception.scanning.scan_processor import ScanProcessor
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import FramePair
-from kinematics import KinematicsError, RobotModel
+from kinematics import GravityEstimate, KinematicsError, RobotModel
 from kinematics.stillness import check_camera_still
 
 logger = logging.getLogger(__name__)
@@ -34,8 +34,9 @@ def run_scan(
     threshold: float | None = None,
     strict: bool = False,
     progress: Progress | None = None,
+    gravity: GravityEstimate | None = None,
 ) -> ScanProcessor:
-    """Feed a recorded scan through a ScanProcessor.
+    """Feed a recorded scan through a ScanProcessor; `gravity` as there.
 
     Returns:
         The processor, for its grid, points and profiles.
@@ -56,6 +57,7 @@ def run_scan(
             resolution=resolution,
             stamp=scan.end,
             step=scan.step,
+            gravity=gravity,
         )
     except KinematicsError as error:
         raise InvalidInput(f"{scan.source}: stance: {error}") from error

@@ -18,6 +18,7 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ground_picture import GroundPicture, grey_picture
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
+from guara_perception.ranging.shared_variance import SharedVariance
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
 from guara_perception.scanning.background import MOVED, BackgroundWitness, aligned, motion_text
@@ -33,7 +34,7 @@ from guara_perception.stripes.band import FramePair, StripeProfile, bad_frame
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord
-from kinematics import BodyTrack, Stance, StanceError, Stillness, describe_robot
+from kinematics import BodyTrack, GravityEstimate, Stance, StanceError, Stillness, describe_robot
 from kinematics.self_filter import SelfFilter
 
 
@@ -64,6 +65,7 @@ class ScanProcessor:
         stamp: int = 0,
         step: int = 0,
         track: BodyTrack | None = None,
+        gravity: GravityEstimate | None = None,
     ) -> None:
         """Compute everything that does not depend on the frames.
 
@@ -80,6 +82,8 @@ class ScanProcessor:
             track: poses of the body relative to this stance, for a robot that sways: every stripe is then placed by the
                 `instant` of its `FramePair`, and a stripe whose pose is unknown is not used. More samples may be added
                 to the track until `finish`. None = the robot stands still.
+            gravity: gravity by the walk (`LegOdometry.carried_gravity`), for a stance without an IMU; without both, the
+                grid is level with the plane of the feet.
 
         Raises:
             InvalidInput: unknown mode or method, a threshold that does not fit it, a resolution that does not divide
@@ -101,7 +105,8 @@ class ScanProcessor:
         self._pattern = settings.pattern(mode)
         self._calibration, self._robot, self._method, self._threshold = calibration, robot, method, threshold
         self._stance = stance if isinstance(stance, Stance) else Stance.from_dict(stance)
-        self.pose = robot.stance_pose(self._stance)
+        self._gravity = gravity
+        self.pose = robot.stance_pose(self._stance, odometry=gravity)
         self._stamp, self._step = int(stamp), int(step)
         self._robot_description = describe_robot(robot)
         self._cell = settings.resolution if resolution is None else float(resolution)
@@ -120,9 +125,8 @@ class ScanProcessor:
         self._finder = StripeFinder(method, calibration.camera.size, self._pattern.step, threshold)
         self._body = SelfFilter(self.pose.state, transform_base_to_frame=to_footprint)
         height_limits = settings.minimum_height, settings.maximum_height
-        self._ranger = StripeRanger(
-            self._geometry, self._locator, height_limits, self._body.contains, self._undetectable_motion()
-        )
+        self._ranger = StripeRanger(self._geometry, self._locator, height_limits, self._body.contains)
+        self._motion = self._undetectable_motion()
         self._sway = sway_variance(robot, self.pose)
         self._places: StripePlaces | None = None
         if track is not None:
@@ -260,7 +264,19 @@ class ScanProcessor:
         geometry, body = self._geometry, self._body
         if places:
             geometry, body = geometry.moved(places), places[sorted(places)[len(places) // 2]].body
-        return ScanSurface(self._cell, geometry, self.settings, self._pattern, body, self._sway, parted)
+        # A stripe with a place of its own has the sigmas of that place.
+        motion = None if places else self._motion
+        return ScanSurface(
+            self._cell,
+            geometry,
+            self.settings,
+            self._pattern,
+            body,
+            SharedVariance(geometry, self.pose.covariance, motion),
+            self.pose.attitude_sigma,
+            self._sway,
+            parted,
+        )
 
     def drift(self) -> Drift:
         """Drift of the calibration: measured floor compared with the plane of the soles.
@@ -396,6 +412,7 @@ class ScanProcessor:
             resolution=self.grid.resolution,
             stamp=self._stamp,
             step=self._step,
+            gravity=self._gravity,
         )
         other._places = self._places
         other._profiles.update({index: each for index, each in self._profiles.items() if index in indices})

@@ -103,6 +103,11 @@ def scan_record(
         reasons.append(advice(coverage, counts, wrong or wrong_frames(samples, geometry), samples.lack()))
     else:
         reasons += filter(None, (motion, mirrored_frames(points, mirrored_points, pose), samples.texture()))
+    if pose.attitude_source == "support_plane":
+        reasons.append(
+            "levelled by the plane of the feet, as there is no IMU and no walk that carries gravity: "
+            f"{np.degrees(pose.attitude_sigma):.1f} degrees off level (one sigma)"
+        )
     if sway := robot.pause_limits.stance_sway:
         reasons.append(
             f"the body may sway by {np.degrees(sway):.2f} degrees unseen (robot.toml, [pause] stance_sway): heights "
@@ -120,6 +125,7 @@ def scan_record(
         calibration_verdict=verdict,
         stance=stance,
         attitude_source=pose.attitude_source,
+        attitude_sigma=pose.attitude_sigma,
         support_feet_used=tuple(pose.support_feet_used),
         support_soles=support_soles(pose, robot.noise),
         transform_base_to_footprint=np.asarray(pose.transform_base_to_footprint),

@@ -11,13 +11,14 @@ import numpy as np
 from guara_perception.arrays import Array, Flags, Float, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ranging.scan_geometry import ScanGeometry
+from guara_perception.ranging.shared_variance import SharedVariance
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
 from guara_perception.ranging.surface_raster import SurfaceRaster
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.causes import LookPlan, unknown_causes
-from guara_perception.terrain.assessment.raster import pool, pool_flags
+from guara_perception.terrain.assessment.raster import Raster, pool, pool_flags
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.layers.record_fields import Run
@@ -45,6 +46,8 @@ class ScanSurface:
         settings: Settings,
         pattern: range,
         body: SelfFilter,
+        shared: SharedVariance,
+        attitude_sigma: float,
         sway_variance: Callable[[GridGeometry], Float] | None = None,
         parted: Collection[Key] = (),
     ) -> None:
@@ -56,6 +59,8 @@ class ScanSurface:
             settings: settings of the robot.
             pattern: indices of the stripes of the scan's mode.
             body: body of the robot at the stance of the scan, in base_footprint.
+            shared: variance that neighbouring heights share.
+            attitude_sigma: standard deviation of the vertical, per axis [rad].
             sway_variance: variance (ny, nx) of the heights of a grid by the body's sway [m^2], which the mean over
                 samples does not reduce; None = none.
             parted: pairs of neighbouring stripes between which there is no surface.
@@ -66,6 +71,7 @@ class ScanSurface:
         self._order = np.array(list(geometry.stripes), dtype=np.int64)
         self._pattern = pattern
         # The functions below do not hold this surface, so that its memory is freed at once.
+        self._shared, self._attitude_sigma = shared, attitude_sigma
         self._limits, self._origins = settings.limits, (origins := geometry.sensor_origins)
         planes, size = geometry.planes_in_footprint, geometry.calibration.camera.size
 
@@ -116,7 +122,22 @@ class ScanSurface:
         usable = np.isin(self._order, list(self.stripes))
         pair_usable = usable[:-1] & usable[1:] & (np.diff(self._order) == self._pattern.step)
         causes = unknown_causes(own.plan, self._origins, raster.elevation, pair_usable, marks, self._hidden)
-        return assess_layers(raster, causes, self.grids[area].resolution, self._limits)
+        return assess_layers(
+            raster,
+            causes,
+            self.grids[area].resolution,
+            self._limits,
+            shared=self._shared_of(raster, self.grids[area]),
+            attitude_sigma=self._attitude_sigma,
+        )
+
+    def _shared_of(self, raster: Raster, grid: GridGeometry) -> Float:
+        """Variance (ny, nx) that neighbouring cells share [m^2], NaN in unknown cells."""
+        iy, ix = np.nonzero(np.isfinite(raster.elevation))
+        x, y = grid.centres()
+        shared = np.full(grid.shape, np.nan)
+        shared[iy, ix] = self._shared.at(np.stack((x[ix], y[iy], raster.elevation[iy, ix])))
+        return shared
 
     def lost_cells(self, layers: Mapping[str, Array], is_lost: Mask, area: str) -> tuple[Run, ...]:
         """Cells over which stripes were fired whose frames were lost; see the function `lost_cells`.

@@ -29,6 +29,9 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     path = existing_file(path)
     wanted = [layer.name for layer in LAYERS] + ["origin", "resolution", "frame", "stamp", "step", "metadata"]
     data: dict[str, Any] = dict(read_arrays(path, [*wanted, *PICTURES]))
+    if "variance" in data:
+        # Files of earlier versions hold the total alone.
+        data.setdefault("variance_local", data["variance"])
     missing = [name for name in wanted if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")

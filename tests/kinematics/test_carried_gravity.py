@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from kinematics import GravityEstimate, RobotModel
-from kinematics.carried_gravity import carry_gravity, first_gravity, turn_between
+from kinematics import GravityEstimate, RobotModel, Stance
+from kinematics.carried_gravity import carry_gravity, turn_between
 from kinematics.urdf import rotation_from_rpy
 
 SOLES = np.array([[0.3, 0.18, -0.36], [0.3, -0.18, -0.36], [-0.3, 0.18, -0.36], [-0.25, -0.18, -0.36]])
@@ -45,6 +45,7 @@ def test_a_turned_body_carries_gravity_with_it(guara: RobotModel) -> None:
 
 def test_first_gravity_is_as_sure_as_terrain_is_level(guara: RobotModel) -> None:
     """Without IMU the first vertical is the support plane's, with the terrain's slope as its sigma."""
-    gravity = first_gravity(np.array([0.0, 0.0, 1.0]), np.zeros((6, 6)), guara.noise)
-    assert gravity.gravity_in_base == (0.0, 0.0, -1.0)
-    assert gravity.sigma == pytest.approx(guara.noise.terrain_slope_sigma)
+    pose = guara.stance_pose(Stance(guara.posture("scan"), guara.legs))
+    np.testing.assert_allclose(pose.gravity.gravity_in_base, -pose.up_in_base)
+    assert pose.gravity.sigma == pose.attitude_sigma
+    assert pose.attitude_sigma == pytest.approx(guara.noise.terrain_slope_sigma, rel=0.01)

@@ -212,6 +212,28 @@ def test_attitude_is_carried_over_uneven_ground(guara: RobotModel, put_feet: Cal
     assert tilt < 0.7
 
 
+def test_gravity_for_a_scan_is_that_of_the_pause_to_come(guara: RobotModel, put_feet: Callable) -> None:
+    """Asked for before the update, as often as one likes, it is what the update uses; none without a walk or need."""
+    state = guara.state(guara.posture("scan"))
+    soles = dict(zip(guara.legs, state.soles_in_base() + (0.0, 0.0, 0.360), strict=True))
+    body = np.eye(4)
+    body[2, 3] = 0.360
+    odometry = LegOdometry(guara)
+    first = Stance(put_feet(guara, soles, body), guara.legs)
+    assert odometry.carried_gravity(first) is None
+    odometry.update(first)
+    soles["rf"] = soles["rf"] + (0.04, 0.0, 0.03)
+    stance = Stance(put_feet(guara, soles, body), guara.legs)
+    asked = [odometry.carried_gravity(stance) for _ in range(2)]
+    carried = asked[0]
+    assert carried is not None and asked[1] == carried
+    pose = odometry.update(stance).pose
+    np.testing.assert_allclose(pose.up_in_base, -np.array(carried.gravity_in_base), atol=1e-12)
+    assert pose.attitude_sigma == carried.sigma
+    assert odometry.carried_gravity(Stance(stance.joint_positions, guara.legs, (0.0, 0.0, -1.0))) is None
+    assert odometry.carried_gravity(Stance(stance.joint_positions, ("lf", "rh"))) is None
+
+
 def test_calibrated_camera_is_handed_on(guara: RobotModel) -> None:
     """The camera placement given to the odometry is the one in its stance poses."""
     camera = guara.transform_camera_to_base.copy()

@@ -122,6 +122,17 @@ def test_best_source_is_taken_and_named(guara: RobotModel) -> None:
     assert carried.pitch == pytest.approx(0.01, rel=1e-3)
 
 
+def test_attitude_is_as_sure_as_its_source(guara: RobotModel) -> None:
+    """Sigmas of robot.toml; a support plane has that of the ground's slope beside the noise of its soles."""
+    odometry, noise = GravityEstimate((0.01, 0.0, -1.0), 0.005), guara.noise
+    expected = {"imu": noise.imu_sigma, "odometry": 0.005, "level": noise.level_sigma}
+    for source, sigma in expected.items():
+        assert guara.stance_pose(tilted(guara), odometry=odometry, attitude=source).attitude_sigma == sigma
+    plane = guara.stance_pose(tilted(guara, False))
+    soles = np.mean(np.diag(plane.covariance)[3:5])
+    assert plane.attitude_sigma == pytest.approx(np.hypot(noise.terrain_slope_sigma, np.sqrt(soles)))
+
+
 def test_sources_that_are_not_there_are_refused(guara: RobotModel) -> None:
     """Asking for an attitude that the stance cannot give is refused, and so is an unknown one."""
     with pytest.raises(StanceError, match="attitude 'imu' was asked for, but the stance has no gravity_in_base"):

@@ -55,7 +55,7 @@ def test_occupancy_and_grid_map_come_with_the_grid(start, endpoint: str, peer) -
             if "Occupancy" in name:
                 assert (message.info.height, message.info.width) == (108, 90) and not message.data.any()
             else:
-                assert message.layers[0] == "elevation" and len(message.layers) == 10 and "hazard" in message.layers
+                assert message.layers[0] == "elevation" and len(message.layers) == 11 and "hazard" in message.layers
                 slope = message.data[message.layers.index("slope")].data.reshape(108, 90)[::-1, ::-1]
                 np.testing.assert_array_equal(slope, terrain.layers["slope"])
             assert message.header.frame_id == "base_footprint"

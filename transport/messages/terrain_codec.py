@@ -26,8 +26,8 @@ from transport.messages.typestore import TERRAIN, message_class
 # Units of rounding, powers of two so that multiples are exact float32: heights (noise 0.1 mm or more), differences of
 # heights and clearance [m]; slope [rad].
 HEIGHT_UNIT, RELIEF_UNIT, CLEARANCE_UNIT, SLOPE_UNIT = 2.0**-13, 2.0**-12, 2.0**-10, 2.0**-9
-# Bits after the leading one: a variance may become an eighth larger, a score a 32nd smaller.
-VARIANCE_BITS, SCORE_BITS = 3, 5
+# Bits after the leading one: a variance may become an eighth larger, a local one double, a score a 32nd smaller.
+VARIANCE_BITS, LOCAL_BITS, SCORE_BITS = 3, 0, 5
 # Larger multiples of a unit are not rounded: they may not fit the 23 bits of a float32.
 WHOLE_NUMBERS = 2.0**23
 MANTISSA_BITS = 23
@@ -164,6 +164,7 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "elevation_min": _in_multiples(HEIGHT_UNIT, np.floor),
         "elevation_max": _in_multiples(HEIGHT_UNIT, np.ceil),
         "variance": _in_bits(VARIANCE_BITS, up=True),
+        "variance_local": _in_bits(LOCAL_BITS, up=True),
         "slope": _in_multiples(SLOPE_UNIT, np.ceil),
         "step_height": _in_multiples(RELIEF_UNIT, np.ceil),
         "roughness": _in_multiples(RELIEF_UNIT, np.ceil),

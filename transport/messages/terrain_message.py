@@ -51,6 +51,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
     {
         "elevation": LayerKind(FLOAT, "m"),
         "variance": LayerKind(FLOAT, "m^2"),
+        "variance_local": LayerKind(FLOAT, "m^2"),
         "elevation_min": LayerKind(FLOAT, "m"),
         "elevation_max": LayerKind(FLOAT, "m"),
         "slope": LayerKind(FLOAT, "rad"),
@@ -188,11 +189,15 @@ class TerrainMessage:
         resolution = finite(self.resolution, "resolution")
         check_value(TERRAIN, "resolution", resolution)
         origin = checked_origin(self.origin)
-        missing = [name for name in LAYERS if name not in self.layers]
+        given = dict(self.layers)
+        if "variance" in given:
+            # Earlier nodes send the total alone.
+            given.setdefault("variance_local", given["variance"])
+        missing = [name for name in LAYERS if name not in given]
         if missing:
             raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
         shape = checked_shape(np.shape(self.layers["elevation"]), "layer 'elevation'")
-        layers = {name: _check_layer(name, self.layers[name], shape) for name in LAYERS}
+        layers = {name: _check_layer(name, given[name], shape) for name in LAYERS}
         set_fields(self, resolution=resolution, origin=origin, layers=MappingProxyType(layers))
 
     def _freeze_details(self) -> None:

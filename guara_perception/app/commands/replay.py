@@ -92,7 +92,15 @@ def command(
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:
-                processor = run_scan(scan, calibrated, model, method, threshold=threshold, progress=show)
+                processor = run_scan(
+                    scan,
+                    calibrated,
+                    model,
+                    method,
+                    threshold=threshold,
+                    progress=show,
+                    gravity=walk_map.gravity(scan.step, scan.stance),
+                )
             fused = walk_map.update(scan.step, scan.stance, processor.finish("wide"), picture=processor.ground_picture)
             grids = {"footprint": processor.finish(), "map": fused}
             if session is not None and number:

@@ -161,6 +161,7 @@ class PauseScanner:
             threshold=self._threshold,
             stamp=time.time_ns(),
             step=pause.step,
+            gravity=self.map.gravity(pause.step, pause.stance, epoch=pause.epoch),
         )
 
     def _check_steps(self) -> None:

@@ -16,7 +16,7 @@ from guara_perception.ground_picture import GroundPicture
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.terrain_map import TerrainMap
-from kinematics import LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
+from kinematics import GravityEstimate, LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
 from kinematics.transforms import transform_points
 
 logger = logging.getLogger(__name__)
@@ -96,6 +96,23 @@ class WalkMap:
         state.last = self.latest = fused.restated(**self._reported(pose), foot_slips=self._slips(pose, fused))
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
+
+    def gravity(self, step: int, stance: Stance, *, epoch: str = "") -> GravityEstimate | None:
+        """Gravity that the walk carries to a pause, for its scan; None where it carries none, or with an IMU.
+
+        Args:
+            step, stance, epoch: as in `update`.
+
+        Raises:
+            kinematics.KinematicsError: the stance does not fit the robot.
+        """
+        state = self._state
+        if state.step is None or epoch != state.epoch or step < state.step:
+            return None
+        if step > state.step:
+            return state.odometry.carried_gravity(stance)
+        is_carried = stance == state.stance and state.pose is not None and state.pose.pose.attitude_source == "odometry"
+        return state.pose.gravity if is_carried and state.pose is not None else None
 
     def keep(self) -> None:
         """Make all updates so far permanent: `withdraw` returns to this state."""

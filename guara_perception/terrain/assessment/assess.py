@@ -33,6 +33,8 @@ def assess_layers(
     limits: TraversabilityLimits,
     drift: Index | None = None,
     *,
+    shared: Float | float = 0.0,
+    attitude_sigma: float = 0.0,
     beyond: int = 0,
 ) -> dict[str, Array]:
     """Compute all layers of a grid from its heights.
@@ -41,11 +43,13 @@ def assess_layers(
     gets EDGE whatever the values, so the loss of an observation never makes another cell safe.
 
     Args:
-        raster: heights, their variances, lowest and highest samples.
+        raster: heights, the variances that neighbours do not share, lowest and highest samples.
         hazard: (ny, nx) uint16 initial flags (causes of unknown cells, CONFLICT, STALE).
         resolution: cell edge [m].
         limits: traversability limits.
         drift: (ny, nx, 2) drift of each cell of the fused map along y and x [cells]; None for a single scan.
+        shared: (ny, nx) variance that neighbouring cells share [m^2], which no test between neighbours reads.
+        attitude_sigma: standard deviation of the frame's tilt against gravity, per axis [rad].
         beyond: width of a margin on each side, which the tests read and the returned layers do not contain [cells].
 
     Returns:
@@ -58,11 +62,13 @@ def assess_layers(
     # Everything beyond the outermost known cells is unknown and equivalent to the outside of the grid.
     window = _extent(known, axis=0), _extent(known, axis=1)
     drift = None if drift is None else np.ascontiguousarray(drift[window])
-    judged = _assess_in_blocks(raster.window(window), np.ascontiguousarray(flags[window]), resolution, limits, drift)
+    own_flags = np.ascontiguousarray(flags[window])
+    judged = _assess_in_blocks(raster.window(window), own_flags, resolution, limits, drift, attitude_sigma)
     layers: dict[str, Array] = {}
     for name, values in judged.items():
         layers[name] = flags if name == "hazard" else np.full(known.shape, _unknown(name), np.float32)
         layers[name][window] = values
+    layers["variance"] = (layers["variance_local"] + shared).astype(np.float32)
     if beyond:
         inner = np.s_[beyond:-beyond, beyond:-beyond]
         layers = {name: np.ascontiguousarray(layer[inner]) for name, layer in layers.items()}
@@ -107,8 +113,9 @@ def _assess_in_blocks(
     resolution: float,
     limits: TraversabilityLimits,
     drift: Index | None,
+    attitude_sigma: float,
 ) -> dict[str, Array]:
-    """All layers but clearance, age and looks, computed in blocks of rows."""
+    """All layers but clearance, age, looks and the total variance, computed in blocks of rows."""
     kernel = disc_kernel(limits.disc_radius / resolution)
     ny, nx = flags.shape
     margin = half_cells(limits.sole_width, resolution) + 2 * (kernel.shape[0] // 2)
@@ -118,7 +125,8 @@ def _assess_in_blocks(
     for start in range(0, ny, rows):
         first, end = max(start - margin, 0), min(start + rows + margin, ny)
         drifted = None if drift is None else drift[first:end]
-        block = _assess_discs(raster.window(np.s_[first:end, :]), flags[first:end], kernel, resolution, limits)
+        part = raster.window(np.s_[first:end, :])
+        block = _assess_discs(part, flags[first:end], kernel, resolution, limits, attitude_sigma)
         hazard = block["hazard"]
         edge = edge_cells(hazard, kernel, resolution, limits, drifted) & ((hazard & UNKNOWN_MASK) == 0)
         hazard[edge] |= np.uint16(Hazard.EDGE)
@@ -128,12 +136,17 @@ def _assess_in_blocks(
 
 
 def _assess_discs(
-    raster: Raster, flags: Flags, kernel: Kernel, resolution: float, limits: TraversabilityLimits
+    raster: Raster,
+    flags: Flags,
+    kernel: Kernel,
+    resolution: float,
+    limits: TraversabilityLimits,
+    attitude_sigma: float,
 ) -> dict[str, Array]:
-    """Layers computed from a disc around each cell (all but clearance and EDGE).
+    """Layers computed from a disc around each cell (all but clearance, EDGE and the total variance).
 
     Args:
-        raster, resolution, limits: as in `assess_layers`.
+        raster, resolution, limits, attitude_sigma: as in `assess_layers`.
         flags: initial flags, with a cause in every unknown cell and in no other.
         kernel: the disc; within its radius of the border the layers differ from those of a larger grid.
     """
@@ -150,7 +163,7 @@ def _assess_discs(
     fit = fit_disc(raster.elevation, raster.variance, kernel, resolution)
     slope_layer, roughness_layer = layer("slope", fit.slope), layer("roughness", fit.roughness)
     k = limits.confidence
-    slope = fit.slope + k * fit.slope_sigma
+    slope = fit.slope + k * np.hypot(fit.slope_sigma, attitude_sigma)
     roughness = fit.roughness + k * fit.roughness_sigma
     del fit
     rise, fall = rises(raster.low, raster.high, known, kernel)
@@ -179,7 +192,7 @@ def _assess_discs(
     hazard.reshape(-1)[index] = found
     return {
         "elevation": layer("elevation", raster.elevation.take(index)),
-        "variance": layer("variance", raster.variance.take(index)),
+        "variance_local": layer("variance_local", raster.variance.take(index)),
         "elevation_min": layer("elevation_min", raster.low.take(index)),
         "elevation_max": layer("elevation_max", raster.high.take(index)),
         "slope": slope_layer,

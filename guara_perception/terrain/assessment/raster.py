@@ -80,7 +80,7 @@ class Raster:
 
     Attributes:
         elevation: mean height of the top layer of each cell [m].
-        variance: mean variance of the samples in that layer [m^2]; the variance of the mean cannot exceed it.
+        variance: mean local variance of the samples in that layer [m^2]; that of the mean cannot exceed it.
         low, high: lowest and highest sample [m].
     """
 

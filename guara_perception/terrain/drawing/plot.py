@@ -32,6 +32,7 @@ COLOUR_BARS = {
     "elevation_min": ("lowest sample [mm]", 1e3),
     "elevation_max": ("highest sample [mm]", 1e3),
     "variance": ("variance of the height [mm²]", 1e6),
+    "variance_local": ("variance not shared with neighbours [mm²]", 1e6),
     "slope": ("slope [degrees]", 180 / np.pi),
     "step_height": ("step height [mm]", 1e3),
     "roughness": ("roughness [mm]", 1e3),

@@ -94,8 +94,9 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
             given = "missing" if array is None else f"{array.dtype} {array.shape}"
             raise UnsafeGrid(f"layer {layer.name} is {given}, it must be {np.dtype(layer.dtype)} {shape}")
     check_safe(layers["elevation"], np.asarray(layers["hazard"], np.uint16), layers["traversability"])
-    variance = layers["variance"]
-    _reject(((layers["hazard"] & UNKNOWN_MASK) == 0) & ~(variance >= 0), "variance of a known cell is NaN or negative")
+    known = (layers["hazard"] & UNKNOWN_MASK) == 0
+    for name in ("variance", "variance_local"):
+        _reject(known & ~(layers[name] >= 0), f"{name} of a known cell is NaN or negative")
 
 
 def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:

@@ -134,6 +134,7 @@ class LayeredGrid(Gridded):
 
     elevation = LayerAttribute[Float32]()
     variance = LayerAttribute[Float32]()
+    variance_local = LayerAttribute[Float32]()
     elevation_min = LayerAttribute[Float32]()
     elevation_max = LayerAttribute[Float32]()
     slope = LayerAttribute[Float32]()

@@ -20,7 +20,8 @@ class Layer:
 
 LAYERS = (
     Layer("elevation", np.float32, "m", "height above z = 0 of the grid's frame; NaN where unknown"),
-    Layer("variance", np.float32, "m^2", "variance of the elevation"),
+    Layer("variance", np.float32, "m^2", "variance of the elevation in the grid's frame"),
+    Layer("variance_local", np.float32, "m^2", "part of the variance that neighbouring cells do not share"),
     Layer("elevation_min", np.float32, "m", "lowest sample in the cell"),
     Layer("elevation_max", np.float32, "m", "highest sample in the cell"),
     Layer("slope", np.float32, "rad", "angle of the plane fitted to the disc around the cell"),

@@ -33,7 +33,7 @@ R = TypeVar("R", bound="GridRecord")
 # Order of the fields in JSON: POSE, which a map copies from its scan; STATED, which the node adds.
 POSE = (
     *("robot", "robot_description", "mode", "method", "calibration_hash", "calibration_verdict", "stance"),
-    *("attitude_source", "support_feet_used", "support_soles", "transform_base_to_footprint"),
+    *("attitude_source", "attitude_sigma", "support_feet_used", "support_soles", "transform_base_to_footprint"),
     "transform_camera_to_base",
 )
 STATED = (
@@ -54,6 +54,7 @@ class GridRecord(FrozenArrays):
         mode, method: pattern of the scan, and method of stripe extraction.
         calibration_hash, calibration_verdict: identity of the calibration, and its verdict.
         stance, attitude_source, support_feet_used: stance of the robot, and the inputs of its pose.
+        attitude_sigma: standard deviation of the vertical against gravity, per axis [rad].
         support_soles: leg -> the sole's centre [m] and the rows of its covariance [m^2], (4, 3) in base_footprint.
         transform_base_to_footprint, transform_camera_to_base: (4, 4) each.
         pose_covariance: (6, 6) of the pose in the footprint.
@@ -85,6 +86,7 @@ class GridRecord(FrozenArrays):
     calibration_verdict: str | None = None
     stance: Stance | None = None
     attitude_source: str | None = None
+    attitude_sigma: float | None = None
     support_feet_used: tuple[str, ...] | None = None
     support_soles: Mapping[str, Sole] | None = None
     transform_base_to_footprint: Transform | None = None
@@ -206,6 +208,19 @@ class GridRecord(FrozenArrays):
             for name, flag in (self.limit_flags or {}).items()
             if name not in LIMITS and flag in Hazard.__members__
         }
+
+    @property
+    def checked_attitude_sigma(self) -> float:
+        """Standard deviation of the vertical, 0 if it is not known [rad].
+
+        Raises:
+            InvalidInput: the value cannot be read, or is not finite and 0 or more.
+        """
+        self.check("attitude_sigma")
+        sigma = self.attitude_sigma or 0.0
+        if not 0.0 <= sigma < math.inf:
+            raise InvalidInput(f"the grid's metadata says attitude_sigma = {sigma!r}; allowed: 0 or more [rad]")
+        return sigma
 
     @property
     def checked_rounding(self) -> Rounding:

@@ -9,7 +9,7 @@ import numpy as np
 from guara_perception.arrays import Float
 from guara_perception.exceptions import InvalidInput
 from guara_perception.terrain.grid import TerrainGrid
-from kinematics import ArgumentError, OdometryPose, PoseInOdom
+from kinematics import ArgumentError, KinematicsError, OdometryPose, PoseInOdom, RobotModel
 from kinematics.transforms import checked_covariance, checked_transform, inverse
 
 # Without gravity a scan is levelled by its support plane, which tilts by 0.11 rad with two feet on a box of 40 mm.
@@ -89,3 +89,20 @@ def checked_pose(terrain: TerrainGrid, pose: PoseInOdom) -> CheckedPose:
         )
     rotation[np.abs(rotation) < LEAST_TURN] = 0.0
     return checked
+
+
+def tilt_between_looks(robot: RobotModel, terrain: TerrainGrid) -> Float:
+    """Covariance (2, 2) of the tilt of a scan against those of other pauses [rad^2]; 0 if it is not known.
+
+    With an IMU that of gravity. A walk without one carries the same error of its vertical along: pauses differ by the
+    noise of the feet.
+    """
+    record = terrain.record
+    record.check("pose_covariance", "attitude_source", "stance")
+    if record.attitude_source == "odometry" and record.stance is not None:
+        try:
+            return robot.stance_pose(record.stance, attitude="support_plane").covariance[3:5, 3:5]
+        except KinematicsError:
+            # Fewer than three feet.
+            pass
+    return np.zeros((2, 2)) if record.pose_covariance is None else record.pose_covariance[3:5, 3:5]

@@ -59,6 +59,7 @@ class Heights:
         slot: slot of each cell in the map's memory, without duplicates.
         height: [m] in odom.
         variance: [m^2].
+        local: part of it that neighbouring cells do not share [m^2].
         distance: distance of each cell from the robot [m], the lever arm of a yaw error.
         below, above: distance of the lowest and highest sample from the height, 0 or more [m].
         steepness: tan^2 of the slope.
@@ -67,6 +68,7 @@ class Heights:
     slot: Index
     height: Float
     variance: Float
+    local: Float
     distance: Float
     below: Float | float = 0.0
     above: Float | float = 0.0
@@ -130,6 +132,9 @@ def fuse_heights(cells: OdomCells, new: Heights, now: MapPause, *, is_scan: bool
     memory["variance"][slot] = np.where(
         accepted, (1 - gain) * prior_variance, np.where(was_known, variance, new.variance)
     )
+    prior_local = np.where(settled, new.local, memory["local"][slot])
+    fused_local = (1 - gain) ** 2 * prior_local + gain**2 * new.local
+    memory["local"][slot] = np.where(accepted, fused_local, np.where(was_known, prior_local, new.local))
     # While observations disagree, the extremes of both are kept.
     below_both = np.maximum(below, height - (new.height - new.below))
     above_both = np.maximum(above, new.height + new.above - height)
@@ -154,6 +159,6 @@ def forget_heights(cells: OdomCells, slot: Index, cause: Flags) -> None:
     memory = cells.memory
     for name in ("height", "other"):
         memory[name][slot] = np.nan
-    for name in ("variance", "below", "above", "steepness", "other_variance", "looks", "conflict"):
+    for name in ("variance", "local", "below", "above", "steepness", "other_variance", "looks", "conflict"):
         memory[name][slot] = 0
     memory["cause"][slot] = cause

@@ -16,12 +16,12 @@ from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
 # Assumed error, due to calibration and mount, common to all heights of a scan and independent between scans.
 LOOK_SIGMA_M = 0.0005
-SEEN_LAYERS = ("elevation", "variance", "elevation_min", "elevation_max", "slope")
+SEEN_LAYERS = ("elevation", "variance", "variance_local", "elevation_min", "elevation_max", "slope")
 
 
-def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause) -> int:
-    """Fuse a scan; return the number of heights that disagreed with the map."""
-    found = observe(cells, terrain, now.transform_footprint_to_odom)
+def fuse_scan(cells: OdomCells, terrain: TerrainGrid, now: MapPause, tilt: Float) -> int:
+    """Fuse a scan whose tilt has a covariance (2, 2); return the number of heights that disagreed with the map."""
+    found = observe(cells, terrain, now.transform_footprint_to_odom, tilt)
     accepted = fuse_heights(cells, found.heights, now)
     forget_heights(cells, found.empty, found.empty_cause)
     memory = cells.memory
@@ -51,7 +51,7 @@ class Observation:
     unseen_cause: Flags
 
 
-def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float) -> Observation:
+def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom: Float, tilt: Float) -> Observation:
     """Resample a scan to the cells of the map that its area covers.
 
     Values are those of the nearest cell of the scan. A map cell that touches a scan cell without a usable return counts
@@ -61,6 +61,7 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
         cells: memory of the map, with its window around the robot.
         terrain: grid of the scan alone.
         transform_footprint_to_odom: (4, 4).
+        tilt: (2, 2) covariance of the scan's tilt about x and y of its footprint [rad^2].
     """
     grid, transform = terrain.geometry, transform_footprint_to_odom
     resolution = cells.resolution
@@ -96,19 +97,18 @@ def observe(cells: OdomCells, terrain: TerrainGrid, transform_footprint_to_odom:
     relief = layers["elevation_max"] - layers["elevation_min"]
     steepness = np.tan(np.nan_to_num(layers["slope"])) ** 2
     at_x, at_y = x[is_seen], y[is_seen]
-    variance = (
-        layers["variance"]
-        + LOOK_SIGMA_M**2
-        + tilt_variance(terrain, at_x, at_y)
-        # The nearest cell is up to half a cell away; within a cell the ground has relief.
-        + steepness * resolution**2 / 12
-        + relief**2 / 12
-    )
+    # The nearest cell is up to half a cell away; within a cell the ground has relief.
+    moved = (steepness * resolution**2 + relief**2) / 12
+    # The height of the feet is odometry's. Grids of earlier versions lack the pose.
+    variance = np.maximum(layers["variance"] - pose_variance(terrain, at_x, at_y), layers["variance_local"])
+    variance += tilt[0, 0] * at_y**2 + tilt[1, 1] * at_x**2 - 2 * tilt[0, 1] * at_x * at_y
+    variance += LOOK_SIGMA_M**2 + moved
     in_odom = transform[2, 0] * at_x + transform[2, 1] * at_y + transform[2, 2] * height + transform[2, 3]
     heights = Heights(
         slot=slot[is_seen],
         height=in_odom,
         variance=variance,
+        local=layers["variance_local"] + moved,
         distance=np.sqrt(at_x * at_x + at_y * at_y),
         below=np.maximum(height - layers["elevation_min"], 0.0),
         above=np.maximum(layers["elevation_max"] - height, 0.0),
@@ -153,14 +153,14 @@ def scan_flags(terrain: TerrainGrid) -> Flags:
     return hazard
 
 
-def tilt_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
-    """Variance of heights in base_footprint due to the tilt of the stance pose [m^2]; 0 if its covariance is unknown.
+def pose_variance(terrain: TerrainGrid, x: Float, y: Float) -> Float:
+    """Variance of heights in base_footprint due to the stance pose [m^2]; 0 if its covariance is unknown.
 
-    A rotation (rx, ry) about the footprint's axes raises the point (x, y) by rx y - ry x.
+    Rotations (rx, ry) about the footprint's axes and a shift z raise the point (x, y) by z + rx y - ry x.
     """
     terrain.record.check("pose_covariance")
     covariance = terrain.record.pose_covariance
     if covariance is None:
         return np.zeros(np.shape(x))
-    tilt = covariance[3:5, 3:5]
-    return np.asarray(tilt[0, 0] * y**2 + tilt[1, 1] * x**2 - 2 * tilt[0, 1] * x * y)
+    by = np.stack((np.ones_like(x), y, -x))
+    return np.asarray(np.einsum("in,ij,jn->n", by, covariance[2:5, 2:5], by))

@@ -70,7 +70,7 @@ def fuse_known_ground(cells: OdomCells, ground: KnownGround, now: MapPause, step
     local = (np.column_stack((x, y))[covered] - transform[:2, 3]) @ transform[:2, :2]
     height = local @ transform[2, :2] + transform[2, 2] * ground.height + transform[2, 3]
     variance = np.full(len(local), ground.sigma**2)
-    heights = Heights(slot[covered], height, variance, np.hypot(local[:, 0], local[:, 1]))
+    heights = Heights(slot[covered], height, variance, variance, np.hypot(local[:, 0], local[:, 1]))
     fuse_heights(cells, heights, now, is_scan=False)
     patch = {"outline": ground.outline.tolist(), "height": ground.height, "sigma": ground.sigma}
     return {"step": step, **patch, "cells": len(local)}

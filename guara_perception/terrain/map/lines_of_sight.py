@@ -176,7 +176,7 @@ def _bounds(terrain: TerrainGrid, geometry: GridGeometry, origins: list[Float]) 
     """Least bound (ny, nx) by camera or laser that also holds over all neighbours; NONE where there is none."""
     high = np.asarray(terrain.elevation_max, np.float64)
     with np.errstate(invalid="ignore"):
-        iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance) <= BOUND_SIGMA_M**2))
+        iy, ix = np.nonzero(np.isfinite(high) & (np.asarray(terrain.variance_local) <= BOUND_SIGMA_M**2))
     x, y = terrain.geometry.centres()
     points = np.column_stack((x[ix], y[iy], high[iy, ix]))
     camera, laser = origins

@@ -114,6 +114,9 @@ def read_map(path: str | Path) -> SavedMap:
     """
     path = existing_file(path)
     data = read_arrays(path, ("state", *MEMORY, *SEEN.values(), *TEXTURE.values()), "map", LARGEST_MAP)
+    if "variance" in data:
+        # Files of earlier versions hold the total alone.
+        data.setdefault("local", data["variance"])
     missing = [name for name in ("state", *MEMORY) if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a map file")
@@ -188,5 +191,6 @@ def _check_memory(path: Path, data: Mapping[str, Array], count: int) -> None:
     # Unknown cells have a cause and known cells have none: otherwise unknown ground could become safe.
     if (np.isfinite(data["height"]) != (data["cause"] == 0)).any():
         raise FileFormatError(f"{path}: heights and causes of unknown contradict each other, the file is damaged")
-    if not all((data[name] >= 0).all() for name in ("variance", "other_variance", "below", "above", "steepness")):
+    extents = ("variance", "local", "other_variance", "below", "above", "steepness")
+    if not all((data[name] >= 0).all() for name in extents):
         raise FileFormatError(f"{path}: a variance or an extent of a cell is negative or NaN, the file is damaged")

@@ -16,6 +16,7 @@ NEVER = -1
 MEMORY: dict[str, tuple[Any, Any]] = {
     "height": (np.float64, np.nan),  # [m] in odom
     "variance": (np.float64, 0.0),  # [m^2] when last seen
+    "local": (np.float64, 0.0),  # part of it that neighbours do not share [m^2]
     "below": (np.float64, 0.0),  # how far the lowest sample lies below the height [m]
     "above": (np.float64, 0.0),  # how far the highest sample lies above the height [m]
     "steepness": (np.float64, 0.0),  # tan^2 of the slope when last seen

@@ -116,7 +116,7 @@ class SeenGround(FrozenArrays):
     """Ground as the last scan saw it, in its footprint.
 
     Attributes:
-        layers: (2, ny, nx) elevation [m] and its variance [m^2], NaN where unknown; float32.
+        layers: (2, ny, nx) elevation [m] and its local variance [m^2], NaN where unknown; float32.
         origin: (2,) lowest corner [m].
     """
 
@@ -126,7 +126,7 @@ class SeenGround(FrozenArrays):
     @staticmethod
     def of(terrain: TerrainGrid) -> SeenGround:
         """Ground of a scan."""
-        return SeenGround(np.stack((terrain.elevation, terrain.variance)), np.array(terrain.geometry.origin))
+        return SeenGround(np.stack((terrain.elevation, terrain.variance_local)), np.array(terrain.geometry.origin))
 
 
 def motion_between(
@@ -224,7 +224,7 @@ class _Scan:
         slopes = np.column_stack((by_x[known], by_y[known])) @ transform[:2, :2].T
         along = transform[:2, 1]
         projection = np.eye(2) if terrain.scan_record.stripes_planned is None else np.outer(along, along)
-        return _Scan(about, slopes, np.asarray(terrain.variance, np.float64)[known], projection)
+        return _Scan(about, slopes, np.asarray(terrain.variance_local, np.float64)[known], projection)
 
 
 @dataclass(frozen=True, slots=True)

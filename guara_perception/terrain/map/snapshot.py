@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Flags
+from guara_perception.arrays import Array, Codes, Flags, Float, Index
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.window import LARGEST_DRIFT_CELLS, beyond_border, disc_kernel
+from guara_perception.terrain.assessment.window import LARGEST_DRIFT_CELLS, Kernel, beyond_border, disc_kernel
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance
-from guara_perception.terrain.map.fuse_scan import tilt_variance
+from guara_perception.terrain.map.fuse_scan import pose_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
 
 NEVER_SEEN_AGE = 255
@@ -60,33 +62,85 @@ def snapshot_layers(
     pauses = np.clip(now.pause - memory["pause"].take(slot), 0, NEVER_SEEN_AGE - 1)
     # While observations disagree, lowest and highest sample are those of both; the larger variance applies to them.
     variance = np.maximum(memory["variance"].take(slot), memory["other_variance"].take(slot))
-    variance += drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
+    own = np.minimum(memory["local"].take(slot), variance)
+    drifted_by = drift_variance(cells, slot, now.drift, np.sqrt(x * x + y * y))
     # Depends on the tested cell alone, so that losing other cells never makes it safe.
     aside = now.sideways.variances(memory["pause"].take(slot), in_odom_x.take(known), in_odom_y.take(known), transform)
     drifted = np.ceil(settings.limits.confidence * np.sqrt(aside) / geometry.resolution)
     drifted = np.minimum(drifted, LARGEST_DRIFT_CELLS).astype(np.intp)
-    # Heights of this pause share its tilt; older ones do not.
-    variance += np.where(pauses > 0, tilt_variance(terrain, x, y), 0.0)
 
     def shaped(values: Array, unknown: Any) -> Array:
         layer = np.full(geometry.size, unknown, dtype=values.dtype)
         layer[known] = values
         return layer.reshape(geometry.shape)
 
+    looks, kernel = memory["looks"].take(slot), disc_kernel(settings.limits.disc_radius / geometry.resolution)
+    looked = _Looks(shaped(variance - own, np.nan), shaped(drifted_by, np.nan), shaped(pauses, 0), shaped(looks, 0))
+    local = shaped(own, np.nan) + looked.unshared(kernel)
+    # An IMU errs anew at every pause, or always by the same: the larger of both.
+    at_feet = pose_variance(terrain, np.zeros(1), np.zeros(1))
+    tilted = own + pose_variance(terrain, x, y) - at_feet
+    total = shaped(np.maximum(variance, tilted) + at_feet + drifted_by, np.nan)
     raster = Raster(
         shaped((memory["height"].take(slot) - drop) / row[2], np.nan),
-        shaped(variance, np.nan),
+        local,
         shaped((squares.joined(low, np.fmin, known) - drop) / row[2], np.nan),
         shaped((squares.joined(high, np.fmax, known) - drop) / row[2], np.nan),
     )
     drift = np.stack((shaped(drifted[1], 0), shaped(drifted[0], 0)), axis=-1)
     layers = assess_layers(
-        raster, flags.reshape(geometry.shape), geometry.resolution, settings.limits, drift, beyond=beyond
+        raster,
+        flags.reshape(geometry.shape),
+        geometry.resolution,
+        settings.limits,
+        drift,
+        shared=np.maximum(total - local, 0.0),
+        attitude_sigma=terrain.record.checked_attitude_sigma,
+        beyond=beyond,
     )
     cut = np.s_[beyond:-beyond, beyond:-beyond]
     layers["age"] = shaped(pauses.astype(np.uint8), NEVER_SEEN_AGE)[cut]
-    layers["looks"] = shaped(memory["looks"].take(slot), 0)[cut]
+    layers["looks"] = shaped(looks, 0)[cut]
     return layers
+
+
+@dataclass(frozen=True, slots=True)
+class _Looks:
+    """What cells owe to the looks of several pauses, (ny, nx) each.
+
+    Attributes:
+        variance: of heights, from errors that all cells of a look share [m^2]; NaN in unknown cells.
+        drift: of heights since the last look [m^2], NaN likewise.
+        pauses: since the last look.
+        looks: number of looks.
+    """
+
+    variance: Float
+    drift: Float
+    pauses: Index
+    looks: Codes
+
+    def unshared(self, kernel: Kernel) -> Float:
+        """Variance of the difference of a height to those in the disc, from looks that not all of them share [m^2].
+
+        Of two means of m and of n more looks, one of which has all looks of the other, the difference has the share
+        n / (m + n) of the larger variance. Where the last look is another one, each has a look that the other lacks,
+        which adds twice a look's share, and drifted since by itself. Ground that no scan saw shares nothing with any.
+        """
+        (fewest, most), (newest, oldest), (least, largest) = (
+            self._ends(values, kernel) for values in (self.looks, self.pauses, self.drift)
+        )
+        nested = self.variance * (1 - fewest / np.maximum(most, 1))
+        aside = largest - least + 2 * self.variance / np.maximum(self.looks, 1)
+        return nested + np.where(newest < oldest, aside, 0.0)
+
+    def _ends(self, values: Array, kernel: Kernel) -> tuple[Float, Float]:
+        """Least and largest value of the known cells in the disc around each cell."""
+        known = np.isfinite(self.variance)
+        given = values.astype(np.float64)
+        least = cv2.erode(np.where(known, given, np.finfo(np.float64).max), kernel)
+        largest = cv2.dilate(np.where(known, given, 0.0), kernel)
+        return np.asarray(least, np.float64), np.asarray(largest, np.float64)
 
 
 def _flags(cells: OdomCells, squares: Squares, now: MapPause, settings: Settings) -> Flags:

@@ -107,7 +107,7 @@ def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> N
     is_free = ~_scanned(cells, foot) & ((memory["cause"][foot.slot] & LOOKED_AT) == 0)
     slot = foot.slot[is_free]
     height, variance = (np.full(slot.size, value) for value in (foot.centre[2], foot.variance + UNSEEN_RELIEF_M**2))
-    fuse_heights(cells, Heights(slot, height, variance, foot.distance[is_free]), now, is_scan=False)
+    fuse_heights(cells, Heights(slot, height, variance, variance, foot.distance[is_free]), now, is_scan=False)
 
 
 def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:

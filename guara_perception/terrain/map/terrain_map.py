@@ -16,7 +16,7 @@ from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
 from guara_perception.terrain.layers.record import POSE, MapRecord
 from guara_perception.terrain.layers.record_fields import Health
-from guara_perception.terrain.map.checked_input import check_scan, checked_pose
+from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
@@ -129,7 +129,7 @@ class TerrainMap:
         """
         state, settings = self._state, self._settings
         check_scan(terrain, self._grid.resolution, state.step)
-        checked = checked_pose(terrain, pose)
+        checked, tilt = checked_pose(terrain, pose), tilt_between_looks(self._robot, terrain)
         transform, since_last, walk = checked.transform, checked.since_last, state.walk
         walk.check_kind(state.scans, is_registered=since_last is not None, step=terrain.step)
         view: GroundView | str | None = None
@@ -139,7 +139,7 @@ class TerrainMap:
             slip_share = self._robot.odometry_limits.slip_share
             rise, noise = state.anchor.offset, checked.noise
             walk = walk.after(
-                self._cells, terrain, transform, rise, since_last, noise, state.seen, slip_share, view, state.texture
+                self._cells, terrain, transform, rise, since_last, noise, tilt, state.seen, slip_share, view, state.texture
             )
         transform = walk.pause_transform @ transform
         clock, reasons = _clock(terrain, time), state.reasons
@@ -170,7 +170,7 @@ class TerrainMap:
             growth = np.diag([shift, shift, turn])
         pause = self._pause_of(terrain)
         now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position), transform)
-        rejected = fuse_scan(self._cells, terrain, now)
+        rejected = fuse_scan(self._cells, terrain, now, tilt)
         texture = None
         if view is not None:
             # Corrections that were taken back, and texture with them.

@@ -131,6 +131,7 @@ class WalkCorrection:
         rise: float,
         since_last: Float,
         noise: Float,
+        tilt: Float,
         before_this: SeenGround | None = None,
         slip_share: float = 0.0,
         view: GroundView | str | None = None,
@@ -145,6 +146,7 @@ class WalkCorrection:
             rise: correction of its z [m].
             since_last: (6, 6) covariance of the motion since the last pause, in the last footprint.
             noise: (6, 6) pose noise of the pause, along the axes of odom.
+            tilt: (2, 2) covariance of the scan's tilt.
             before_this: ground as the scan before saw it, None if it is not known.
             slip_share: sigma of what odometry errs by in the direction of the way, as a share of it.
             view: the scan's picture, the reason why it has none, or None for a walk without pictures.
@@ -170,10 +172,7 @@ class WalkCorrection:
             growth, drift = growth + slip, drift + slip
         predicted = drift + noise
         prior = np.diag([0.0, 0.0, motion[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
-        terrain.record.check("pose_covariance")
-        tilt = terrain.record.pose_covariance
-        if tilt is not None:
-            prior[3:5, 3:5] += tilt[3:5, 3:5]
+        prior[3:5, 3:5] += tilt
         prior[np.ix_(SIDEWAYS, SIDEWAYS)] = predicted
         seen, seen_covariance = np.zeros(3), OPEN_SIGMA**2 * np.eye(3)
         if before_this is not None:

@@ -177,14 +177,14 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         (Hazard.STEP, "step", "step_height", limits.step, "m", sigma),
         (Hazard.DROP, "drop", "step_height", limits.drop, "m", sigma),
         (Hazard.ROUGH, "roughness", "roughness", limits.roughness, "m", sigma),
-        (Hazard.UNCERTAIN, "sigma", "variance", limits.sigma, "m", "of the height"),
+        (Hazard.UNCERTAIN, "sigma", "variance_local", limits.sigma, "m", "of the height"),
         (Hazard.STALE, "age", "age", validity, "pauses", too_old),
     )
     for flag, test, layer, limit, unit, detail in tests:
         where = (hazard & np.uint16(flag)) != 0
         if where.any():
             value = float(np.nanmax(terrain.layers[layer][rows, columns][where]))
-            yield Reason(test, math.sqrt(value) if layer == "variance" else value, limit, unit, detail)
+            yield Reason(test, math.sqrt(value) if layer == "variance_local" else value, limit, unit, detail)
     for name, (flag, limit) in terrain.record.other_limits().items():
         cells = int(((hazard & np.uint16(flag)) != 0).sum())
         if cells:

@@ -75,7 +75,8 @@ def obstacles(terrain: LayeredGrid, *, allow_stale: bool = False) -> list[Obstac
     known = np.flatnonzero(np.isfinite(terrain.elevation))
     iy, ix = np.divmod(known, terrain.shape[1])
     x, y = (centres.take(index) for centres, index in zip(terrain.geometry.centres(), (ix, iy), strict=True))
-    elevation, variance = (layer.take(known).astype(np.float64) for layer in (terrain.elevation, terrain.variance))
+    layers = terrain.elevation, terrain.variance_local
+    elevation, variance = (layer.take(known).astype(np.float64) for layer in layers)
     floor = fit_floor(x, y, elevation)
     if floor is None:
         return []

@@ -20,7 +20,7 @@ from kinematics.transforms import transform_points
 
 FRAMES = ("base_footprint", "base_link")
 # Layers of which a coarse cell takes the largest and the least value of its fine cells.
-LARGEST = ("variance", "elevation_max", "slope", "step_height", "roughness", "age")
+LARGEST = ("variance", "variance_local", "elevation_max", "slope", "step_height", "roughness", "age")
 LEAST = ("elevation_min", "clearance", "traversability", "looks")
 Grid = TypeVar("Grid", bound=LayeredGrid)
 
@@ -138,7 +138,7 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     # NaN propagates: a slope, step or roughness that a fine cell lacks is not known to be small.
     layers = {name: fine[name].max(axis=-1) for name in LARGEST} | {name: fine[name].min(axis=-1) for name in LEAST}
     layers |= {"elevation": fine["elevation"].astype(np.float64).mean(axis=-1).astype(np.float32), "hazard": hazard}
-    for name in ("elevation", "variance", "elevation_min", "elevation_max", "slope", "step_height", "roughness"):
+    for name in (*LARGEST[:-1], "elevation", "elevation_min"):
         layers[name] = np.where(unknown, np.float32(np.nan), layers[name])
     layers["traversability"] = np.where(hazard == 0, layers["traversability"], np.float32(0))
     geometry = GridGeometry(terrain.origin, terrain.resolution * factor, (ny // factor, nx // factor))

@@ -186,7 +186,7 @@ class _Window:
         if leg is not None:
             free &= _reached(terrain, cx[columns], cy[rows], free, height, leg, robot)
         bounds = np.array([[1, 0, x + radius], [-1, 0, radius - x], [0, 1, y + radius], [0, -1, radius - y]])
-        variance = np.asarray(terrain.variance, np.float64)[part]
+        variance = np.asarray(terrain.variance_local, np.float64)[part]
         tolerance = PLANE_TOLERANCE_M - terrain.record.checked_rounding.elevation
         return _Window(cx[columns], cy[rows], free, height, variance, bounds, terrain.resolution, tolerance)
 

@@ -174,7 +174,14 @@ def refined(coarse: TerrainGrid, standard: TerrainGrid) -> TerrainGrid:
     def either(name: str) -> Float:
         return np.where(takes_coarse, coarse.layers[name], standard.layers[name]).astype(np.float64)
 
-    raster = Raster(*(either(name) for name in ("elevation", "variance", "elevation_min", "elevation_max")))
-    layers = assess_layers(raster, flags, coarse.resolution, standard.record.required_limits)
+    raster = Raster(*(either(name) for name in ("elevation", "variance_local", "elevation_min", "elevation_max")))
+    layers = assess_layers(
+        raster,
+        flags,
+        coarse.resolution,
+        standard.record.required_limits,
+        shared=either("variance") - raster.variance,
+        attitude_sigma=standard.record.checked_attitude_sigma,
+    )
     known = float(np.isfinite(layers["elevation"]).mean())
     return dataclasses.replace(standard, layers=layers, record=dataclasses.replace(standard.record, known=known))

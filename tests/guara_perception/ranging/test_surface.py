@@ -108,11 +108,16 @@ def test_open_end_is_cut_and_the_rest_does_not_move() -> None:
     assert {tuple(p) for p in cut} < {tuple(p) for p in whole}
 
 
-def test_variance_between_two_stripes_is_that_of_the_interpolation() -> None:
-    """Halfway a quarter of each: half the variance of either."""
+def test_between_two_stripes_nothing_is_surer_than_they_are() -> None:
+    """On a plane as sure as the points; on ground as rough along the stripes the relief between them is added."""
     points, variance = joined(stripe(0.0), stripe(0.008), True, 0.0001)
+    np.testing.assert_allclose(variance, 1e-8, rtol=1e-6)
+    rough = 0.001 * np.sin(2 * np.pi * np.arange(COLUMNS) / 8)
+    points, variance = joined(stripe(0.0, rough), stripe(0.008, rough), True, 0.0001)
+    # Half the stripes' distance to either side the heights are of the other sign: each is twice its own off their mean.
     is_centre = np.abs(points[:, 0] - 0.004) < 1e-4
-    np.testing.assert_allclose(variance[is_centre], 0.5e-8, rtol=0.01)
+    assert np.median(variance[is_centre]) == pytest.approx(4 * np.mean(rough**2), rel=0.05)
+    assert variance.min() >= 1e-8
 
 
 def surfaces(stripes: dict[int, StripePoints]) -> dict[tuple[int, int], set[tuple[float, ...]]]:

@@ -109,6 +109,14 @@ def test_unknown_layers_are_ignored(peer) -> None:
     assert list(back.layers) == list(transport.LAYERS) and back.version == (1, 7)
 
 
+def test_a_message_of_before_has_the_total_alone(peer) -> None:
+    """Without `variance_local` the whole variance is taken for it: nothing is surer than the node said."""
+    good = peer.make_terrain(shape=(2, 3))
+    layers = {name: array for name, array in good.layers.items() if name != "variance_local"}
+    back = dataclasses.replace(good, layers=layers)
+    np.testing.assert_array_equal(back.layers["variance_local"], good.layers["variance"])
+
+
 def test_another_major_version_is_refused_in_words(peer) -> None:
     """The message says both versions and what to do."""
     message = make_terrain(peer.make_terrain(shape=(2, 3)))

@@ -11,7 +11,10 @@ import pytest
 import guara_perception as gp
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
-FLOATS = "elevation variance elevation_min elevation_max slope step_height roughness clearance traversability".split()
+FLOATS = (
+    *("elevation", "variance", "variance_local", "elevation_min", "elevation_max"),
+    *("slope", "step_height", "roughness", "clearance", "traversability"),
+)
 LAYERS = {**dict.fromkeys(FLOATS, np.float32), "hazard": np.uint16, "age": np.uint8, "looks": np.uint8}
 
 

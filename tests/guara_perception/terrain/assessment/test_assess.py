@@ -16,6 +16,7 @@ from guara_perception.terrain.assessment.disc import fit_disc
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.assessment.window import disc_kernel
 from guara_perception.terrain.layers.hazard import Hazard
+from guara_perception.terrain.scan.assess_terrain import default_limits
 from tests.thorough import examples
 
 RESOLUTION = 0.005
@@ -48,6 +49,36 @@ def test_slope_does_not_depend_on_the_heading(tangent: float, quarter: int) -> N
     ramp = np.rot90(plane(tangent, 0.0, (40, 40)), quarter)
     slope = gp.assess_terrain(ramp, RESOLUTION).slope[10:30, 10:30]
     np.testing.assert_allclose(slope, np.arctan(tangent), atol=1e-6)
+
+
+def test_a_slope_is_as_unsure_as_the_vertical() -> None:
+    """A plane of 15 degrees passes the limit of 20 when the vertical is known to 0.1 degrees, and fails with 3."""
+    heights = plane(np.tan(np.radians(15.0)), 0.0)
+    nothing = np.zeros(heights.shape)
+    raster = Raster(heights, nothing, heights, heights)
+    limits = dataclasses.replace(default_limits(), step=1.0, drop=1.0)
+    steep = {}
+    for sigma in (0.1, 3.0):
+        layers = assess_layers(
+            raster, nothing.astype(np.uint16), RESOLUTION, limits, attitude_sigma=float(np.radians(sigma))
+        )
+        steep[sigma] = ((layers["hazard"] & np.uint16(Hazard.STEEP)) != 0)[5:-5, 5:-5]
+    assert not steep[0.1].any() and steep[3.0].all()
+
+
+def test_what_neighbours_share_is_in_the_total_alone() -> None:
+    """However large it is, no flag and no score changes by it."""
+    rng = np.random.default_rng(2)
+    heights = plane(0.1, 0.05) + rng.normal(0, 0.001, (40, 50))
+    variance = rng.uniform(0, 1e-7, heights.shape)
+    raster, none = Raster(heights, variance, heights, heights), np.zeros(heights.shape, np.uint16)
+    alone, shared = (
+        assess_layers(raster, none, RESOLUTION, default_limits(), shared=each) for each in (0.0, np.ones(none.shape))
+    )
+    np.testing.assert_allclose(shared["variance"], 1.0 + variance, rtol=1e-6)
+    for name in alone:
+        if name != "variance":
+            np.testing.assert_array_equal(alone[name], shared[name])
 
 
 def test_roughness_is_the_standard_deviation_about_the_plane() -> None:
@@ -105,8 +136,6 @@ def test_up_and_down_are_distinguished() -> None:
 
 def test_a_step_inside_one_cell_counts() -> None:
     """Lowest and highest samples of one cell that are 35 mm apart make a step, though the mean heights are flat."""
-    from guara_perception.terrain.scan.assess_terrain import default_limits
-
     flat, high = np.zeros((40, 40)), np.zeros((40, 40))
     high[20, 20] = 0.035
     layers = assess_layers(Raster(flat, flat, flat, high), flat.astype(np.uint16), RESOLUTION, default_limits())
