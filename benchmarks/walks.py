@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import map_cost, moving_ground, pictures, scan_modes
+from benchmarks import map_cost, moving_ground, pictures, scan_modes, sigmas
 from benchmarks.command import options, run_part
 from benchmarks.scanned_walk import PAUSES_BETWEEN, WalkedPause, drift_aside, fused_pauses, scanned_walk
 from guara_perception.arrays import Float
@@ -219,6 +219,8 @@ def main() -> None:
             "moving": moving_ground.main,
             "cost": map_cost.main,
             "modes": scan_modes.main,
+            "sigmas": sigmas.sigmas,
+            "slopes": sigmas.slopes,
         },
     )
 

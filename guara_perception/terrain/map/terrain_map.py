@@ -139,7 +139,17 @@ class TerrainMap:
             slip_share = self._robot.odometry_limits.slip_share
             rise, noise = state.anchor.offset, checked.noise
             walk = walk.after(
-                self._cells, terrain, transform, rise, since_last, noise, tilt, state.seen, slip_share, view, state.texture
+                self._cells,
+                terrain,
+                transform,
+                rise,
+                since_last,
+                noise,
+                tilt,
+                state.seen,
+                slip_share,
+                view,
+                state.texture,
             )
         transform = walk.pause_transform @ transform
         clock, reasons = _clock(terrain, time), state.reasons
