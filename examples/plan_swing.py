@@ -12,7 +12,7 @@ def main(grid: str) -> None:
     """Plan a swing between two safe places, then check a straight one 100 mm higher."""
     terrain = gp.load_terrain(grid)
     start = terrain.best_foothold(0.80, 0.00, radius=0.10)
-    goal = terrain.best_foothold(0.80, 0.20, radius=0.10)
+    goal = terrain.best_foothold(0.78, 0.20, radius=0.05)
     if start is None or goal is None:
         print("no safe place to start from or to go to: the foot stays")
         return
