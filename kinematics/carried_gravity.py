@@ -2,8 +2,8 @@
 
 Three or more soles that stayed in place give the rotation of the body since the last pause, which carries the vertical
 of that pause over to this one. Its error grows from pause to pause and is bounded by the support plane: where the
-plane's normal agrees with the carried vertical within noise, the plane is taken as level; elsewhere it has a low
-weight, since the terrain itself may slope.
+plane's normal agrees with the carried vertical within noise, the plane is taken as level. Elsewhere it says nothing:
+on a long slope all planes slope alike, and each would draw the vertical a little farther towards their normal.
 """
 
 from __future__ import annotations
@@ -52,8 +52,7 @@ def carry_gravity(
     if agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2:
         plane_variance = tilt_variance
     else:
-        # A foot stays for about as many pauses as there are feet, so that many successive planes are nearly the same.
-        plane_variance = (noise.terrain_slope_sigma**2 + tilt_variance) * len(support_now)
+        plane_variance = np.inf
     gain = variance / (variance + plane_variance)
     up = up + gain * missed
     up /= np.linalg.norm(up)
