@@ -49,11 +49,8 @@ def carry_gravity(
     missed = plane.normal - up
     missed = missed - up * (up @ missed)
     agrees = missed @ missed < FLAT_SIGMAS**2 * 2.0 * (variance + tilt_variance)
-    if agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2:
-        plane_variance = tilt_variance
-    else:
-        plane_variance = np.inf
-    gain = variance / (variance + plane_variance)
+    is_level = agrees and variance < (SURE_SHARE * noise.terrain_slope_sigma) ** 2
+    gain = variance / (variance + tilt_variance) if is_level else 0.0
     up = up + gain * missed
     up /= np.linalg.norm(up)
     return GravityEstimate((-up[0], -up[1], -up[2]), float(np.sqrt(variance * (1.0 - gain))))
