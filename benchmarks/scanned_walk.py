@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +14,8 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.true_ground import TrueGround
-from guara_perception.arrays import Float, Mask
+from guara_perception.arrays import Float, Index, Mask
+from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
 from guara_perception.simulation.planner import plan_foothold
@@ -22,13 +23,18 @@ from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance
+from kinematics.transforms import inverse, transform_points
 from testbed.analytic_walk import Ground
+from testbed.kinds_of_ground import Course
 from testbed.random_world import random_world
 
 # The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
 FIRST_JUDGED_STEP = 4
 # From the near edge of the scanned area to the hind feet, and a place there on either side.
 PAUSES_BETWEEN = 21
+# Ground that reflects less red light returns no stripe: coal, rubber, black cloth.
+DARK_REFLECTANCE = 0.02
+SEEN_CELL_M = 0.005
 SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
 
 
@@ -85,10 +91,16 @@ class ScannedPause:
     Attributes:
         pause: the pause.
         scan: the grid of the extent "wide", which the map fuses.
+        picture: its laser-off picture for the map.
+        world: the world at that pause.
+        seen: (m, 2) iy and ix of the cells of `world` that can be seen: bright, in reach of laser and camera, in range.
     """
 
     pause: WalkPause
     scan: gp.TerrainGrid
+    picture: GroundPicture | str
+    world: World
+    seen: Index
 
 
 @dataclass(frozen=True)
@@ -152,10 +164,10 @@ def scanned_walk(
             read or written.
     """
     world = random_world(seed)
-    file = None if kept is None else kept / f"wide-{robot.name}-{seed}-{mode}-{cycles}.pickle"
+    file = None if kept is None else kept / f"seen-{robot.name}-{seed}-{mode}-{cycles}.pickle"
     if file is not None and file.is_file():
         return world, pickle.loads(file.read_bytes())
-    pauses = list(_scan(robot, world, seed, mode, cycles))
+    pauses = list(scanned(robot, ((0, world),), seed, mode, cycles))
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(pickle.dumps(pauses))
@@ -168,14 +180,20 @@ def map_geometry(robot: RobotModel) -> GridGeometry:
     return GridGeometry.over(settings.map_x, settings.map_y, settings.resolution)
 
 
-def _scan(robot: RobotModel, world: World, seed: int, mode: str, cycles: int) -> Iterator[ScannedPause]:
+def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int) -> Iterator[ScannedPause]:
+    """Scanned pauses of a walk over a world that may change; over one that does, feet stand on its bare ground."""
     cv2.setNumThreads(1)
     calibration = specimen(robot, (640, 512), seed)
-    rangefinder = SimulatedRangefinder(world, calibration, robot, seed)
-    truth, geometry = TrueGround.of(world), map_geometry(robot)
+    geometry, settings = map_geometry(robot), Settings.of(robot)
+    rangefinders = [(first, SimulatedRangefinder(world, calibration, robot, seed)) for first, world in course]
+    truths = {rangefinder.world: TrueGround.of(rangefinder.world) for _, rangefinder in rangefinders}
+    walked = course[0][1] if len(course) == 1 else replace(course[0][1], features=())
+
+    def at(step: int) -> SimulatedRangefinder:
+        return [rangefinder for first, rangefinder in rangefinders if first <= step][-1]
 
     def choose(pause: WalkPause) -> tuple[float, float]:
-        grid, _ = truth.grid(
+        grid, _ = truths[at(pause.step).world].grid(
             pause.transform_footprint_to_world,
             geometry,
             robot,
@@ -187,9 +205,32 @@ def _scan(robot: RobotModel, world: World, seed: int, mode: str, cycles: int) ->
         found = plan_foothold(grid, pause.next_leg, pause.nominal, robot=robot)
         return pause.nominal if found is None else (found.x, found.y)
 
-    for pause in simulate_walk(world, robot, choose, cycles=cycles, seed=seed):
+    for pause in simulate_walk(walked, robot, choose, cycles=cycles, seed=seed):
+        rangefinder = at(pause.step)
         rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
-        for index, on, off in rangefinder.frames(Settings.of(robot).pattern(mode)):
+        pattern = settings.pattern(mode)
+        for index, on, off in rangefinder.frames(pattern):
             processor.add(index, on, off)
-        yield ScannedPause(pause, processor.finish("wide"))
+        seen = _seen(pause, rangefinder, settings, [pattern[0], pattern[-1]])
+        yield ScannedPause(pause, processor.finish("wide"), processor.ground_picture, rangefinder.world, seen)
+
+
+def _seen(pause: WalkPause, rangefinder: SimulatedRangefinder, settings: Settings, outermost: list[int]) -> Index:
+    """Cells of a world that an ideal scan would see between its outermost stripes."""
+    view = rangefinder.view
+    lit = (view.laser_gain > 0) & ~view.is_body & (view.reflectance > DARK_REFLECTANCE)
+    points = view.points[lit] + view.origin
+    planes = rangefinder.laser_planes.planes_in_base[outermost]
+    beyond = transform_points(inverse(pause.transform_base_to_world), points) @ planes[:, :3].T + planes[:, 3]
+    x, y, z = transform_points(inverse(pause.transform_footprint_to_world), points).T
+    within = (beyond[:, 0] > 0) & (beyond[:, 1] < 0)
+    for axis, (low, high) in (
+        (x, settings.footprint_x),
+        (y, settings.map_y),
+        (z, (settings.minimum_height, settings.maximum_height)),
+    ):
+        within &= (axis > low) & (axis < high)
+    world = rangefinder.world
+    cells = np.floor((points[within, :2] - (world.x[0], world.y[0])) / SEEN_CELL_M).astype(np.intp)
+    return np.unique(cells[:, ::-1], axis=0)

@@ -1,7 +1,7 @@
 """Share of the truly safe ground that planners get, dangerous ground among it, and bounds of unknown ground.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
-With --rendered single scans of rendered pictures in place of walks.
+With --rendered single scans of rendered pictures in place of walks; with --recall walks over one kind of ground each.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.command import options
+from benchmarks.recall import DANGEROUS_RELIEF_M, causes, recall_of_kinds, relief_under, sole_window
 from benchmarks.scanned_walk import JudgedPause, ScannedPause, judged_walk, scanned_walk
 from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
@@ -29,11 +29,10 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
 from kinematics import RobotModel, load_robot
+from testbed.kinds_of_ground import KINDS, MOVING
 from testbed.truth import truth_calibration
 
 CLEARANCE_M, APEX_M = 0.020, 0.060
-# Relief under a sole above which ground that the oracle refuses truly endangers a foot.
-DANGEROUS_RELIEF_M = 0.010
 HARMLESS_RELIEF_M = 0.001
 REFUSED_BY_M = 0.001
 # A bound is broken where the truth is higher by more than BROKEN_BY_M plus BROKEN_BY_SIGMAS times its sigma.
@@ -49,10 +48,15 @@ def main() -> None:
         seeds=(5, "worlds 0 ... N - 1"),
         mode=("coarse", "scan mode", {"choices": ("coarse", "standard")}),
         cycles=(10, "cycles of each walk"),
+        recall=(False, "by kinds of ground"),
+        kinds=([*KINDS, MOVING], "kinds of --recall"),
         kept=(Path, "folder that keeps the scans from run to run"),
         rendered=(Path, "data folders with scans/NAME: judge these instead", {"nargs": "+"}),
     )
     robot = load_robot("guara")
+    if asked.recall:
+        recall_of_kinds(robot, asked.seeds, asked.mode, asked.cycles, asked.kinds)
+        return
     if asked.rendered:
         judged = rendered(robot, sorted(scan for data in asked.rendered for scan in data.glob("scans/*")))
     else:
@@ -92,7 +96,7 @@ def rendered(robot: RobotModel, scans: list[Path]) -> Iterator[tuple[str, Counte
 def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle: gp.TerrainGrid, dark: Mask) -> None:
     """Cells of the map against those of the oracle."""
     limits = Settings.of(robot).limits
-    sole = np.ones([2 * half_cells(v, fused.resolution) + 1 for v in (limits.sole_width, limits.sole_length)], np.uint8)
+    sole = sole_window(limits, fused.resolution)
     free, safe = fused.hazard == 0, oracle.hazard == 0
     counts["safe"] += int(safe.sum())
     counts["free"] += int(free.sum())
@@ -103,9 +107,7 @@ def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle
         lost &= ~mask
     counts["lost: other margins"] += int(lost.sum())
     beyond = free & ~safe
-    relief = cv2.dilate(oracle.elevation_max, sole) - cv2.erode(oracle.elevation_min, sole)
-    slope = np.tan(np.nan_to_num(np.asarray(oracle.slope))) * np.hypot(limits.sole_length, limits.sole_width)
-    relief = relief - slope
+    relief = relief_under(oracle.elevation_min, oracle.elevation_max, oracle.layers["slope"], sole, limits)
     dark_sole = cv2.dilate(dark.astype(np.uint8), sole) > 0
     near = cv2.dilate(safe.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     counts["beyond oracle"] += int(beyond.sum())
@@ -117,24 +119,6 @@ def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle
     counts["free, unsafe by truth: relief"] += int((beyond & (relief > DANGEROUS_RELIEF_M)).sum())
     counts["free, unsafe by truth: dark"] += int((free & dark_sole).sum())
     counts["unknown and free"] += int((free & ((fused.hazard & UNKNOWN_MASK) != 0)).sum())
-
-
-def causes(fused: gp.TerrainGrid, sole: npt.NDArray[np.uint8]) -> dict[str, Mask]:
-    """Masks (ny, nx) by cause of what is lost in the map; a cell counts for the first cause that fits."""
-
-    def under_sole(flags: Hazard) -> Mask:
-        return cv2.dilate(((fused.hazard & np.uint16(flags)) != 0).astype(np.uint8), sole) > 0
-
-    border = cv2.dilate(np.zeros(fused.shape, np.uint8), sole, borderType=cv2.BORDER_CONSTANT, borderValue=(1,)) > 0
-    return {
-        "border": border,
-        "never scanned": under_sole(Hazard.UNSCANNED | Hazard.SELF),
-        "dropouts": under_sole(Hazard.DROPOUT),
-        "hidden": under_sole(Hazard.OCCLUDED),
-        "other unknown": under_sole(Hazard.AMBIGUOUS | Hazard.OUT_OF_RANGE),
-        "conflict, stale, uncertain": under_sole(Hazard.CONFLICT | Hazard.STALE | Hazard.UNCERTAIN),
-        "flagged without need": under_sole(Hazard.STEEP | Hazard.STEP | Hazard.DROP | Hazard.ROUGH),
-    }
 
 
 def bounds(counts: Counter[str], pause: JudgedPause) -> None:
