@@ -9,17 +9,18 @@ enum { IN_DOUBT = -1, SWAPPED = -2, CHANGED = -3 };
 typedef struct { double *told; int64_t *top; float *height, *doubtful; uint8_t *is_peak, *is_clipped, *is_unsure; } Columns;
 
 // Memory: of the judgement, of the search, of smoothed light, of filters and their responses.
-typedef struct { char *judge, *find, *smooth; float *filters, *responses, *work; } Memory;
+typedef struct { char *judge, *find, *smooth; float *filters, *responses, *work, *window; } Memory;
 
 static int64_t carve(Memory *parts, char *memory, int64_t rows, int64_t columns, int64_t channels) {
     int64_t at = 0;
 #define PART(NAME, SIZE) parts->NAME = (void *)(memory + at), at += ((SIZE) + 63) / 64 * 64
     PART(judge, 4 * judge_size(rows, columns, channels));
-    PART(find, find_size(rows, columns, 4));
+    PART(find, find_size(rows, columns));
     PART(filters, 4 * SHIFTS * MOST_TAPS);
     PART(responses, 4 * SHIFTS * columns);
     PART(work, 4 * 3 * columns);
     PART(smooth, 4 * rows * columns);
+    PART(window, 4 * window_size(columns));
     return at;
 }
 
@@ -55,13 +56,21 @@ int64_t extract_clean(const Picture *on, const Picture *off, int64_t first_row, 
     if (fabs(seen.change) > most_change) return CHANGED;
     const int64_t is_fused = seen.is_core_clipped != 0 && on->channels == 3, is_float = is_fused || on->size == 2;
     const int64_t channel = (int64_t)seen.channel;
-    double found[2];
+    double found[2], mix[3] = {0}, *gain = (double[]){1, 1, 1};
     if (find_stripe(on, off, &seen, is_fused, parts.find, parts.smooth, f.top, f.height, f.is_peak, f.is_clipped, f.is_unsure,
-            found)) return IN_DOUBT;
-    const int64_t taps = derivative_filters(found[0], parts.filters);
-    const double noise = found[1] * noise_gain(parts.filters, taps, ROW_MEAN_PX);
+            mix, found)) return IN_DOUBT;
+    if (found[0] > WIDE_SIGMA_PX) {
+        uint8_t *is_path = (uint8_t *)parts.find, *is_stripe = is_path + n;
+        for (int64_t c = 0; c < n; c++) is_path[c] = f.is_peak[c], is_stripe[c] = f.is_peak[c] & !f.is_unsure[c];
+        measure_window(on, off, mix, gain, is_path, is_stripe, f.is_clipped, 1, found[0], parts.window, f.top, f.height,
+            parts.responses, found);
+    } else {
+        const int64_t taps = derivative_filters(found[0], parts.filters);
+        found[1] *= noise_gain(parts.filters, taps, ROW_MEAN_PX);
+        responses(parts.smooth, is_float, rows, n, f.top, parts.filters, taps, parts.responses);
+    }
+    const double noise = found[1];
     f.told[5] = found[0], f.told[6] = noise;
-    responses(parts.smooth, is_float, rows, n, f.top, parts.filters, taps, parts.responses);
     for (int64_t c = 0; c < n; c++) profile[2 * n + c] = f.height[c] / SCALE;
     return measure(f.top, f.height, f.is_peak, f.is_clipped, f.is_unsure, parts.responses, off, channel, n, rows, first_row,
         found[0], noise, parts.work, profile, profile + n, status, f.doubtful);

@@ -23,6 +23,8 @@
 #define MOST_TAPS 64
 // Share of full scale from which a sample counts as clipped, as in band.py.
 #define CLIPPED 0.98
+// A wider stripe is looked for by its own width, and measured as in window.c.
+#define WIDE_SIGMA_PX 2.5
 
 // A picture (rows, columns, channels) as a camera gives it: samples of 1 or 2 bytes, anywhere in memory [bytes].
 typedef struct {
@@ -46,9 +48,14 @@ typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped;
 
 int64_t judge_size(int64_t rows, int64_t columns, int64_t channels);
 void judge(const Picture *on, const Picture *off, float *work, Judgement *found);
-int64_t find_size(int64_t rows, int64_t columns, int64_t size);
+int64_t find_size(int64_t rows, int64_t columns);
 int64_t find_stripe(const Picture *on, const Picture *off, const Judgement *seen, int64_t is_fused, char *memory,
-    void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped, uint8_t *is_unsure, double *found);
+    void *smooth, int64_t *top, float *height, uint8_t *is_peak, uint8_t *is_clipped, uint8_t *is_unsure, double *mix,
+    double *found);
+int64_t window_size(int64_t columns);
+void measure_window(const Picture *on, const Picture *off, const double *mix, const double *gain, uint8_t *is_path,
+    uint8_t *is_stripe, const uint8_t *is_core, int64_t factor, double ridge, float *work, int64_t *row, float *height,
+    float *answers, double *found);
 void responses(const void *light, int64_t is_float, int64_t rows, int64_t columns, const int64_t *top,
     const float *filters, int64_t taps, float *out);
 int64_t derivative_filters(double sigma, float *filters);

@@ -13,7 +13,6 @@ enum { ROWS = 64, MIDDLE = 31, MARGIN = 7, INNER = ROWS - 2 * MARGIN };
 #define LEAST_REACH_PX 2
 // Distance of the columns in which the stripe's width is measured. A wide stripe is smoothed again to its own width.
 #define WIDTH_COLUMNS 8
-#define WIDE_SIGMA_PX 2.5
 #define FWHM_PER_SIGMA 2.3548
 #define LEAST_SIGMA_PX 1.0
 #define LARGEST_SIGMA_PX 8.0

@@ -23,10 +23,14 @@ def smooth_light(light: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.boxFilter(light, -1, (COLUMN_MEAN_PX, ROW_MEAN_PX), normalize=False))
 
 
-def smooth_wide(light: np.ndarray, sigma: float) -> np.ndarray:
-    """The same with a Gaussian of this sigma [px] over rows."""
-    taps = ROW_MEAN_PX * cv2.getGaussianKernel(2 * int(np.ceil(2 * sigma)) + 1, sigma)
-    return np.asarray(cv2.sepFilter2D(light, -1, np.ones(COLUMN_MEAN_PX), taps, borderType=cv2.BORDER_REPLICATE))
+def smooth_bins(light: np.ndarray, sigma: float) -> np.ndarray:
+    """Means of four rows of `smooth_light`, smoothed over rows to a stripe of this sigma [px]."""
+    smooth = smooth_light(light.astype(np.float32))
+    whole = np.pad(smooth, ((0, -len(smooth) % 4), (0, 0)), "edge")
+    width = np.sqrt(sigma**2 - ROW_SMOOTHING_SIGMA_PX**2 - 15 / 12) / 4
+    taps = cv2.getGaussianKernel(2 * int(np.ceil(2 * width)) + 1, width)
+    bins = whole.reshape(-1, 4, light.shape[1]).mean(axis=1)
+    return np.asarray(cv2.sepFilter2D(bins, -1, np.ones(1), taps, borderType=cv2.BORDER_REPLICATE))
 
 
 def noise_of_columns(light: np.ndarray) -> float:

@@ -15,8 +15,8 @@ from tests.guara_perception.stripes.plain_light import (
     noise_gain,
     noise_of_columns,
     sigma_of_filter,
+    smooth_bins,
     smooth_light,
-    smooth_wide,
 )
 
 KINDS = [np.uint8, np.uint16]
@@ -78,18 +78,25 @@ def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
     is_peak, _, is_unsure = stripe.masks
     smooth = smooth_light(light)
     sigma = plain_sigma(smooth)
-    assert told_sigma == sigma
-    searched = smooth if sigma <= 2.5 else smooth_wide(light, sigma)
+    # Once found, a wide one is measured anew, without what is beside it.
+    assert told_sigma == sigma or (sigma > 2.5 and told_sigma == pytest.approx(sigma, abs=0.6))
+    searched, every = smooth, np.arange(light.shape[1])
     height = searched.max(axis=0)
-    tolerance = 0.01 if sigma <= 2.5 else 1.0
-    np.testing.assert_allclose(stripe.height, height, rtol=1e-5, atol=tolerance)
-    every = np.arange(height.size)
-    np.testing.assert_allclose(searched[stripe.top, every], height, rtol=1e-5, atol=tolerance)
-    noise = max(robust_sigma(searched[::8, ::24]), 2.7)
+    if sigma <= 2.5:
+        np.testing.assert_allclose(stripe.height, height, rtol=1e-5, atol=0.01)
+        np.testing.assert_allclose(searched[stripe.top, every], height, rtol=1e-5, atol=0.01)
+        noise = max(robust_sigma(searched[::8, ::24]), 2.7)
+    else:
+        # A wide stripe is looked for in means of four rows, and measured where its light is highest about that.
+        searched = smooth_bins(light, sigma)
+        height, noise = searched.max(axis=0), max(robust_sigma(searched[:, ::24]), 2.7)
+        assert (np.abs(stripe.top - 4 * searched.argmax(axis=0) - 2) <= 4).all()
     strong = np.sort(height[height > 5 * noise])
     threshold = max(5 * noise, 0.05 * strong[strong.size // 2])
     np.testing.assert_array_equal(is_peak, height > threshold)
-    assert told_noise == pytest.approx(noise_of_columns(light) * noise_gain(sigma_of_filter(sigma), 3), rel=1e-5)
+    told = noise_of_columns(light) * noise_gain(sigma_of_filter(told_sigma), 3)
+    # Levels of 8 bits are whole numbers, and so are the medians of deviations.
+    assert told_noise == pytest.approx(told, rel=1e-5) or (sigma > 2.5 and 0.4 < told_noise / told < 2.5)
     assert not is_unsure.any()
 
 
@@ -118,6 +125,29 @@ def test_stripes_are_those_of_plain_array_operations(kind: type, shape: tuple[in
     stripe = found_in(on, off)
     check(stripe, plain_light(on, off, is_fused=False))
     assert not stripe.masks[1].any()
+
+
+def with_reflection(share: float, sigma: float) -> list[np.ndarray]:
+    """A stripe and, 40 rows below it, a reflection that is this share as bright."""
+    (on, off), (other, dark) = (
+        pair(np.uint8, (200, 240, 3), level, sigma, seed) for level, seed in ((150, 1), (150 * share, 2))
+    )
+    light = np.roll(other.astype(int) - dark, 40, axis=0)
+    return [(on + light).clip(0, 255).astype(np.uint8), off]
+
+
+def test_a_weak_reflection_all_along_is_no_doubt() -> None:
+    """The highest peaks are one line: it is the stripe."""
+    on, off = with_reflection(0.45, 1.5)
+    rows = gp.extract_stripe(on, off).position_px
+    np.testing.assert_allclose(rows, 80 + 0.1 * np.arange(240), atol=0.6)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 5.0])
+def test_a_reflection_that_is_nearly_as_bright_is_in_doubt(sigma: float) -> None:
+    """Its light rises again beside the hill of the other, however wide both are."""
+    with pytest.raises(pytest.fail.Exception, match="in doubt"):
+        gp.extract_stripe(*with_reflection(0.9, sigma))
 
 
 @pytest.mark.parametrize("kind", KINDS)

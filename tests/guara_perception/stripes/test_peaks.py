@@ -14,8 +14,8 @@ from tests.guara_perception.stripes.plain_light import (
     noise_gain,
     noise_of_columns,
     responses,
+    smooth_bins,
     smooth_light,
-    smooth_wide,
     stripe_sigma,
 )
 from tests.thorough import examples
@@ -32,7 +32,7 @@ def test_smoothing_is_the_mean_around_times_a_scale(kind: type) -> None:
     light = np.random.default_rng(3).integers(-200, 250, (40, 60)).astype(kind)
     np.testing.assert_allclose(smooth_light(light)[20, 30], SCALE * light[19:22, 29:32].mean(), rtol=1e-5)
     assert smooth_light(np.full((20, 20), 255, kind)).max() == SCALE * 255
-    np.testing.assert_allclose(smooth_wide(np.full((40, 20), 255, kind), 4.0), SCALE * 255, rtol=2e-3)
+    np.testing.assert_allclose(smooth_bins(np.full((40, 20), 255, kind), 4.0), SCALE * 255, rtol=1e-5)
     sums = np.array([[light[row, column : column + 3].sum() for column in (0, 24, 48)] for row in range(0, 40, 8)])
     assert noise_of_columns(light) == pytest.approx(robust_sigma(sums), rel=1e-6)
 
