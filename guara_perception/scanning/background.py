@@ -14,6 +14,7 @@ import numpy as np
 
 from guara_perception.arrays import Float, Image, Mask
 from guara_perception.calibration.calibration import CameraModel
+from guara_perception.optical_flow import follow
 from kinematics.transforms import inverse, transform_points
 
 CAMERA_MOVED = "camera moved"
@@ -27,7 +28,7 @@ DIM_LEVEL, BRIGHT_LEVEL, MOST_GAIN = 32.0, 100.0, 16.0
 # Corners: their number, quality relative to the best, and distance [px]; fewer than LEAST_CORNERS say nothing, nor do
 # those of which less than LEAST_SHARE agree.
 MOST_CORNERS, QUALITY, APART_PX, LEAST_CORNERS, LEAST_SHARE = 48, 0.01, 14, 16, 0.6
-WINDOW, LEVELS = (13, 13), 2
+WINDOW_PX, LEVELS = 13, 2
 # [px] Corners that agree lie so near to where the others have them; pictures that differ by less have not moved.
 AGREE_PX, STILL_PX = 0.7, 0.15
 # [px] The line's glow reaches so far beyond its rows. Least noise of a corner.
@@ -69,13 +70,6 @@ def corners(picture: Image) -> Float:
     return np.zeros((0, 2)) if found is None else np.asarray(found, np.float64).reshape(-1, 2)
 
 
-def follow(before: Image, after: Image, points: Float) -> Float:
-    """(n, 2) where points (n, 2) of one grey picture are in another [px]; NaN where they were lost."""
-    given = points.astype(np.float32).reshape(-1, 1, 2)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, given, given.copy(), winSize=WINDOW, maxLevel=LEVELS)
-    return np.where(found == 0, np.nan, np.asarray(there[:, 0], np.float64))
-
-
 def aligned(picture: Image, to: Image) -> Image | None:
     """A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
 
@@ -88,7 +82,7 @@ def aligned(picture: Image, to: Image) -> Image | None:
     points = corners(one)
     if len(points) < LEAST_CORNERS:
         return None
-    there = follow(one, other, points)
+    there = follow(one, other, points, WINDOW_PX, LEVELS)
     kept = np.isfinite(there[:, 0])
     if np.count_nonzero(kept) < LEAST_CORNERS:
         return None
@@ -180,7 +174,7 @@ class BackgroundWitness:
         outside = (self._points[:, 1] < first) | (self._points[:, 1] >= end)
         if np.count_nonzero(outside) < LEAST_CORNERS:
             return
-        there = follow(self._reference, seen, self._points[outside])
+        there = follow(self._reference, seen, self._points[outside], WINDOW_PX, LEVELS)
         if (found := self._motion(self._camera.rays(there / scale)[:, :2] - self._rays[outside], outside)) is not None:
             self._seen[index] = found
 

@@ -10,7 +10,13 @@ with p the corner about the footprint, s the spread of the corners that agree, P
 Errors of neighbouring corners are correlated, so their information is divided by n.
 
 A pixel keeps the texture with which it was first seen, at the pose that the walk had there: errors add up when texture
-leaves the view, not at each pause.
+leaves the view, not at each pause. With f the share of the ground in view that is new at each pause, texture is
+(1/f + 1)/2 pauses old in the mean, and half of the noise C of a motion is in the texture, where each part of it has 1/f
+times that of the whole. So the walk gains
+
+    (1/2 + 1/(2f)) C / ((1/f + 1)/2)^2 = 2 f / (1 + f) C
+
+at each pause, besides C at either end.
 """
 
 from __future__ import annotations
@@ -20,8 +26,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Array, Codes, Float, Float32, Grey, Index, Mask
+from guara_perception.arrays import Codes, Float, Float32, Grey, Index, Mask
 from guara_perception.ground_picture import GroundPicture
+from guara_perception.optical_flow import follow
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics.arrays import FrozenArrays
 
@@ -47,7 +54,9 @@ WHOLE, LEAST_EXTENT_M = 0.8, 0.08
 # A corner agrees within this number of sigmas of all. These are at least the first value [m]; beyond the second, half a
 # pixel of a picture, the corners are noise that happens to agree.
 AGREEING_SIGMAS, LEAST_SPREAD_M, MOST_SPREAD_M = 3.0, 0.0003, 0.0006
-CORNERS_THAT_COUNT_AS_ONE = 4.0
+# Least sigma of a corner per axis, a thirtieth of a pixel [m]. Motions by every other corner differ by 1.2 times as
+# much as those of independent corners would; more than this, errors of neighbours are alike.
+LEAST_SIGMA_M, CORNERS_THAT_COUNT_AS_ONE = 0.0001, 2.0
 # Errors of a view as a whole, by heights and lens [m, m, rad].
 VIEW_SIGMA = np.array([5e-5, 5e-5, 5e-5])
 # Share of the ground in view below which texture begins anew after pauses that it could not hold.
@@ -65,6 +74,7 @@ class VisualMotion:
         covariance: (6, 6) covariance of the pose, the prior if refused.
         corners: number of corners that agree.
         is_whole: nearly all corners of the view agree: it is the robot that moved, or all of the ground in view.
+        inherited: share of the covariance that later pauses inherit.
         refused: reason why it is not used, None if it is.
     """
 
@@ -72,6 +82,7 @@ class VisualMotion:
     covariance: Float
     corners: int
     is_whole: bool
+    inherited: float
     refused: str | None
 
 
@@ -191,7 +202,7 @@ def visual_motion(
     """
 
     def refused(reason: str, corners: int = 0) -> VisualMotion:
-        return VisualMotion(np.zeros(3), prior, corners, False, reason)
+        return VisualMotion(np.zeros(3), prior, corners, False, 1.0, reason)
 
     if isinstance(view, str):
         return refused(view)
@@ -203,16 +214,17 @@ def visual_motion(
         return refused("no picture came before")
     first, shape = view.pixels(transform)
     now, before = view.from_above(transform, first, shape), seen.at(first, shape)
+    new = 1.0 - float(np.mean(before[now > 0] > 0)) if now.any() else 1.0
     found, shifts = _found_again(now, before)
     if len(found) < LEAST_CORNERS:
         return refused(f"{len(found)} corners of the texture were found again", len(found))
     about = (found + first[::-1] + 0.5) * PIXEL_M - transform[:2, 3]
-    motion, spread, agreeing = _agreed(about, shifts * PIXEL_M)
+    motion, sigma, agreeing = _agreed(about, shifts * PIXEL_M)
     count = int(agreeing.sum())
     if count < max(LEAST_CORNERS, LEAST_AGREEING * len(found)):
         return refused(f"{count} of {len(found)} corners of the texture moved alike", count)
     jacobian = _jacobian(about[agreeing])
-    information = jacobian.T @ jacobian / (spread**2 * CORNERS_THAT_COUNT_AS_ONE)
+    information = jacobian.T @ jacobian / (sigma**2 * CORNERS_THAT_COUNT_AS_ONE)
     measured = np.linalg.inv(information) + np.diag(VIEW_SIGMA**2)
     before_it = prior[np.ix_(SIDEWAYS, SIDEWAYS)]
     extent = np.linalg.eigvalsh(np.cov(about[agreeing].T))[0]
@@ -223,7 +235,8 @@ def visual_motion(
         return refused(f"texture and odometry contradict each other by {sigmas:.1f} sigma of both", count)
     gain = np.linalg.solve(before_it + measured, prior[SIDEWAYS]).T
     covariance = prior - gain @ prior[SIDEWAYS]
-    return VisualMotion(gain[SIDEWAYS] @ motion, 0.5 * (covariance + covariance.T), count, is_whole, None)
+    covariance = 0.5 * (covariance + covariance.T)
+    return VisualMotion(gain[SIDEWAYS] @ motion, covariance, count, is_whole, 2 * new / (1 + new), None)
 
 
 def seen_after(view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool) -> SeenTexture | None:
@@ -261,22 +274,19 @@ def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
     corners = cv2.goodFeaturesToTrack(now, MOST_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX, mask=common, blockSize=5)
     if corners is None:
         return np.empty((0, 2)), np.empty((0, 2))
-    there, is_there, _ = _flow(now, before, corners)
-    back, is_back, _ = _flow(before, now, there)
-    returned = np.linalg.norm((back - corners)[:, 0], axis=1)
-    good = (is_there[:, 0] == 1) & (is_back[:, 0] == 1) & (returned < MOST_RETURN_PX)
-    found = corners[good, 0].astype(np.float64)
-    return found, there[good, 0].astype(np.float64) - found
-
-
-def _flow(one: Grey, other: Grey, corners: Array) -> tuple[Array, Array, Array]:
-    return cv2.calcOpticalFlowPyrLK(one, other, corners, None, winSize=(WINDOW_PX, WINDOW_PX), maxLevel=PYRAMID)  # type: ignore[call-overload]
+    found = np.asarray(corners[:, 0], np.float64)
+    there = follow(now, before, found, WINDOW_PX, PYRAMID)
+    is_there = np.isfinite(there[:, 0])
+    found, there = found[is_there], there[is_there]
+    back = follow(before, now, there, WINDOW_PX, PYRAMID)
+    good = np.linalg.norm(back - found, axis=1) < MOST_RETURN_PX
+    return found[good], (there - found)[good]
 
 
 def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
-    """Motion (3,) on which most corners agree, their spread [m], and the mask (n,) of those."""
+    """Motion (3,) on which most corners agree, the sigma of a corner per axis [m], and the mask (n,) of those."""
     motion, jacobian = np.append(np.median(shifts, axis=0), 0.0), _jacobian(about).reshape(-1, 2, 3)
-    spread, agreeing = LEAST_SPREAD_M, np.ones(len(about), dtype=bool)
+    agreeing = np.ones(len(about), dtype=bool)
     for _ in range(ROUNDS):
         off = np.linalg.norm(shifts - jacobian @ motion, axis=1)
         # The median of the length of two normal errors is 1.18 sigma.
@@ -285,7 +295,8 @@ def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
         if agreeing.sum() < LEAST_CORNERS:
             break
         motion = np.linalg.lstsq(jacobian[agreeing].reshape(-1, 3), shifts[agreeing].ravel(), rcond=None)[0]
-    return motion, spread, agreeing
+    left = (shifts - jacobian @ motion)[agreeing]
+    return motion, max(float(np.sqrt(np.mean(left**2))) if left.size else 0.0, LEAST_SIGMA_M), agreeing
 
 
 def _jacobian(about: Float) -> Float:

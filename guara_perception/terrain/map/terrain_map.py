@@ -179,7 +179,7 @@ class TerrainMap:
             shift, turn = drift.shift - state.drift.shift, drift.turn - state.drift.turn
             growth = np.diag([shift, shift, turn])
         pause = self._pause_of(terrain)
-        now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position), transform)
+        now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position, walk.own), transform)
         rejected = fuse_scan(self._cells, terrain, now, tilt)
         texture = None
         if view is not None:

@@ -46,7 +46,7 @@ LEVER_M = 0.6
 # Pauses in memory. A cell seen before the first of them counts as seen then; it has long been stale.
 MOST_PAUSES = 256
 # Names in files of the attributes whose names differ there.
-FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own"}
+FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +62,7 @@ class WalkCorrection:
         noise: (3, 3) pose noise of the last pause, not carried to the next.
         last: transform_footprint_to_odom of the last pause by odometry, None before the first.
         growth: (3, 3) covariance of the last motion after registration.
+        own: (3, 3) covariance of what texture errs by at the last pause alone, zero where it does not hold the walk.
         shift, turn: variances of all motions since the start [m^2, rad^2].
         refused: reason why the last registration was not used, None if it was.
         sum: corrections of earlier pauses beside odometry's drift since.
@@ -78,6 +79,7 @@ class WalkCorrection:
     noise: Float = field(default_factory=partial(np.zeros, (3, 3)))
     last: Float | None = None
     growth: Float = field(default_factory=partial(np.zeros, (3, 3)))
+    own: Float = field(default_factory=partial(np.zeros, (3, 3)))
     shift: float = 0.0
     turn: float = 0.0
     refused: str | None = None
@@ -112,6 +114,7 @@ class WalkCorrection:
         arrays = ("transform", "covariance", "pause_transform", "pause_covariance", "noise", "growth")
         return WalkCorrection(
             **{name: fields.array(FILE_KEYS.get(name, name), getattr(start, name).shape) for name in arrays},
+            own=fields.array("pause_own", (3, 3)) if fields.has("pause_own") else start.own,
             last=fields.array("last", (4, 4)) if fields.has("last") else None,
             shift=fields.number("shift", 0.0),
             turn=fields.number("turn", 0.0),
@@ -196,7 +199,9 @@ class WalkCorrection:
                 found = Registration(np.zeros(6), prior, found.cells, found.refused or reason)
         motion = found.motion[SIDEWAYS] + (0.0 if visual is None else visual.motion)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
-        kept = kept_growth(growth, predicted, posterior)
+        kept, own = kept_growth(growth, predicted, posterior), np.zeros((3, 3))
+        if visual is not None and visual_refused is None:
+            kept, own = visual.inherited * posterior, posterior
         gain = np.linalg.solve(predicted, drift).T
         transform = moved(gain @ motion, by_odometry) @ self.transform
         pause_transform = moved(motion, by_odometry) @ self.transform
@@ -208,7 +213,7 @@ class WalkCorrection:
             transform = pause_transform = contradiction.transform
             covariance, distrusted, refused = contradiction.covariance, EARLIER_PAUSES, contradiction.reason
             posterior = covariance + noise
-            kept = growth + covariance + contradiction.moved_by.T @ contradiction.moved_by
+            kept, own = growth + covariance + contradiction.moved_by.T @ contradiction.moved_by, np.zeros((3, 3))
             earlier = OdometrySum()
         return WalkCorrection(
             transform=transform,
@@ -218,6 +223,7 @@ class WalkCorrection:
             noise=noise,
             last=odometry.copy(),
             growth=kept,
+            own=own,
             shift=self.shift + float(np.linalg.eigvalsh(kept[:2, :2])[-1]),
             turn=self.turn + float(kept[2, 2]),
             refused=refused,
@@ -268,24 +274,28 @@ class SidewaysDrift(FrozenArrays):
     Attributes:
         pauses: (k,) ascending.
         total: (k, 3, 3) sums from the start to each pause [m, rad].
+        own: (k, 3, 3) covariance of each pause's own error, which adds to that of all motions from or to it.
     """
 
     pauses: Index = field(default_factory=lambda: np.empty(0, np.int64))
     total: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
+    own: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
 
-    def after(self, pause: int, growth: Float, position: Float) -> SidewaysDrift:
+    def after(self, pause: int, growth: Float, position: Float, own: Float) -> SidewaysDrift:
         """Add the motion to a pause.
 
         Args:
             pause: number of the pause.
             growth: (3, 3) covariance of the motion, about the robot and along the axes of odom.
             position: (2,) position of the robot in odom [m].
+            own: (3, 3) covariance of the pause's own error, likewise.
         """
         about_origin = np.array([[1.0, 0.0, position[1]], [0.0, 1.0, -position[0]], [0.0, 0.0, 1.0]])
         added = about_origin @ growth @ about_origin.T
         last = self.total[-1] if len(self.total) else np.zeros((3, 3))
         pauses, total = np.append(self.pauses, pause), np.concatenate((self.total, (last + added)[None]))
-        return SidewaysDrift(pauses[-MOST_PAUSES:], total[-MOST_PAUSES:])
+        both = np.concatenate((self.own, (about_origin @ own @ about_origin.T)[None]))
+        return SidewaysDrift(pauses[-MOST_PAUSES:], total[-MOST_PAUSES:], both[-MOST_PAUSES:])
 
     def variances(self, seen: Index, x: Float, y: Float, transform_footprint_to_odom: Float) -> Float:
         """Variances (2, n) of the positions of cells along x and y of the footprint [m^2].
@@ -301,6 +311,7 @@ class SidewaysDrift(FrozenArrays):
         axes = transform_footprint_to_odom[:2, :2]
         # With J = [[1, 0, -y], [0, 1, x]]; the terms of each pause first, so that a cell takes three products per axis.
         since = self.total[-1] - self.total
+        since[:-1] += self.own[:-1] + self.own[-1]
         result = np.empty((2, len(seen)))
         for axis, (ax, ay) in enumerate(axes.T.tolist()):
             shift = ax * ax * since[:, 0, 0] + 2 * ax * ay * since[:, 0, 1] + ay * ay * since[:, 1, 1]
@@ -319,12 +330,14 @@ class SidewaysDrift(FrozenArrays):
         count = len(fields.sequence("pauses"))
         pauses = fields.array("pauses", (count,)) if count else np.empty(0)
         total = fields.array("total", (count, 3, 3)) if count else np.empty((0, 3, 3))
+        # Files of earlier versions have none.
+        own = fields.array("own", (count, 3, 3)) if count and fields.has("own") else np.zeros((count, 3, 3))
         # Drift that shrinks would remove the map's safety margins.
         if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
             raise FileFormatError(
                 f"{fields.path_to('total')} or pauses shrink from one pause to the next, the file is damaged"
             )
-        return SidewaysDrift(pauses.astype(np.int64), total)
+        return SidewaysDrift(pauses.astype(np.int64), total, own)
 
 
 def kept_growth(growth: Float, prior: Float, posterior: Float) -> Float:

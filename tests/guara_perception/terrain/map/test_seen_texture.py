@@ -118,10 +118,10 @@ def test_errors_do_not_add_up_at_each_pause(walk: Walk) -> None:
         fused = walk.pause(planar(0.035, 0.0), planar(-0.0028, 0.0))
         assert np.abs(walk.off_by(fused)[:2]).max() < 5e-4
     assert walk.odometry[0, 3] - walk.truth[0, 3] == pytest.approx(16 * 0.0028)
-    # Since ground was seen at the far edge, its drift is of the same size, not of that of odometry.
+    # Ground that was seen at the far edge has drifted by as little since: sigmas of pauses do not add up either.
     drift = walk.map.sideways_drift
     sigma = np.sqrt(drift.variances(drift.pauses[:1], np.array([0.9]), np.zeros(1), walk.odometry))
-    assert sigma.max() < 0.002
+    assert 1e-4 < sigma.max() < 6e-4
 
 
 @pytest.mark.slow
