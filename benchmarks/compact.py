@@ -18,7 +18,7 @@ from guara_perception.app.messages import terrain_to_message
 from kinematics import PoseInOdom, load_robot
 from testbed.truth import truth_calibration
 from transport import decode_terrain, encode_terrain
-from transport.messages.terrain_codec import encode_compact
+from transport.messages.terrain_message import encode_compact
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
 SCANS = ("paper", "dark", "tilt")

@@ -31,7 +31,7 @@ from guara_perception.app.messages import terrain_to_message
 from guara_perception.app.node.live_scan import STRIPES_AFTER
 from testbed import scenes
 from testbed.triggered_camera import EmulatedTriggeredCamera
-from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_message import encode_terrain
 
 STRIPES = (35, 70)
 RATES = (30, 60, 120, 200)

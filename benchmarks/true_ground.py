@@ -17,8 +17,7 @@ from guara_perception.simulation.world import World
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.record import ScanRecord
-from guara_perception.terrain.layers.record_fields import limits_to_dict
+from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from kinematics import RobotModel
 
 CELL_M = 0.001

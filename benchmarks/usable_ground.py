@@ -24,7 +24,7 @@ from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import World
 from guara_perception.simulation.planner import plan_foothold, plan_swing
-from guara_perception.terrain.assessment.window import half_cells
+from guara_perception.terrain.layers.geometry import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled

@@ -19,9 +19,9 @@ from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
-from kinematics.state import RobotState
 from kinematics.stillness import MOST_NOISE, StandingFeet, most_apart
 from kinematics.transforms import checked_transform, transform_points
+from kinematics.tree import RobotState
 
 # [s] Samples up to so far before and after an instant are smoothed. At a sway of 2 Hz a parabola is off by 0.4 % of it.
 HALF_WINDOW = 0.08

@@ -13,8 +13,8 @@ from kinematics.arrays import Float, read_only
 from kinematics.exceptions import ArgumentError, StanceError
 from kinematics.reach import reach_from_pose
 from kinematics.stance_pose import StancePose
-from kinematics.state import RobotState
 from kinematics.transforms import transform_points
+from kinematics.tree import RobotState
 from kinematics.urdf import Shape
 
 # Heights (n,) [m] of the ground in `base_footprint` for x (n,) and y (n,) [m]; NaN where unknown.

@@ -31,8 +31,8 @@ from kinematics.exceptions import StanceError
 from kinematics.footprint import fit_support_plane, skew, transform_base_to_footprint
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
-from kinematics.state import RobotState
 from kinematics.transforms import unit_vector
+from kinematics.tree import RobotState
 
 # Longest and shortest window of pauses in which wrong zeros are sought: two cycles of four legs, and one.
 LONGEST, SHORTEST = 9, 5

@@ -16,8 +16,7 @@ from kinematics.scan_pattern import pattern_misses
 from kinematics.srdf import Posture
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StanceNoise, StancePose, stance_pose
-from kinematics.state import RobotState
-from kinematics.tree import KinematicTree
+from kinematics.tree import KinematicTree, RobotState
 
 
 class RobotModel:

@@ -10,8 +10,7 @@ from kinematics.arrays import Float
 from kinematics.findings import Findings
 from kinematics.robot_toml import LegConfig, PostureConfig, RobotToml
 from kinematics.srdf import Posture
-from kinematics.state import RobotState
-from kinematics.tree import KinematicTree
+from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Shape, Urdf
 
 # Heights in robot.toml are given to the millimetre [m].

@@ -16,9 +16,9 @@ from kinematics.footprint import skew
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
 from kinematics.stance_pose import GravityEstimate, StancePose, sole_covariances, stance_pose
-from kinematics.state import RobotState
 from kinematics.stayed_feet import find_stayed_feet, sole_readings
 from kinematics.transforms import transform_points
+from kinematics.tree import RobotState
 
 # Rows of x, y, z and heading in REP-103 order.
 PLANAR = [0, 1, 2, 5]

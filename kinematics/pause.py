@@ -9,7 +9,7 @@ import numpy as np
 
 from kinematics.exceptions import ArgumentError
 from kinematics.model import RobotModel
-from kinematics.state import in_order, refuse_not_finite
+from kinematics.tree import in_order, refuse_not_finite
 
 
 @dataclass(frozen=True, slots=True)

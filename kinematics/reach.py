@@ -12,9 +12,8 @@ from kinematics.arrays import Float, Mask, read_only
 from kinematics.exceptions import ArgumentError
 from kinematics.leg import LegGeometry, NumericLeg, find_leg_geometry
 from kinematics.stance_pose import StancePose
-from kinematics.state import LIMIT_TOLERANCE
 from kinematics.transforms import checked_points, transform_points
-from kinematics.tree import KinematicTree
+from kinematics.tree import LIMIT_TOLERANCE, KinematicTree
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from kinematics.arrays import Float, Mask
 from kinematics.exceptions import ArgumentError, named
 from kinematics.robot_settings import SelfFilterSettings
-from kinematics.state import RobotState
 from kinematics.transforms import checked_points
+from kinematics.tree import RobotState
 from kinematics.urdf import Shape
 
 # Added to the squared lengths of the coarse tests [m^2], which are differences of larger squares.

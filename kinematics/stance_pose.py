@@ -25,9 +25,9 @@ from kinematics.footprint import (
     footprint_jacobians,
     transform_base_to_footprint,
 )
-from kinematics.state import RobotState
 from kinematics.toml_table import Table
 from kinematics.transforms import checked_transform, inverse, transform_points, unit_vector
+from kinematics.tree import RobotState
 from kinematics.unloaded import FourFeet, find_unloaded_foot
 
 # Sources of the vertical; without a choice, the first of imu, odometry and support_plane that is available.

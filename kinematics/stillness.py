@@ -27,8 +27,8 @@ from kinematics.exceptions import ArgumentError, CameraMoved, StanceError
 from kinematics.footprint import skew
 from kinematics.model import RobotModel
 from kinematics.stance import Stance
-from kinematics.state import checked_positions
 from kinematics.transforms import checked_transform
+from kinematics.tree import checked_positions
 
 # Probability of a false alarm per pause, over all tests made in it.
 FALSE_ALARMS = 0.003

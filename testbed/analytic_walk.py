@@ -16,8 +16,7 @@ from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
-from guara_perception.terrain.layers.record import ScanRecord
-from guara_perception.terrain.layers.record_fields import limits_to_dict
+from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
 from kinematics import RobotModel, Stance
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")

@@ -11,7 +11,7 @@ import numpy as np
 from drivers import AcquireOptions, OffFrames
 from guara_perception.app.node.published_scans import with_problems
 from guara_perception.arrays import Float32
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import Health
 from testbed.grid_truth import figures, made_up
 from testbed.scenes import ScanInMemory
 from testbed.strange_light import Fault, Scene, beside, blob, ghost, take

@@ -40,7 +40,7 @@ from guara_perception.simulation.world import load_world
 from testbed.bench_board.shutter import Opening
 from testbed.chip import Chip, ChipBus, ChipClock, Wiring, load_firmware
 from testbed.gige import FakeGigeCamera
-from transport.messages.terrain_codec import encode_terrain
+from transport.messages.terrain_message import encode_terrain
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware" / "guara_board.uf2"
 # Pictures of 80 kB fit into a socket's buffer whole: a machine that is busy with other things loses none of them.

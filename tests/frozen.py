@@ -27,7 +27,7 @@ from transport.messages.codec import decode, encode
 from transport.messages.map_messages import LAYERS as SUMMARY_LAYERS
 from transport.messages.map_messages import encode_regions
 from transport.messages.shuffle import decompress
-from transport.messages.terrain_codec import encode_compact, encode_terrain
+from transport.messages.terrain_message import encode_compact, encode_terrain
 from transport.messages.typestore import REGIONS, SUMMARY, TERRAIN
 from transport.recording.writer import RecordingWriter
 

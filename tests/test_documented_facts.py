@@ -11,7 +11,7 @@ import pytest
 import guara_perception as gp
 from guara_perception.ranging.scan_geometry import scan_geometry
 from guara_perception.settings import Settings
-from guara_perception.terrain.assessment.window import (
+from guara_perception.terrain.layers.geometry import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
     LEAST_MARGIN_CELLS,

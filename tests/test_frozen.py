@@ -15,7 +15,7 @@ from guara_perception.app.messages import message_to_terrain
 from tests import frozen
 from transport.messages.codec import decode, encode
 from transport.messages.map_messages import decode_regions, decode_summary
-from transport.messages.terrain_codec import decode_terrain, encode_terrain, rounded
+from transport.messages.terrain_message import decode_terrain, encode_terrain, rounded
 from transport.messages.typestore import TERRAIN
 
 HOW = (

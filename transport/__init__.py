@@ -63,11 +63,11 @@ from transport.messages.submessages import GroundPatch as GroundPatch
 from transport.messages.submessages import ObstacleMessage as ObstacleMessage
 from transport.messages.submessages import StanceMessage as StanceMessage
 from transport.messages.submessages import TransformMessage as TransformMessage
-from transport.messages.terrain_codec import decode_terrain as decode_terrain
-from transport.messages.terrain_codec import encode_terrain as encode_terrain
 from transport.messages.terrain_message import LAYERS as LAYERS
 from transport.messages.terrain_message import Health as Health
 from transport.messages.terrain_message import TerrainMessage as TerrainMessage
+from transport.messages.terrain_message import decode_terrain as decode_terrain
+from transport.messages.terrain_message import encode_terrain as encode_terrain
 from transport.queries.query import QueryServer as QueryServer
 from transport.queries.query import query_terrain as query_terrain
 from transport.queries.scan_client import request_scan as request_scan

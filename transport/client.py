@@ -22,8 +22,7 @@ from transport.links.session import Session
 from transport.messages.map_messages import RegionsMessage, SummaryMessage, decode_regions, decode_summary
 from transport.messages.scan_messages import ScanReply
 from transport.messages.status_message import Status
-from transport.messages.terrain_codec import decode_terrain
-from transport.messages.terrain_message import EXTENTS, TerrainMessage
+from transport.messages.terrain_message import EXTENTS, TerrainMessage, decode_terrain
 from transport.queries.query import query_terrain
 from transport.queries.scan_client import ARRIVES_WITHIN, request_scan, result_of
 from transport.supervision import Seldom
@@ -52,7 +51,7 @@ class PerceptionClient(AbstractContextManager["PerceptionClient"]):
         Args:
             session: open session; closing the client closes it.
             robot: instance name.
-            encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.terrain_codec`).
+            encoding: encoding of the grids: "lossless" or "compact" (`transport.messages.terrain_message`).
 
         Raises:
             KeyNameError: unknown encoding.

@@ -62,7 +62,7 @@ def terrain_key(robot: str = DEFAULT_ROBOT, extent: str = "footprint", encoding:
     Args:
         robot: instance name.
         extent: "footprint" or "map".
-        encoding: "lossless", or "compact" for slow links (see `transport.messages.terrain_codec`).
+        encoding: "lossless", or "compact" for slow links (see `transport.messages.terrain_message`).
 
     Raises:
         KeyNameError: unknown extent or encoding.

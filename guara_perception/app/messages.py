@@ -17,8 +17,7 @@ from guara_perception.exceptions import UnsafeGrid, errors_as
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import check_invariant
-from guara_perception.terrain.layers.record import RECORDS, GridRecord, MapRecord, ScanRecord
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import RECORDS, GridRecord, Health, MapRecord, ScanRecord
 from kinematics import Stance
 from transport import Health as Level
 from transport import ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage

@@ -253,3 +253,18 @@ def _fold_radius(k1: float, k2: float, k3: float) -> float:
     growth = 1 + 3 * k1 * radius**2 + 5 * k2 * radius**4 + 7 * k3 * radius**6
     falling = np.flatnonzero(growth <= 0)
     return float(radius[falling[0]]) if falling.size else np.inf
+
+
+def floor_pixels(camera: CameraModel, transform_camera_to_footprint: Float, points: Float) -> Float:
+    """Pixels (n, 2) of floor points (n, 2)."""
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    in_footprint = np.column_stack((points, np.zeros(len(points))))
+    return camera.project((in_footprint - translation) @ rotation)
+
+
+def to_floor(camera: CameraModel, transform_camera_to_footprint: Float, pixels: Float, height: float = 0.0) -> Float:
+    """Points (n, 2), x and y in base_footprint, at which the rays of pixels (n, 2) meet the plane z = `height`."""
+    rotation, translation = transform_camera_to_footprint[:3, :3], transform_camera_to_footprint[:3, 3]
+    rays = camera.rays(pixels) @ rotation.T
+    depth = (height - translation[2]) / rays[:, 2]
+    return translation[:2] + rays[:, :2] * depth[:, None]

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Grey
-from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.floor_lines import floor_pixels, to_floor
+from guara_perception.calibration.calibration import CameraModel, floor_pixels, to_floor
 from kinematics.arrays import FrozenArrays
 
 # Offset [m] of a spot from the expected position of a cross, and its score.

@@ -10,10 +10,9 @@ import numpy as np
 
 from guara_perception.arrays import Float, Grey
 from guara_perception.calibration.board import BoardSpec, BoardView
-from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.calibration import CameraModel, floor_pixels, to_floor
 from guara_perception.calibration.calibration_input import CalibrationSession, Fiducials
 from guara_perception.calibration.crosses import SEARCH_M, Mark, find_crosses
-from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.exceptions import CalibrationRefused
 from kinematics.arrays import FrozenArrays
 

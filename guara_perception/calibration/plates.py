@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
-from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.calibration import CameraModel, floor_pixels, to_floor
 from guara_perception.calibration.calibration_input import Plate, check_size
-from guara_perception.calibration.floor_lines import floor_pixels, to_floor
 from guara_perception.calibration.mirror_model import MirrorModel
 from guara_perception.calibration.row_bands import row_bands
 from guara_perception.stripes.band import StripeProfile

@@ -12,7 +12,7 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardSpec, BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.floor_lines import to_floor
+from guara_perception.calibration.calibration import to_floor
 from guara_perception.calibration.intrinsics import calibrate_views
 from guara_perception.exceptions import CalibrationRefused
 

@@ -11,9 +11,8 @@ import numpy as np
 from guara_perception.arrays import Float, Index
 from guara_perception.calibration.board import BoardView
 from guara_perception.calibration.bundle import CameraFit
-from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane, format_indices
+from guara_perception.calibration.calibration import Calibration, CameraModel, StripePlane, format_indices, to_floor
 from guara_perception.calibration.calibration_input import CalibrationSession
-from guara_perception.calibration.floor_lines import to_floor
 from guara_perception.calibration.intrinsics import Intrinsics
 from guara_perception.calibration.laser import LaserFit
 from guara_perception.calibration.mount import FloorPose

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.arrays import Float
-from guara_perception.calibration.calibration import CameraModel
-from guara_perception.calibration.floor_lines import to_floor
+from guara_perception.calibration.calibration import CameraModel, to_floor
 from guara_perception.calibration.mirror_model import PARAMETERS, MirrorModel, perturbed_mirror
 from guara_perception.calibration.plates import PlateLine
 from kinematics.arrays import FrozenArrays

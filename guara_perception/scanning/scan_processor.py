@@ -18,15 +18,20 @@ from guara_perception.exceptions import CalibrationMismatch, InvalidInput
 from guara_perception.ground_picture import GroundPicture, grey_picture
 from guara_perception.ranging.locate import Triangulator, locator
 from guara_perception.ranging.scan_geometry import StripePlace, StripeRanger, scan_geometry
-from guara_perception.ranging.shared_variance import SharedVariance
 from guara_perception.ranging.stripe_points import StripePoints
 from guara_perception.ranging.surface import Key
 from guara_perception.scanning.background import MOVED, BackgroundWitness, aligned, motion_text
-from guara_perception.scanning.flash_proof import OTHER_INSTANT, FlashProof, Proof, without_spoilt
+from guara_perception.scanning.flash_proof import (
+    OTHER_INSTANT,
+    SECOND_LINE,
+    FlashProof,
+    Proof,
+    second_line,
+    without_spoilt,
+)
 from guara_perception.scanning.light_diagnosis import FrameSamples
 from guara_perception.scanning.scan_report import scan_drift, scan_record
-from guara_perception.scanning.scan_surface import ScanSurface, sway_variance
-from guara_perception.scanning.second_line import SECOND_LINE, second_line
+from guara_perception.scanning.scan_surface import ScanSurface, SharedVariance, sway_variance
 from guara_perception.scanning.stripe_finder import METHODS, StripeFinder, check_method
 from guara_perception.scanning.stripe_places import NO_PLACE, StripePlaces, parted_pairs
 from guara_perception.settings import RobotLike, Settings, robot_model

@@ -19,8 +19,7 @@ from guara_perception.scanning.light_diagnosis import STEADY, FrameSamples
 from guara_perception.settings import Settings
 from guara_perception.stripes.band import StripeProfile, StripeStatus
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
-from guara_perception.terrain.layers.record import ScanRecord
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel, Stance, StancePose
 from kinematics.stance_pose import support_soles
 

@@ -18,10 +18,10 @@ from guara_perception.stripes.band import (
     bad_frame,
     channel_of,
     is_raw_bayer,
+    judge,
     picture_fault,
     unusable_frame,
 )
-from guara_perception.stripes.laser_light import judge
 from guara_perception.stripes.paper import check_threshold, extract_paper
 from guara_perception.stripes.precise import extract_precise
 

@@ -11,8 +11,16 @@ import numpy as np
 from guara_perception.arrays import Float, Grey, Image, Index, Mask
 from guara_perception.exceptions import InvalidInput
 from guara_perception.shown import eight_bits
-from guara_perception.stripes.band import Band, StripeProfile, StripeStatus, bad_frame, channel_of, has_colour
-from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, opening
+from guara_perception.stripes.band import (
+    MAX_AMBIENT_CHANGE,
+    Band,
+    StripeProfile,
+    StripeStatus,
+    bad_frame,
+    channel_of,
+    has_colour,
+    opening,
+)
 from guara_perception.stripes.measure import NAN
 from guara_perception.stripes.peaks import upper_median
 

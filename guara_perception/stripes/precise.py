@@ -10,9 +10,8 @@ import numpy as np
 
 from guara_perception.arrays import Array, Float, Float32, Index, Mask
 from guara_perception.stripes.any_light.detect_stripe import detect_in_any_light
-from guara_perception.stripes.band import Band, StripeProfile, bad_frame
+from guara_perception.stripes.band import MAX_AMBIENT_CHANGE, Band, StripeProfile, bad_frame, pictures_of
 from guara_perception.stripes.kernel.library import addresses, kernel, memory
-from guara_perception.stripes.laser_light import MAX_AMBIENT_CHANGE, pictures_of
 from guara_perception.stripes.measure import measure, profile_of
 
 # Results that are no numbers of doubtful columns, as in extract.c.

@@ -9,7 +9,7 @@ import pytest
 
 import guara_perception as gp
 from guara_perception.settings import Settings
-from guara_perception.terrain.layers.record_fields import limits_to_dict
+from guara_perception.terrain.layers.record import limits_to_dict
 from kinematics import RobotModel, load_robot
 
 

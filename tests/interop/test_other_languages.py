@@ -38,7 +38,7 @@ from transport.grids.evidence import objections, read_word
 from transport.messages.codec import encode
 from transport.messages.map_messages import decode_summary
 from transport.messages.status_message import encode_status
-from transport.messages.terrain_codec import make_terrain
+from transport.messages.terrain_message import make_terrain
 
 pytestmark = pytest.mark.interop
 POSITIONS = ((0.7, 0.0), (0.62, -0.21), (0.502, 0.262), (0.9, 0.1), (3.0, 0.0))

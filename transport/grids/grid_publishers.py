@@ -17,8 +17,7 @@ from transport.links.session import Session
 from transport.messages.codec import encode
 from transport.messages.map_messages import RegionsMessage, encode_regions
 from transport.messages.standard import grid_map_message, occupancy_message
-from transport.messages.terrain_codec import encode_compact, encode_terrain
-from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage
+from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, encode_compact, encode_terrain
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
 # Layers of the GridMap: those of float32, its only type, and the flags, which float32 represents exactly (below 2^24).

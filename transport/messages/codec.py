@@ -15,9 +15,8 @@ import numpy as np
 
 from transport.arrays import Float
 from transport.exceptions import MessageError, TransportError, VersionError
-from transport.messages.ranges import check_ranges
 from transport.messages.submessages import GroundPatch, ObstacleMessage, Point, StanceMessage, TransformMessage
-from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, message_class, typestore
+from transport.messages.typestore import ARRAYS, SUBMESSAGE, TIME, check_ranges, message_class, typestore
 
 T = TypeVar("T")
 # [byte] Larger payloads are rejected unread; a map with all layers has under 2 MB.
@@ -63,7 +62,7 @@ def decode(payload: bytes | bytearray | memoryview, type_name: str) -> Any:
 
     Raises:
         MessageError: the payload is too long, truncated, has trailing bytes or does not fit the type, or a field is
-            outside its range in `transport.messages.ranges`.
+            outside its range in `transport.messages.typestore`.
     """
     message_class(type_name)
     if len(payload) > MAXIMUM_PAYLOAD:

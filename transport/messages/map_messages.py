@@ -22,11 +22,10 @@ from transport.messages.codec import (
     quaternion_from_matrix,
     to_ros,
 )
-from transport.messages.ranges import check_value
 from transport.messages.shuffle import compress, decompress
 from transport.messages.submessages import checked_array, checked_origin, checked_shape, finite, frozen, set_fields
 from transport.messages.terrain_message import TerrainMessage
-from transport.messages.typestore import QUATERNION, REGIONS, SUMMARY, message_class
+from transport.messages.typestore import QUATERNION, REGIONS, SUMMARY, check_value, message_class
 
 VERSION_MAJOR, VERSION_MINOR = 1, 0
 

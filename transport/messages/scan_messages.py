@@ -7,10 +7,9 @@ from enum import IntEnum
 
 from transport.exceptions import MessageError
 from transport.messages.codec import decode, encode, from_ros, to_ros
-from transport.messages.ranges import SENTENCE, check_value
 from transport.messages.submessages import finite
 from transport.messages.terrain_message import EXTENTS, MODES
-from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST
+from transport.messages.typestore import QUERY_REQUEST, REFUSAL, SCAN_REPLY, SCAN_REQUEST, SENTENCE, check_value
 
 # Longest id of a request [characters].
 MAXIMUM_ID = 200

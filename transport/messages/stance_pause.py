@@ -9,9 +9,8 @@ from typing import Any
 from transport.exceptions import MessageError, UnknownPhase
 from transport.keys import check_name
 from transport.messages.codec import decode, encode, from_ros, to_ros
-from transport.messages.ranges import LARGEST_COUNT, check_value
 from transport.messages.submessages import GroundPatch, StanceMessage, finite, set_fields
-from transport.messages.typestore import STANCE_PAUSE
+from transport.messages.typestore import LARGEST_COUNT, STANCE_PAUSE, check_value
 
 # [byte] A pause with sixteen patches of known ground has 20 kB.
 MAXIMUM_ANNOUNCEMENT = 256 * 1024

@@ -11,9 +11,8 @@ from transport.arrays import Float
 from transport.exceptions import MessageError
 from transport.keys import check_name
 from transport.messages.codec import Quaternion, decode, encode, from_ros, matrix_from_quaternion, to_ros
-from transport.messages.ranges import GRAVITY_LENGTH, check_value
 from transport.messages.submessages import checked_array, set_fields, texts
-from transport.messages.typestore import STANCE_STREAM
+from transport.messages.typestore import GRAVITY_LENGTH, STANCE_STREAM, check_value
 
 # Samples of one message: a second at 1 kHz.
 MAXIMUM_SAMPLES = 1000

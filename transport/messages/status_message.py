@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from transport.messages.codec import decode, encode, from_ros, make_header, to_ros
-from transport.messages.ranges import SENTENCE, WORD
 from transport.messages.terrain_message import Health
-from transport.messages.typestore import STATUS, message_class
+from transport.messages.typestore import SENTENCE, STATUS, WORD, message_class
 
 # Name of the item that the transport itself adds; its values include `step`, the number of the stance pause.
 STATUS_NAME = "transport"

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from transport.arrays import Array, Float
 from transport.exceptions import MessageError
-from transport.messages.ranges import GROUND_PATCH, check_gravity, check_value
+from transport.messages.typestore import GROUND_PATCH, check_gravity, check_value
 
 Point = tuple[float, float, float]
 

@@ -15,8 +15,13 @@ from transport.messages.scan_messages import (
     decode_refusal,
     encode_query_request,
 )
-from transport.messages.terrain_codec import decode_terrain, encode_compact, encode_terrain
-from transport.messages.terrain_message import TerrainMessage, crop_terrain
+from transport.messages.terrain_message import (
+    TerrainMessage,
+    crop_terrain,
+    decode_terrain,
+    encode_compact,
+    encode_terrain,
+)
 from transport.messages.typestore import QUERY_REQUEST, TERRAIN, cdr, compact
 from transport.queries.asking import ask
 

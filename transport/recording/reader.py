@@ -12,8 +12,7 @@ from transport.exceptions import RecordingError, os_errors
 from transport.messages.codec import decode, from_ros, read_stance, read_time
 from transport.messages.stance_pause import StancePause, decode_stance_pause
 from transport.messages.stance_stream import StanceStream, decode_stance_stream
-from transport.messages.terrain_codec import decode_terrain
-from transport.messages.terrain_message import EXTENTS, TerrainMessage
+from transport.messages.terrain_message import EXTENTS, TerrainMessage, decode_terrain
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
 from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
 from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name

@@ -12,8 +12,7 @@ from transport.messages.codec import encode, make_header, make_stance, make_time
 from transport.messages.stance_pause import StancePause, encode_stance_pause
 from transport.messages.stance_stream import StanceStream, encode_stance_stream
 from transport.messages.submessages import StanceMessage
-from transport.messages.terrain_codec import encode_terrain
-from transport.messages.terrain_message import TerrainMessage
+from transport.messages.terrain_message import TerrainMessage, encode_terrain
 from transport.messages.typestore import SCAN_END, SCAN_START, STRIPE, make_message
 from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topic_file import TopicFile

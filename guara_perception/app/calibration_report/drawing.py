@@ -11,7 +11,7 @@ import numpy as np
 
 from guara_perception.app.figures.figures import corrected_image
 from guara_perception.arrays import Image
-from guara_perception.calibration.floor_lines import floor_pixels
+from guara_perception.calibration.calibration import floor_pixels
 from guara_perception.calibration.laser import heights_through
 from guara_perception.calibration.plates import level_pixels
 from guara_perception.calibration.quality import COVERAGE_CELLS, GRID

@@ -10,8 +10,7 @@ import numpy as np
 from guara_perception.app.figures.figure_maps import draw_hazards, draw_image, draw_range_image, draw_surface
 from guara_perception.app.files.range_files import write_range_images
 from guara_perception.arrays import Float, Grey, Image, Interval
-from guara_perception.calibration.calibration import Calibration, CameraModel
-from guara_perception.calibration.floor_lines import floor_pixels
+from guara_perception.calibration.calibration import Calibration, CameraModel, floor_pixels
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 from guara_perception.files import check_folder
 from guara_perception.ranging.range_images import COLUMNS, ROWS

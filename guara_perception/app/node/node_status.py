@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from guara_perception.app.messages import LEVELS
 from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift, DriftWatch
-from guara_perception.terrain.layers.record_fields import Health as GridHealth
+from guara_perception.terrain.layers.record import Health as GridHealth
 from transport import Health, StatusItem, TransportError
 from transport.security.certificates import judge_security
 

@@ -13,7 +13,7 @@ from guara_perception.app.messages import message_to_stance
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, StanceError, Stillness
 from kinematics.robot_settings import PauseLimits
-from kinematics.state import checked_positions
+from kinematics.tree import checked_positions
 from transport import StancePause
 
 # A position this far beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.

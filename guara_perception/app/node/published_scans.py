@@ -19,7 +19,7 @@ from guara_perception.app.publisher import send_terrain
 from guara_perception.app.scene.range_images import range_image_messages
 from guara_perception.scanning.pictures import with_pictures
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import Health
 from kinematics import CameraMoved
 from transport import TerrainMessage
 from transport.keys import gait_clock_key

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 
 from kinematics import KinematicsError, RobotModel
-from kinematics.state import checked_positions
+from kinematics.tree import checked_positions
 from transport import Health, StanceStream, StatusItem, TransportError, clock
 
 # [1/s] Samples of a stream that is of use; more would cost the scans their time.

@@ -10,10 +10,9 @@ import numpy as np
 
 from guara_perception.arrays import Float, Image
 from guara_perception.calibration.board import BoardSpec, to_grey
-from guara_perception.calibration.calibration import CameraModel
+from guara_perception.calibration.calibration import CameraModel, floor_pixels
 from guara_perception.calibration.crosses import find_crosses
 from guara_perception.calibration.find_board import find_board
-from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.calibration.plates import level_pixels
 from guara_perception.settings import Settings
 from guara_perception.shown import eight_bits

@@ -26,7 +26,7 @@ from kinematics import (
 )
 from kinematics.model_checks import sole_above_foot
 from kinematics.srdf import allowed_pairs
-from kinematics.state import RobotState
+from kinematics.tree import RobotState
 from kinematics.urdf import Link
 
 # Largest distance of a sole frame from its foot [m]: more than this exceeds the noise of a cell's height.

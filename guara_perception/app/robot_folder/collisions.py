@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from guara_perception.arrays import Float
-from kinematics.state import RobotState
+from kinematics.tree import RobotState
 from kinematics.urdf import Shape, Urdf
 
 # Links with one moving joint between them overlap at the joint, in every posture of every robot.

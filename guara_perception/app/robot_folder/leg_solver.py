@@ -16,9 +16,8 @@ from kinematics.leg import NumericLeg
 from kinematics.load import rpy_from_rotation
 from kinematics.model_checks import extent_along, frames_fixed_to
 from kinematics.robot_toml import LegConfig, RobotToml
-from kinematics.state import RobotState
 from kinematics.toml_table import Table
-from kinematics.tree import KinematicTree
+from kinematics.tree import KinematicTree, RobotState
 from kinematics.urdf import Joint, Link, Shape, Urdf, rotation_from_rpy
 from kinematics.urdf_checks import root_link
 

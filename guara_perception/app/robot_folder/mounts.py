@@ -10,8 +10,7 @@ import numpy as np
 from guara_perception.app.robot_folder.postures import FoundPosture
 from guara_perception.arrays import Float, Mask
 from kinematics import SelfFilter
-from kinematics.state import RobotState
-from kinematics.tree import KinematicTree
+from kinematics.tree import KinematicTree, RobotState
 
 # As on the Guará: the area begins this far ahead of the front feet, since the ground up to there is known from before.
 AREA_AHEAD_M = 0.20

@@ -6,9 +6,8 @@ import numpy as np
 
 from guara_perception.arrays import Image, Index, Mask
 from guara_perception.stripes.any_light.stripe_path import find_path, find_path_of_pair
-from guara_perception.stripes.band import Band, has_colour
+from guara_perception.stripes.band import Band, clipped_columns, has_colour
 from guara_perception.stripes.kernel.library import Picture, addresses, kernel, memory
-from guara_perception.stripes.laser_light import clipped_columns
 from guara_perception.stripes.measure import SHIFTS, DetectedStripe
 from guara_perception.stripes.peaks import select
 

@@ -9,7 +9,7 @@ from guara_perception.arrays import Array, Flags, Float, Float32, Index, Mask
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.disc import clearance, edge_cells, fit_disc
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.window import (
+from guara_perception.terrain.layers.geometry import (
     EXTRA_RING_CELLS,
     LARGEST_DRIFT_CELLS,
     Kernel,

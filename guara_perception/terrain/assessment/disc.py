@@ -9,7 +9,7 @@ import numpy as np
 
 from guara_perception.arrays import Array, Codes, Flags, Float, Index, Mask
 from guara_perception.settings import TraversabilityLimits
-from guara_perception.terrain.assessment.window import (
+from guara_perception.terrain.layers.geometry import (
     EXTRA_RING_CELLS,
     KNOWN_SHARE,
     LEAST_MARGIN_CELLS,

@@ -12,9 +12,14 @@ from guara_perception.arrays import Array, Codes, Flags, Float, Index
 from guara_perception.settings import Settings
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.window import LARGEST_DRIFT_CELLS, Kernel, beyond_border, disc_kernel
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import (
+    LARGEST_DRIFT_CELLS,
+    GridGeometry,
+    Kernel,
+    beyond_border,
+    disc_kernel,
+)
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance
 from guara_perception.terrain.map.fuse_scan import pose_variance

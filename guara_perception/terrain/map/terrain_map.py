@@ -14,8 +14,7 @@ from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, cells_by_flag
-from guara_perception.terrain.layers.record import POSE, MapRecord
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import POSE, Health, MapRecord
 from guara_perception.terrain.map.checked_input import check_scan, checked_pose, tilt_between_looks
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.fuse_scan import fuse_scan

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Index, Mask
 from guara_perception.settings import RobotLike, TraversabilityLimits
-from guara_perception.terrain.assessment.window import disc_kernel, widest_window
-from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.layers.geometry import GridGeometry, disc_kernel, widest_window
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, MEANING, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 from guara_perception.terrain.questions.leg_reach import beyond_reach_of_ground

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from guara_perception.arrays import Float
-from guara_perception.terrain.assessment.window import KNOWN_SHARE, disc_kernel
+from guara_perception.terrain.layers.geometry import KNOWN_SHARE, disc_kernel
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, coordinates, look_up
 
 

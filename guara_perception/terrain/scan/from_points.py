@@ -19,8 +19,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard, cells_by_flag
 from guara_perception.terrain.layers.layered_grid import numbers
-from guara_perception.terrain.layers.record import ScanRecord
-from guara_perception.terrain.layers.record_fields import Health
+from guara_perception.terrain.layers.record import Health, ScanRecord
 from kinematics import RobotModel
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.ranging.hidden_relief import pair_relief
+from guara_perception.ranging.surface import pair_relief
 
 COLUMN_M, APART_M, WIDTH = 0.0009, 0.0162, 640
 NOISE_M = 1e-4

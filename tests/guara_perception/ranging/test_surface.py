@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from guara_perception.ranging.stripe_points import ColumnPoints, StripePoints
 from guara_perception.ranging.surface import OPEN_END_M, Links, joined_surface, linked_columns, surface_keys, surface_of
-from guara_perception.ranging.surface_raster import SurfaceRaster, line_samples
+from guara_perception.scanning.scan_surface import SurfaceRaster, line_samples
 from guara_perception.terrain.assessment.raster import SurfaceSamples
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import Hazard

@@ -15,8 +15,7 @@ import guara_perception as gp
 from drivers import AcquireOptions, OffFrames
 from guara_perception.app.main import run
 from guara_perception.app.summary import summary
-from guara_perception.scanning.flash_proof import FlashProof, lit_pixels
-from guara_perception.scanning.second_line import doubled_stripes
+from guara_perception.scanning.flash_proof import FlashProof, doubled_stripes, lit_pixels
 from guara_perception.simulation import World
 from kinematics import PoseInOdom
 from testbed.scenes import OWN_DATA, recorded, simulated

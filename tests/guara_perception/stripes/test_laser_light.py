@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.stripes.laser_light import clipped_columns, judge
+from guara_perception.stripes.band import clipped_columns, judge
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])

@@ -1,7 +1,6 @@
 """Table of ranges of docs/reference/message-ranges.md, made of the ranges that the code checks."""
 
-from transport.messages.ranges import TYPES, inner_type, ranges
-from transport.messages.typestore import typestore
+from transport.messages.typestore import TYPES, inner_type, ranges, typestore
 
 
 def checked_types() -> list[str]:

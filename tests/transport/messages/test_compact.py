@@ -15,7 +15,7 @@ import transport
 from transport import MessageError, keys
 from transport.messages.scan_messages import encode_query_request
 from transport.messages.shuffle import compress
-from transport.messages.terrain_codec import ROUND, ROUNDING, encode_compact, rounded
+from transport.messages.terrain_message import ROUND, ROUNDING, encode_compact, rounded
 
 PATIENCE = 30.0
 DOWN, UP = ("elevation_min", "clearance", "traversability"), ("elevation_max", "variance", "slope", "step_height")

@@ -23,9 +23,8 @@ from transport.messages.map_messages import (
     encode_regions,
     encode_summary,
 )
-from transport.messages.ranges import EXCEPTIONS, FIELDS, Range, check_ranges, ranges
 from transport.messages.stance_pause import make_stance_pause
-from transport.messages.typestore import message_files, typestore
+from transport.messages.typestore import EXCEPTIONS, FIELDS, Range, check_ranges, message_files, ranges, typestore
 
 ROOT = Path(__file__).parents[3]
 ORIGIN = {"robot": "r", "sequence": 1, "step": 1, "stamp": 5, "scan_end": 5, "valid_for": 1.0, "valid_pauses": 1}

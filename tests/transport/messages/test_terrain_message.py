@@ -9,8 +9,7 @@ import pytest
 import transport
 from transport import MessageError, VersionError
 from transport.messages.codec import encode
-from transport.messages.terrain_codec import make_terrain
-from transport.messages.terrain_message import crop_terrain
+from transport.messages.terrain_message import crop_terrain, make_terrain
 from transport.messages.typestore import message_class
 
 

@@ -42,7 +42,7 @@ from transport.messages.map_messages import RegionsMessage, SummaryMessage, enco
 from transport.messages.scan_messages import encode_query_request, encode_scan_request
 from transport.messages.stance_pause import make_stance_pause
 from transport.messages.status_message import STATUS_NAME
-from transport.messages.terrain_codec import make_terrain
+from transport.messages.terrain_message import make_terrain
 from transport.messages.typestore import QUERY_REQUEST, REGIONS, SCAN_REQUEST, STATUS, SUMMARY
 from transport.recording import open_recording
 from transport.server import PerceptionServer

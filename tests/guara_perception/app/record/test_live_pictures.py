@@ -13,8 +13,8 @@ from guara_perception.app.record.session_writer import SessionPlan, SessionWrite
 from guara_perception.app.record.simulated import SimulatedWorkshop
 from guara_perception.app.targets.drawings import cross_points
 from guara_perception.calibration.board import BoardSpec
+from guara_perception.calibration.calibration import floor_pixels
 from guara_perception.calibration.find_board import find_board
-from guara_perception.calibration.floor_lines import floor_pixels
 from guara_perception.settings import Settings
 from guara_perception.simulation.target_pictures import TargetCamera
 

@@ -14,7 +14,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.disc import fit_disc
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.window import disc_kernel
+from guara_perception.terrain.layers.geometry import disc_kernel
 from guara_perception.terrain.layers.hazard import Hazard
 from guara_perception.terrain.scan.assess_terrain import default_limits
 from tests.thorough import examples

@@ -15,7 +15,7 @@ from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.disc import edge_cells
 from guara_perception.terrain.assessment.raster import Raster
-from guara_perception.terrain.assessment.window import LARGEST_DRIFT_CELLS, disc_kernel, half_cells, widest_window
+from guara_perception.terrain.layers.geometry import LARGEST_DRIFT_CELLS, disc_kernel, half_cells, widest_window
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, Hazard
 from tests.thorough import examples
 

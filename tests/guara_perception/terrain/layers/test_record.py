@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.terrain.layers.record import GridRecord
-from guara_perception.terrain.layers.record_fields import FORMS, Health
+from guara_perception.terrain.layers.record import FORMS, GridRecord, Health
 from tests import frozen
 
 each_kind = pytest.mark.parametrize("kind", (gp.ScanRecord, gp.MapRecord))

@@ -18,7 +18,7 @@ from kinematics import PoseInOdom, RobotModel
 from testbed.truth import truth_calibration
 from tests.thorough import examples, further
 from transport import decode_terrain
-from transport.messages.terrain_codec import ROUNDING, encode_compact
+from transport.messages.terrain_message import ROUNDING, encode_compact
 
 PROPERTY = settings(max_examples=examples(10), deadline=None, derandomize=True)
 SHARED = Path(__file__).parents[5] / "shared" / "data"

@@ -14,8 +14,7 @@ import guara_perception as gp
 from guara_perception.settings import TraversabilityLimits
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.hazard import Hazard
-from guara_perception.terrain.layers.record import ScanRecord
-from guara_perception.terrain.layers.record_fields import known_limits
+from guara_perception.terrain.layers.record import ScanRecord, known_limits
 from kinematics import KinematicsError, RobotModel, RobotNotFound, Stance, describe_robot, load_robot
 from tests.guara_perception.terrain.questions.ground import ORIGIN, PROPERTY, grid, world
 

@@ -16,7 +16,7 @@ from guara_perception.terrain.questions.convex import grow_polygon
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
 from transport import decode_terrain
-from transport.messages.terrain_codec import encode_compact
+from transport.messages.terrain_message import encode_compact
 
 PROPERTY = settings(max_examples=examples(40), deadline=None, derandomize=True)
 
