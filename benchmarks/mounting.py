@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import guara_perception as gp
 from benchmarks.command import Table
 from guara_perception.simulation.specimen import rotation
 from testbed import scenes
+from testbed.moved_mount import moved, moved_about
 
 SCAN = Path(__file__).resolve().parents[1] / "tests" / "data" / "scans" / "paper"
 # The mirror's axis in base_link [m], parallel to y.
@@ -59,27 +59,6 @@ CHANGES = (
     Change("camera 0.2 mm up, laser not", camera_shift=0.0002),
     Change("whole head pitched by 0.1 degrees", pitch=np.radians(0.1)),
 )
-
-
-def moved_about(turn: np.ndarray, about: np.ndarray, shift: npt.ArrayLike = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """Motion (4, 4) by a rotation about a point and a shift [m]."""
-    transform = np.eye(4)
-    transform[:3, :3] = turn
-    transform[:3, 3] = about - turn @ about + shift
-    return transform
-
-
-def moved(calibration: gp.Calibration, *, camera: np.ndarray, laser: np.ndarray) -> gp.Calibration:
-    """Calibration after motions (4, 4) in base_link of the camera and of the laser planes."""
-    before = calibration.transform_camera_to_base
-    # A plane transforms by the inverse transpose; in the camera's frame the laser moves against the camera.
-    now = camera @ before
-    planes = [stripe.plane @ np.linalg.inv(np.linalg.inv(now) @ laser @ before) for stripe in calibration.stripes]
-    stripes = tuple(
-        replace(stripe, plane=plane / np.linalg.norm(plane[:3]))
-        for stripe, plane in zip(calibration.stripes, planes, strict=True)
-    )
-    return replace(calibration, transform_camera_to_base=now, stripes=stripes)
 
 
 def changed(calibration: gp.Calibration, change: Change) -> gp.Calibration:

@@ -2,51 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.scanned_walk import WalkedPause, drift_aside, fused_pauses
+from benchmarks.fused_walk import drift_aside, fused_pauses
 from guara_perception.arrays import Float, Float32
 from kinematics import RobotModel, load_robot
 from kinematics.transforms import transform_points
-from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, scan, seen_height, walk
-from testbed.moving_ground import STANDING, WORLDS, MovingGround
+from testbed.analytic_walk import seen_height
+from testbed.moving_ground import WORLDS, MovingPause, pauses_of
 
 # A free cell whose ground is further from its height was taken for other ground.
 WRONG_M = 0.015
 EXCEEDED_M = 0.017
 # Bounds are compared at every so many pauses: this takes most of the time.
 BOUNDS_EVERY = 4
-
-
-@dataclass(frozen=True)
-class MovingPause(WalkedPause):
-    """A pause on ground that moves."""
-
-    ground: MovingGround
-
-
-def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[MovingPause]:
-    """A walk over one of the worlds."""
-    ground = WORLDS[name](seed)
-    camera = np.eye(4)
-    camera[:3, 3] = CAMERA_IN_BASE
-    for pause in walk(robot, ground, cycles, seed, stands=name in STANDING):
-        terrain = scan(robot, ground, pause, seed)
-        to_footprint = terrain.scan_record.transform_base_to_footprint
-        assert to_footprint is not None
-        laser = transform_points(to_footprint, LASER_IN_BASE)
-        record = replace(terrain.scan_record, transform_camera_to_base=camera, laser_origin=laser, stripes_planned=70)
-        terrain = gp.TerrainGrid(
-            layers=terrain.layers, geometry=terrain.geometry, stamp=terrain.stamp, step=terrain.step, record=record
-        )
-        yield MovingPause(
-            pause.stance, terrain, pause.transform_base_to_world @ np.linalg.inv(to_footprint), ground.at(pause.step)
-        )
 
 
 def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> dict[str, float]:

@@ -20,13 +20,13 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.command import Table, options
 from benchmarks.rounds import resident_mb
-from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Array, Float, Image, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, World, specimen
 from guara_perception.simulation.features import Box
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import Stance, load_robot
+from testbed.true_ground import TrueGround
 
 # Distance of the two cameras, and of two pauses of the gait [m].
 BASELINE_M, STEP_M = 0.060, 0.035

@@ -23,12 +23,12 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.emulated_sweeps import view_of
 from benchmarks.node import listening, showing
 from benchmarks.peers import Peer, free_endpoint, peers, say
 from guara_perception.app.messages import stance_to_message
 from guara_perception.simulation.walk import fresh_reading
 from kinematics import Stance, load_robot
+from testbed.emulated_sweeps import view_of
 from testbed.moved_robot import WRONG_M, scan_of_a_moved_robot
 from testbed.scenes import simulated
 from transport import PausePhase, StancePause, StancePublisher, open_client

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,30 +20,14 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
-from benchmarks.scanned_walk import PAUSES_BETWEEN, SEEN_AT, WalkedPause, drift_aside
-from benchmarks.sigmas import SAMPLES, calibrated
+from benchmarks.fused_walk import PAUSES_BETWEEN, SEEN_AT, drift_aside
+from benchmarks.sigmas import SAMPLES
 from guara_perception.app.robot_folder.new_robot import new_robot
 from guara_perception.arrays import Float
-from guara_perception.calibration.height_sigma import HeightUncertainty
-from guara_perception.ground_picture import GroundPicture
-from guara_perception.settings import Settings
-from guara_perception.simulation import SimulatedRangefinder, World, specimen
-from guara_perception.simulation.light import Light
-from guara_perception.simulation.specimen import rotation
-from guara_perception.simulation.walk import WalkNoise, WalkPause, fresh_reading, simulate_walk
-from kinematics import LegOdometry, RobotModel, Stance, load_robot
-from testbed.random_world import random_world
+from kinematics import LegOdometry, RobotModel, load_robot
+from testbed.erring_walk import pictured
+from testbed.scanned_walk import WalkedPause
 from testbed.stock_robots import stock_urdf
-
-# Factors of texture, and shares of the way by which feet slide, of walks that draw them.
-TEXTURES, SLIDES = (0.4, 3.0), (-0.08, 0.08)
-
-
-@dataclass(frozen=True)
-class PicturedPause(WalkedPause):
-    """One pause with the laser-off picture of its scan, or the reason why there is none."""
-
-    picture: GroundPicture | str = ""
 
 
 @dataclass(frozen=True)
@@ -67,76 +51,7 @@ class Held:
     seconds: float
 
 
-def misread(true: gp.Calibration, rng: np.random.Generator) -> gp.Calibration:
-    """A calibration of a rangefinder, with errors of lens, mount and planes as of one from pictures."""
-    covariance, uncertainty = calibrated().covariance, HeightUncertainty.of(calibrated())
-    assert covariance is not None and uncertainty is not None
-    errors = rng.multivariate_normal(np.zeros(12), np.array(covariance["matrix"]), method="svd")
-    matrix = true.camera.matrix + np.diag([*errors[:2], 0.0])
-    matrix[:2, 2] += errors[2:4]
-    camera = replace(
-        true.camera, matrix=matrix, distortion=true.camera.distortion + np.append(errors[4:6], np.zeros(3))
-    )
-    pose = np.array(covariance["values"])[6:]
-    mount = true.transform_camera_to_base @ _to_camera(pose) @ np.linalg.inv(_to_camera(pose + errors[6:]))
-    stripes = []
-    for stripe in true.stripes:
-        plane = rng.multivariate_normal(stripe.plane, uncertainty.plane_covariance(stripe.index), method="svd")
-        stripes.append(replace(stripe, plane=plane / np.linalg.norm(plane[:3])))
-    return replace(true, camera=camera, stripes=tuple(stripes), transform_camera_to_base=mount, covariance=covariance)
-
-
-def _to_camera(pose: Float) -> Float:
-    """Transform (4, 4) of a rotation vector and a translation (6,)."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation(pose[:3]), pose[3:]
-    return transform
-
-
-def pictured(
-    robot: RobotModel, seed: int, cycles: float, texture: float | None, slide: float | None, *, physics: bool = False
-) -> Iterator[PicturedPause]:
-    """A walk through simulated frames; texture and slide are drawn where they are None.
-
-    In MuJoCo contacts decide what slides.
-    """
-    rng = np.random.default_rng(1000 + seed)
-    texture = float(np.exp(rng.uniform(*np.log(TEXTURES)))) if texture is None else texture
-    noise = WalkNoise(joint=0.0, slide=float(rng.uniform(*SLIDES)) if slide is None else slide)
-    if physics:
-        world = random_world(seed, boxes=7, rocks=0, pits=0, dark=0, undulation=0.0, box_heights=(0.01, 0.04))
-    else:
-        world = random_world(seed)
-    true = specimen(robot, (640, 512), seed)
-    calibration = misread(true, rng)
-    bias = dict(zip(robot.tree.joint_names, robot.noise.encoder_sigma * rng.standard_normal(99), strict=False))
-    rangefinder = SimulatedRangefinder(world, true, robot, seed, light=Light(texture=texture))
-    for pause in _walk(robot, world, seed, cycles, noise, physics=physics):
-        rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
-        joints = {name: angle + bias[name] for name, angle in pause.joint_positions.items()}
-        stance = Stance(joints, robot.legs, pause.stance.gravity_in_base)
-        stance = fresh_reading(stance, rng, robot.noise.encoder_noise)
-        processor, off = gp.ScanProcessor(calibration, robot, stance, "coarse", step=pause.step), None
-        for index in Settings.of(robot).pattern("coarse"):
-            off = rangefinder.frame(laser=0.0) if off is None else off
-            processor.add(index, rangefinder.frame(mirror_angle=true.stripe(index).mirror_angle), off)
-        scan = processor.finish("wide")
-        footprint = np.linalg.inv(np.array(scan.metadata["transform_base_to_footprint"]))
-        to_world, known = pause.transform_base_to_world @ footprint, pause.known_ground
-        yield PicturedPause(stance, scan, to_world, None, known, picture=processor.ground_picture)
-
-
-def _walk(
-    robot: RobotModel, world: World, seed: int, cycles: float, noise: WalkNoise, *, physics: bool
-) -> Iterator[WalkPause]:
-    if not physics:
-        return simulate_walk(world, robot, cycles=cycles, seed=seed, noise=noise)
-    from testbed.physics.physics_walk import physics_walk
-
-    return physics_walk(world, robot, cycles=cycles, seed=seed, noise=noise)
-
-
-def held(robot: RobotModel, pauses: list[PicturedPause], *, with_pictures: bool) -> Held:
+def held(robot: RobotModel, pauses: list[WalkedPause], *, with_pictures: bool) -> Held:
     """Figures of a walk with its pictures, or as if none had shown anything."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
     poses: list[Float] = []
@@ -173,7 +88,7 @@ def normalised(walks: list[Held]) -> str:
     return ", ".join(f"{name} {mean:.2f} [{a:.2f} {b:.2f}], {share:.0f} %" for name, mean, a, b, share in axes)
 
 
-def show(name: str, robot: RobotModel, walks: Iterator[list[PicturedPause]]) -> None:
+def show(name: str, robot: RobotModel, walks: Iterator[list[WalkedPause]]) -> None:
     """Print a kind of walk without and with pictures."""
     both = [
         (held(robot, each, with_pictures=False), held(robot, each, with_pictures=True), len(each)) for each in walks
@@ -210,7 +125,7 @@ def main() -> None:
 
     def walks(
         count: int, texture: float | None = None, slide: float | None = None, *, physics: bool = False
-    ) -> Iterator[list[PicturedPause]]:
+    ) -> Iterator[list[WalkedPause]]:
         for seed in range(asked.first, asked.first + count):
             yield list(pictured(robot, seed, cycles, texture, slide, physics=physics))
 

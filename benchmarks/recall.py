@@ -11,16 +11,15 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table
-from benchmarks.scanned_walk import SEEN_CELL_M, ScannedPause, map_geometry, scanned
-from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Array, Codes, Float, Index, Mask
 from guara_perception.settings import Settings, TraversabilityLimits
 from guara_perception.simulation.world import World
-from guara_perception.terrain.assessment.window import half_cells
-from guara_perception.terrain.layers.geometry import GridGeometry, inside_polygon
+from guara_perception.terrain.layers.geometry import GridGeometry, half_cells, inside_polygon
 from guara_perception.terrain.layers.hazard import Hazard
 from kinematics import LegOdometry, RobotModel
 from testbed.kinds_of_ground import TRACK_M, course
+from testbed.scanned_walk import SEEN_CELL_M, ScannedPause, map_geometry, scanned
+from testbed.true_ground import TrueGround
 
 # The first pause that is judged: before it the map holds little but what the gait declared.
 FIRST_JUDGED = 4

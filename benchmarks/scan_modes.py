@@ -13,7 +13,6 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
-from benchmarks.true_ground import TrueGround
 from benchmarks.usable_ground import cells
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.app.node.sweep import Sweeper, SweepJob
@@ -21,6 +20,7 @@ from guara_perception.settings import Settings
 from guara_perception.simulation.features import Box
 from guara_perception.simulation.world import World
 from guara_perception.terrain.scan.policy import ScanPolicy
+from testbed.true_ground import TrueGround
 
 UNDULATION_M = 0.002
 BOX_HEIGHTS_M = (0.02, 0.08)

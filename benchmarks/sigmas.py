@@ -8,150 +8,29 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import Table, options
-from benchmarks.true_ground import CELL_M, TrueGround
 from guara_perception.arrays import Float, Float32, Index
-from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.settings import Settings
-from guara_perception.simulation import SimulatedRangefinder, World, specimen
-from guara_perception.simulation.features import Box, Ramp
-from guara_perception.simulation.gait import OutOfReach, WaveGait
-from guara_perception.simulation.light import Light
-from guara_perception.simulation.specimen import rotation
-from guara_perception.simulation.walk import WalkNoise, WalkPause, fresh_reading, simulate_walk
-from kinematics import LegOdometry, RobotModel, Stance, load_robot
+from guara_perception.simulation import World
+from guara_perception.simulation.gait import OutOfReach
+from guara_perception.simulation.walk import WalkPause
+from kinematics import RobotModel, load_robot
 from kinematics.footprint import fit_support_plane, transform_base_to_footprint
 from kinematics.transforms import inverse, transform_points
+from testbed.erring_walk import grids, leaning_world, sloping_world, walked
+from testbed.true_ground import CELL_M, TrueGround
 
-SIZE = (640, 512)
 # Cells of a grid that are judged, and samples of the bootstrap over walks.
 JUDGED, SAMPLES = 400, 300
-# Standard deviation of smooth and of rough ground, and wave lengths of the rough [m].
-SMOOTH_M, ROUGH_M, WAVES_M = 0.005, 0.0015, (0.04, 0.2)
-# Blocks under the feet of the first stance [m].
-BLOCK_M, LEAST_BLOCK_M = 0.12, 0.002
-# Speckle as strong as the sigmas of stripes assume.
-LIGHT = Light(speckle=0.3)
 # Margin of the truth about a grid whose frame leans [cells].
 BESIDE_CELLS = 10
 # Robust scale of a normal distribution over its median absolute value.
 MEDIAN = 1.4826
-
-
-@dataclass(frozen=True)
-class Walk:
-    """A walk as the robot reports it.
-
-    Attributes:
-        world: the ground.
-        calibration: the calibration that the robot has, which is not quite that of its rangefinder.
-        pauses: the pauses and the frames of their scans.
-    """
-
-    world: World
-    calibration: gp.Calibration
-    pauses: list[tuple[WalkPause, list[gp.FramePair]]]
-
-
-@cache
-def calibrated() -> gp.Calibration:
-    """A calibration from pictures, whose covariance is that of all walks."""
-    return gp.calibrate(Path(__file__).parent.parent / "tests" / "data" / "calibration")
-
-
-def drawn(true: gp.Calibration, rng: np.random.Generator) -> gp.Calibration:
-    """A calibration of a rangefinder, with errors of planes and mount from the covariance of `calibrated`."""
-    uncertainty = HeightUncertainty.of(calibrated())
-    assert uncertainty is not None
-    stripes = []
-    for stripe in true.stripes:
-        plane = rng.multivariate_normal(stripe.plane, uncertainty.plane_covariance(stripe.index), method="svd")
-        stripes.append(replace(stripe, plane=plane / np.linalg.norm(plane[:3])))
-    # Constant and linear terms of the field of height errors: the camera higher, or turned about the field's origin.
-    lift, by_x, by_y = rng.multivariate_normal(np.zeros(3), uncertainty.field[:3, :3], method="svd")
-    turn = np.eye(4)
-    turn[:3, :3] = rotation(np.array([by_y, -by_x, 0.0]))
-    turn[:3, 3] = uncertainty.field_origin - turn[:3, :3] @ uncertainty.field_origin + (0.0, 0.0, lift)
-    mount = turn @ true.transform_camera_to_base
-    return replace(true, stripes=tuple(stripes), transform_camera_to_base=mount, covariance=calibrated().covariance)
-
-
-def leaning_world(robot: RobotModel, seed: int, *, rough: bool) -> World:
-    """Smooth or rough ground, and blocks under the first stance that lean as robot.toml says that ground does."""
-    rng = np.random.default_rng(seed)
-    feet = WaveGait.of(robot).first_stance().values()
-    heights = np.array(list(feet)) @ (robot.noise.terrain_slope_sigma * rng.standard_normal(2))
-    blocks = [
-        Box(x=x, y=y, size=(BLOCK_M, BLOCK_M), height=float(height))
-        for (x, y), height in zip(feet, heights - heights.min() + LEAST_BLOCK_M, strict=True)
-    ]
-    world = World(
-        features=tuple(blocks), undulation=ROUGH_M if rough else SMOOTH_M, seed=seed, light=LIGHT, flat_until=0.3
-    )
-    if rough:
-        lengths, angles, phases = rng.uniform(*WAVES_M, 12), *rng.uniform(0, 2 * np.pi, (2, 12))
-        numbers = 2 * np.pi / lengths
-        waves = np.column_stack((numbers * np.cos(angles), numbers * np.sin(angles), phases))
-        object.__setattr__(world, "_waves", waves)
-    return world
-
-
-def sloping_world(seed: int) -> World:
-    """Level ground, then a slope of up to 15 degrees, with boxes for the fore feet and ramps that are too steep."""
-    rng = np.random.default_rng(seed)
-    slope = np.tan(np.radians(rng.uniform(3.0, 15.0)))
-    features: list[Box | Ramp] = []
-    if seed % 2:
-        features.append(Ramp(x=1.3, y=0.0, size=(2.0, 1.8), height=2.0 * slope))
-    else:
-        features.append(Box(x=0.21, y=0.0, size=(0.12, 0.8), height=float(rng.uniform(0.01, 0.03))))
-    for _ in range(4):
-        x, y, yaw = rng.uniform(0.5, 1.2), rng.uniform(-0.25, 0.25), rng.uniform(0, 2 * np.pi)
-        steep = np.tan(np.radians(rng.uniform(21.0, 27.0)))
-        size = float(rng.uniform(0.12, 0.2))
-        features.append(Ramp(x=x, y=y, yaw=yaw, size=(size, 0.2), height=size * steep))
-    return World(features=tuple(features), seed=seed, light=LIGHT)
-
-
-def walked(robot: RobotModel, world: World, seed: int, mode: str, cycles: float) -> Walk:
-    """A walk of a robot with biases of its own over a world."""
-    cv2.setNumThreads(1)
-    rng = np.random.default_rng(seed)
-    true = specimen(robot, SIZE, seed)
-    rangefinder = SimulatedRangefinder(world, true, robot, seed)
-    bias = dict(zip(robot.tree.joint_names, robot.noise.encoder_sigma * rng.standard_normal(99), strict=False))
-    tilt = rotation(robot.noise.imu_sigma * rng.standard_normal(3))
-    pauses, noise = [], WalkNoise(joint=0.0, imu=0.0, contact=robot.noise.contact_sigma)
-    for pause in simulate_walk(world, robot, cycles=cycles, seed=seed, noise=noise):
-        rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
-        frames = [gp.FramePair(*each) for each in rangefinder.frames(Settings.of(robot).pattern(mode))]
-        joints = {name: angle + bias[name] for name, angle in pause.joint_positions.items()}
-        down = -tilt @ pause.transform_base_to_world[2, :3]
-        stance = fresh_reading(Stance(joints, robot.legs, tuple(down.tolist())), rng, robot.noise.encoder_noise)
-        pauses.append((replace(pause, stance=stance), frames))
-    return Walk(world, drawn(true, rng), pauses)
-
-
-def grids(
-    robot: RobotModel, walk: Walk, mode: str, *, has_imu: bool
-) -> Iterator[tuple[WalkPause, gp.TerrainGrid, gp.TerrainGrid]]:
-    """Each pause of a walk with its scan and its map."""
-    odometry, rolling = LegOdometry(robot), gp.TerrainMap(robot)
-    for pause, frames in walk.pauses:
-        stance = pause.stance if has_imu else replace(pause.stance, gravity_in_base=None)
-        gravity = odometry.carried_gravity(stance)
-        processor = gp.ScanProcessor(walk.calibration, robot, stance, mode, step=pause.step, gravity=gravity)
-        processor.add_all(frames)
-        scan = processor.finish("wide")
-        yield pause, scan, rolling.update(scan, odometry.update(stance))
 
 
 def true_frame(robot: RobotModel, world: World, pause: WalkPause, grid: gp.TerrainGrid) -> Float:

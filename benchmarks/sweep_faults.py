@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.emulated_sweeps import FLASH, Picture, emulated, firing_order_of, take
 from drivers import AcquireOptions, SweepOptions
 from drivers.emulator import EmulatorConfig
+from testbed.emulated_sweeps import FLASH, Picture, emulated, firing_order_of, take
 from testbed.triggered_camera import EmulatedTriggeredCamera
 
 FAULTY_SWEEPS = 200

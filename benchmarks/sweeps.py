@@ -14,7 +14,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from benchmarks.command import options
-from benchmarks.emulated_sweeps import (
+from benchmarks.section import Section
+from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
+from drivers import AcquireOptions, StripeCapture, SweepOptions
+from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node.live_scan import STRIPES_AFTER
+from testbed import scenes
+from testbed.emulated_sweeps import (
     FLASH,
     Triggered,
     emulated,
@@ -24,12 +30,6 @@ from benchmarks.emulated_sweeps import (
     triggered_on_chip,
     view_of,
 )
-from benchmarks.section import Section
-from benchmarks.sweep_faults import FAULTY_SWEEPS, faults
-from drivers import AcquireOptions, StripeCapture, SweepOptions
-from guara_perception.app.messages import terrain_to_message
-from guara_perception.app.node.live_scan import STRIPES_AFTER
-from testbed import scenes
 from testbed.triggered_camera import EmulatedTriggeredCamera
 from transport.messages.terrain_message import encode_terrain
 

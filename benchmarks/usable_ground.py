@@ -17,9 +17,8 @@ import numpy as np
 
 import guara_perception as gp
 from benchmarks.command import options
+from benchmarks.fused_walk import JudgedPause, judged_walk
 from benchmarks.recall import DANGEROUS_RELIEF_M, causes, recall_of_kinds, relief_under, sole_window
-from benchmarks.scanned_walk import JudgedPause, ScannedPause, judged_walk, scanned_walk
-from benchmarks.true_ground import TrueGround
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
 from guara_perception.simulation import World
@@ -30,6 +29,8 @@ from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
 from kinematics import RobotModel, load_robot
 from testbed.kinds_of_ground import KINDS, MOVING
+from testbed.scanned_walk import ScannedPause, scanned_walk
+from testbed.true_ground import TrueGround
 from testbed.truth import truth_calibration
 
 CLEARANCE_M, APEX_M = 0.020, 0.060

@@ -18,15 +18,15 @@ import numpy as np
 import guara_perception as gp
 from benchmarks import map_cost, moving_ground, pictures, scan_modes, sigmas
 from benchmarks.command import options, run_part
-from benchmarks.scanned_walk import PAUSES_BETWEEN, WalkedPause, drift_aside, fused_pauses, scanned_walk
+from benchmarks.fused_walk import PAUSES_BETWEEN, drift_aside, fused_pauses
 from guara_perception.arrays import Float
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from kinematics import RobotModel, load_robot
-from testbed.analytic_walk import Ground, LevelGround, scan, seen_height, walk
+from testbed.analytic_walk import Ground, seen_height
+from testbed.scanned_walk import WalkedPause, analytic_pauses, framed_pauses
 
 # A hind foot reaches ground that was scanned before the walk began only after this number of pauses.
 FIRST_HIND_PAUSE = 24
-FOOT_HALF = (0.035, 0.025)
 # Pauses after which cells hidden in a scan are counted in the map.
 HIDDEN_AFTER = (0, 4, 8, 12)
 
@@ -73,9 +73,14 @@ def drift() -> None:
     )
     robot, cycles, kept = load_robot("guara"), arguments.cycles, arguments.kept
     kinds: tuple[tuple[str, int, int, Callable[[int], Iterator[WalkedPause]]], ...] = (
-        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic(robot, seed, cycles)),
-        ("level ground", arguments.first, arguments.flat, lambda seed: analytic(robot, seed, cycles, level=True)),
-        ("frames", 0, arguments.frames, lambda seed: frames(robot, seed, cycles, kept)),
+        ("mixed ground", arguments.first, arguments.walks, lambda seed: analytic_pauses(robot, seed, cycles)),
+        (
+            "level ground",
+            arguments.first,
+            arguments.flat,
+            lambda seed: analytic_pauses(robot, seed, cycles, level=True),
+        ),
+        ("frames", 0, arguments.frames, lambda seed: framed_pauses(robot, seed, cycles, kept)),
     )
     for name, first, count, pauses_of in kinds:
         if count:
@@ -169,44 +174,6 @@ def follow_hidden(
         local = (points - pose[:2, 3]) @ pose[:2, :2]
         is_hidden = (np.asarray(fused.hazard_at(local[:, 0], local[:, 1])) & np.uint16(Hazard.OCCLUDED)) != 0
         shares.append(float(is_hidden.sum()) / terrain.geometry.size)
-
-
-def analytic(robot: RobotModel, seed: int, cycles: int, *, level: bool = False) -> Iterator[WalkedPause]:
-    """A walk over analytic ground: joint and contact noise, no frames."""
-    ground = Ground.random(seed)
-    if level:
-        ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
-    for pause in walk(robot, ground, cycles, seed):
-        terrain = scan(robot, ground, pause, seed)
-        to_world = _to_world(pause.transform_base_to_world, terrain)
-        under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
-        height = ground.height_at(under[:, 0], under[:, 1])
-        yield WalkedPause(pause.stance, terrain, to_world, ground, feet=_in_footprint(to_world, under, height))
-
-
-def frames(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
-    """A walk through simulated frames."""
-    world, pauses = scanned_walk(robot, seed, cycles=cycles, kept=kept)
-    for item in pauses:
-        pause, to_world = item.pause, _to_world(item.pause.transform_base_to_world, item.scan)
-        under = _sole(np.array(pause.to_world(*pause.nominal))) if pause.nominal[0] < 0 else np.empty((0, 2))
-        feet = _in_footprint(to_world, under, world.height(under[:, 0], under[:, 1]))
-        yield WalkedPause(pause.stance, item.scan, to_world, None, pause.known_ground, feet)
-
-
-def _to_world(base_to_world: Float, terrain: gp.TerrainGrid) -> Float:
-    return np.asarray(base_to_world @ np.linalg.inv(np.array(terrain.metadata["transform_base_to_footprint"])))
-
-
-def _sole(centre: Float) -> Float:
-    """Points (n, 2) under a sole."""
-    dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
-    return np.asarray(centre + np.column_stack((dx, dy)))
-
-
-def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
-    points = np.column_stack((points_xy, height))
-    return np.asarray((points - to_world[:3, 3]) @ to_world[:3, :3])
 
 
 def main() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import numpy as np
 
+import guara_perception as gp
 from guara_perception.arrays import Float, Mask
-from testbed.analytic_walk import Ground
+from kinematics import RobotModel
+from kinematics.transforms import transform_points
+from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, Ground, scan, walk
+from testbed.scanned_walk import WalkedPause, footprint_to_world
 
 NO_RAMP = np.zeros((3, 2))
 
@@ -255,3 +259,28 @@ WORLDS: dict[str, Callable[[int], MovingGround]] = {
     "platform": platform,
 }
 STANDING = ("all seen, robot stands",)
+
+
+@dataclass(frozen=True)
+class MovingPause(WalkedPause):
+    """A pause on ground that moves."""
+
+    ground: MovingGround
+
+
+def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[MovingPause]:
+    """A walk over one of the worlds."""
+    ground = WORLDS[name](seed)
+    camera = np.eye(4)
+    camera[:3, 3] = CAMERA_IN_BASE
+    for pause in walk(robot, ground, cycles, seed, stands=name in STANDING):
+        terrain = scan(robot, ground, pause, seed)
+        to_footprint = terrain.scan_record.transform_base_to_footprint
+        assert to_footprint is not None
+        laser = transform_points(to_footprint, LASER_IN_BASE)
+        record = replace(terrain.scan_record, transform_camera_to_base=camera, laser_origin=laser, stripes_planned=70)
+        terrain = gp.TerrainGrid(
+            layers=terrain.layers, geometry=terrain.geometry, stamp=terrain.stamp, step=terrain.step, record=record
+        )
+        to_world = footprint_to_world(pause.transform_base_to_world, terrain)
+        yield MovingPause(pause.stance, terrain, to_world, ground.at(pause.step))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from benchmarks.moving_ground import pauses_of
 from kinematics import LegOdometry, RobotModel
+from testbed.moving_ground import pauses_of
 
 
 @pytest.mark.slow

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.recall import DANGEROUS_RELIEF_M, Soles, walk_counts
-from benchmarks.true_ground import CELL_M, TrueGround
 from guara_perception.settings import Settings
 from guara_perception.terrain.layers.geometry import GridGeometry
 from kinematics import load_robot
 from testbed.kinds_of_ground import KINDS, MOVING, course
+from testbed.true_ground import CELL_M, TrueGround
 
 SOLE = np.ones((13, 17), np.uint8)
 CELLS = GridGeometry.over((0.0, 0.4), (-0.2, 0.2), 0.005)

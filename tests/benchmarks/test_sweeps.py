@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from benchmarks import emulated_sweeps, sweep_faults, sweeps
+from benchmarks import sweep_faults, sweeps
+from testbed import emulated_sweeps
 
 pytestmark = pytest.mark.slow
 

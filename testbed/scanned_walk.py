@@ -1,20 +1,17 @@
-"""Walks: maps of their pauses, and those over random worlds, scanned frame by frame and on request kept in files."""
+"""Walks through simulated frames over random worlds, kept in files on request or with their laser-off pictures."""
 
 from __future__ import annotations
 
 import pickle
-import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
 
 import guara_perception as gp
-from benchmarks.true_ground import TrueGround
-from guara_perception.arrays import Float, Index, Mask
+from guara_perception.arrays import Float, Index
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import Settings
 from guara_perception.simulation import SimulatedRangefinder, specimen
@@ -22,20 +19,17 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import LegOdometry, PoseInOdom, RobotModel, Stance
+from kinematics import RobotModel, Stance
 from kinematics.transforms import inverse, transform_points
-from testbed.analytic_walk import Ground
+from testbed.analytic_walk import Ground, LevelGround, scan, walk
 from testbed.kinds_of_ground import Course
 from testbed.random_world import random_world
+from testbed.true_ground import TrueGround
 
-# The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
-FIRST_JUDGED_STEP = 4
-# From the near edge of the scanned area to the hind feet, and a place there on either side.
-PAUSES_BETWEEN = 21
 # Ground that reflects less red light returns no stripe: coal, rubber, black cloth.
 DARK_REFLECTANCE = 0.02
 SEEN_CELL_M = 0.005
-SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
+FOOT_HALF = (0.035, 0.025)
 
 
 @dataclass(frozen=True)
@@ -49,39 +43,16 @@ class WalkedPause:
         ground: analytic ground at that time; None in simulated frames.
         known_ground: what the gait declared.
         feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
+        picture: laser-off picture of the scan, or the reason why there is none.
     """
 
     stance: Stance
     scan: gp.TerrainGrid
     to_world: Float
-    ground: Ground | None
+    ground: Ground | None = None
     known_ground: tuple[gp.KnownGround, ...] = ()
     feet: Float = field(default_factory=lambda: np.empty((0, 3)))
-
-
-Pause = TypeVar("Pause", bound=WalkedPause)
-
-
-def fused_pauses(
-    terrain_map: gp.TerrainMap, robot: RobotModel, pauses: Sequence[Pause], *, registered: bool
-) -> Iterator[tuple[Pause, gp.TerrainGrid]]:
-    """Pauses with their maps; without registration of the scans the map follows odometry alone."""
-    odometry = LegOdometry(robot)
-    for pause in pauses:
-        pose: PoseInOdom = odometry.update(pause.stance)
-        if not registered:
-            pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
-        yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground)
-
-
-def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float]) -> Float:
-    """Drift (n, 2) of a map's poses along x and y while ground seen at the near edge comes to the hind feet [mm]."""
-    aside = []
-    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
-        found = np.linalg.inv(poses[now]) @ poses[before]
-        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
-        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
-    return 1e3 * np.array(aside)
+    picture: GroundPicture | str = ""
 
 
 @dataclass(frozen=True)
@@ -102,49 +73,16 @@ class ScannedPause:
     world: World
     seen: Index
 
-
-@dataclass(frozen=True)
-class JudgedPause:
-    """One pause of a walk with its map and the truth.
-
-    Attributes:
-        item: the pause and its scan.
-        fused: the fused map, whose poses come from odometry and drift.
-        ceiling: bounds of the ground of the map's cells, known and unknown.
-        sight_seconds: processor time that these bounds took [s].
-        oracle: the map as it would be if every cell of it were known exactly.
-        dark: (ny, nx) cells with ground that swallows the laser.
-        from_world: (4, 4) true transform from the world to base_footprint of the scan.
-    """
-
-    item: ScannedPause
-    fused: gp.TerrainGrid
-    ceiling: gp.Ceiling
-    sight_seconds: float
-    oracle: gp.TerrainGrid
-    dark: Mask
-    from_world: Float
+    @property
+    def to_world(self) -> Float:
+        """(4, 4), where the scan's footprint truly was."""
+        return footprint_to_world(self.pause.transform_base_to_world, self.scan)
 
 
-def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
-    """Fuse the scans of a walk at the poses of odometry; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
-    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    sight = gp.LinesOfSight(terrain_map)
-    for item in pauses:
-        pause, scan = item.pause, item.scan
-        fused = terrain_map.update(scan, odometry.update(pause.stance), known_ground=pause.known_ground)
-        begun = time.process_time()
-        sight.add(scan, fused)
-        ceiling = sight.ceiling(fused)
-        seconds = time.process_time() - begun
-        if pause.step < FIRST_JUDGED_STEP:
-            continue
-        transform_base_to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
-        transform_footprint_to_world = pause.transform_base_to_world @ np.linalg.inv(transform_base_to_footprint)
-        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
-        oracle, dark = truth.grid(transform_footprint_to_world, map_geometry(robot), robot, **stance)
-        transform_world_to_footprint = np.asarray(np.linalg.inv(transform_footprint_to_world), np.float64)
-        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, transform_world_to_footprint)
+def footprint_to_world(transform_base_to_world: Float, scan: gp.TerrainGrid) -> Float:
+    """Where the footprint of a scan truly was (4, 4), by the true pose of the body."""
+    base_to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
+    return np.asarray(transform_base_to_world @ np.linalg.inv(base_to_footprint))
 
 
 def scanned_walk(
@@ -210,8 +148,7 @@ def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int
         rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
         processor = gp.ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
         pattern = settings.pattern(mode)
-        for index, on, off in rangefinder.frames(pattern):
-            processor.add(index, on, off)
+        processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(pattern)])
         seen = _seen(pause, rangefinder, settings, [pattern[0], pattern[-1]])
         yield ScannedPause(pause, processor.finish("wide"), processor.ground_picture, rangefinder.world, seen)
 
@@ -234,3 +171,37 @@ def _seen(pause: WalkPause, rangefinder: SimulatedRangefinder, settings: Setting
     world = rangefinder.world
     cells = np.floor((points[within, :2] - (world.x[0], world.y[0])) / SEEN_CELL_M).astype(np.intp)
     return np.unique(cells[:, ::-1], axis=0)
+
+
+def analytic_pauses(robot: RobotModel, seed: int, cycles: int, *, level: bool = False) -> Iterator[WalkedPause]:
+    """A walk over analytic ground: joint and contact noise, no frames."""
+    ground = Ground.random(seed)
+    if level:
+        ground = LevelGround(ground.boxes[:0], ground.dark[:0], ground.phases)
+    for pause in walk(robot, ground, cycles, seed):
+        terrain = scan(robot, ground, pause, seed)
+        to_world = footprint_to_world(pause.transform_base_to_world, terrain)
+        under = np.concatenate([_sole(pause.next_footholds[leg][:2]) for leg in ("lh", "rh")])
+        height = ground.height_at(under[:, 0], under[:, 1])
+        yield WalkedPause(pause.stance, terrain, to_world, ground, feet=_in_footprint(to_world, under, height))
+
+
+def framed_pauses(robot: RobotModel, seed: int, cycles: int, kept: Path | None) -> Iterator[WalkedPause]:
+    """A walk through simulated frames."""
+    world, pauses = scanned_walk(robot, seed, cycles=cycles, kept=kept)
+    for item in pauses:
+        pause, to_world = item.pause, item.to_world
+        under = _sole(np.array(pause.to_world(*pause.nominal))) if pause.nominal[0] < 0 else np.empty((0, 2))
+        feet = _in_footprint(to_world, under, world.height(under[:, 0], under[:, 1]))
+        yield WalkedPause(pause.stance, item.scan, to_world, known_ground=pause.known_ground, feet=feet)
+
+
+def _sole(centre: Float) -> Float:
+    """Points (n, 2) under a sole."""
+    dx, dy = (a.ravel() for a in np.meshgrid(*(np.linspace(-half, half, 8) for half in FOOT_HALF)))
+    return np.asarray(centre + np.column_stack((dx, dy)))
+
+
+def _in_footprint(to_world: Float, points_xy: Float, height: Float) -> Float:
+    points = np.column_stack((points_xy, height))
+    return np.asarray((points - to_world[:3, 3]) @ to_world[:3, :3])

@@ -1,0 +1,90 @@
+"""Maps of walks: the drift of their poses, and each map beside the oracle."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.arrays import Float, Mask
+from kinematics import LegOdometry, PoseInOdom, RobotModel
+from testbed.scanned_walk import ScannedPause, WalkedPause, map_geometry
+from testbed.true_ground import TrueGround
+
+# The first step that is judged: at earlier ones the map holds little but the ground that the gait declared.
+FIRST_JUDGED_STEP = 4
+# From the near edge of the scanned area to the hind feet, and a place there on either side.
+PAUSES_BETWEEN = 21
+SEEN_AT = np.array([[0.5, -0.18, 0.0, 1.0], [0.5, 0.18, 0.0, 1.0]])
+
+
+Pause = TypeVar("Pause", bound=WalkedPause)
+
+
+def fused_pauses(
+    terrain_map: gp.TerrainMap, robot: RobotModel, pauses: Sequence[Pause], *, registered: bool
+) -> Iterator[tuple[Pause, gp.TerrainGrid]]:
+    """Pauses with their maps; without registration of the scans the map follows odometry alone."""
+    odometry = LegOdometry(robot)
+    for pause in pauses:
+        pose: PoseInOdom = odometry.update(pause.stance)
+        if not registered:
+            pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
+        yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground)
+
+
+def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float]) -> Float:
+    """Drift (n, 2) of a map's poses along x and y while ground seen at the near edge comes to the hind feet [mm]."""
+    aside = []
+    for before, now in zip(range(len(pauses) - PAUSES_BETWEEN), range(PAUSES_BETWEEN, len(pauses)), strict=True):
+        found = np.linalg.inv(poses[now]) @ poses[before]
+        truly = np.linalg.inv(pauses[now].to_world) @ pauses[before].to_world
+        aside += [((found - truly) @ point)[:2] for point in SEEN_AT]
+    return 1e3 * np.array(aside)
+
+
+@dataclass(frozen=True)
+class JudgedPause:
+    """One pause of a walk with its map and the truth.
+
+    Attributes:
+        item: the pause and its scan.
+        fused: the fused map, whose poses come from odometry and drift.
+        ceiling: bounds of the ground of the map's cells, known and unknown.
+        sight_seconds: processor time that these bounds took [s].
+        oracle: the map as it would be if every cell of it were known exactly.
+        dark: (ny, nx) cells with ground that swallows the laser.
+        from_world: (4, 4) true transform from the world to base_footprint of the scan.
+    """
+
+    item: ScannedPause
+    fused: gp.TerrainGrid
+    ceiling: gp.Ceiling
+    sight_seconds: float
+    oracle: gp.TerrainGrid
+    dark: Mask
+    from_world: Float
+
+
+def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
+    """Fuse the scans of a walk at the poses of odometry; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    sight = gp.LinesOfSight(terrain_map)
+    for item in pauses:
+        pause, scan = item.pause, item.scan
+        fused = terrain_map.update(scan, odometry.update(pause.stance), known_ground=pause.known_ground)
+        begun = time.process_time()
+        sight.add(scan, fused)
+        ceiling = sight.ceiling(fused)
+        seconds = time.process_time() - begun
+        if pause.step < FIRST_JUDGED_STEP:
+            continue
+        transform_footprint_to_world = item.to_world
+        stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+        oracle, dark = truth.grid(transform_footprint_to_world, map_geometry(robot), robot, **stance)
+        transform_world_to_footprint = np.asarray(np.linalg.inv(transform_footprint_to_world), np.float64)
+        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, transform_world_to_footprint)
