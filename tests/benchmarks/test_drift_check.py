@@ -7,10 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from benchmarks.drift_check import Injected, guara, tally
+from benchmarks.drift_check import tally
 from guara_perception.calibration.drift import DRIFTING, HOLDS
 from guara_perception.simulation.rangefinder import LaserPlanes
 from guara_perception.simulation.specimen import specimen
+from testbed.moved_mount import Injected, guara
 
 
 def test_what_is_injected_moves_one_thing() -> None:

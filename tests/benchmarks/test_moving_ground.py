@@ -1,4 +1,4 @@
-"""The benchmark of moving ground: a thing that moves alone on level ground takes no pause of the map along."""
+"""Moving ground: a thing that moves alone on level ground takes no pause of the map along."""
 
 from __future__ import annotations
 

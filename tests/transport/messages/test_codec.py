@@ -14,7 +14,7 @@ import transport
 from tests.thorough import examples
 from tests.transport.messages.samples import sample_pause, sample_status
 from transport import MessageError
-from transport.messages import codec, terrain_codec
+from transport.messages import codec, terrain_message
 from transport.messages.scan_messages import (
     decode_query_request,
     encode_query_request,
@@ -158,7 +158,7 @@ def test_an_independent_reader_reads_every_message(payloads, peer) -> None:
 def test_big_endian_payloads_are_read_too(peer) -> None:
     """A machine of the other byte order is understood: the header says which order it is."""
     terrain = peer.make_terrain(5, shape=(2, 3))
-    message = terrain_codec.make_terrain(terrain)
+    message = terrain_message.make_terrain(terrain)
     payload = bytes(typestore().serialize_cdr(message, message.__msgtype__, little_endian=False))
     assert payload[:2] == b"\x00\x00"
     back = transport.decode_terrain(payload)
