@@ -7,7 +7,6 @@ cells away from edges; known counts these cells. Memory is what the process grew
 
 from __future__ import annotations
 
-import dataclasses
 import multiprocessing
 import time
 from collections.abc import Callable
@@ -20,65 +19,14 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.command import Table, options
 from benchmarks.rounds import resident_mb
-from guara_perception.arrays import Array, Float, Image, Mask
+from guara_perception.arrays import Float
 from guara_perception.settings import Settings
-from guara_perception.simulation import SimulatedRangefinder, World, specimen
-from guara_perception.simulation.features import Box
-from guara_perception.terrain.layers.geometry import GridGeometry
-from kinematics import Stance, load_robot
-from testbed.true_ground import TrueGround
+from testbed.gravel_scene import SIZES, Scene, rays, truth
 
 # Distance of the two cameras, and of two pauses of the gait [m].
 BASELINE_M, STEP_M = 0.060, 0.035
 BLOCK = 5
 DISPARITIES = 96
-# Cells in whose neighbourhood the ground rises by more than this are edges.
-JUMP_M = 0.003
-BOXES = ((0.60, 0.17, 0.02), (0.60, 0.0, 0.03), (0.60, -0.17, 0.04), (0.80, 0.09, 0.06), (0.80, -0.09, 0.08))
-SIZES = {(640, 512): "coarse", (1280, 1024): "standard"}
-
-
-class Scene:
-    """Five boxes on gravel before a standing robot, and a camera without distortion."""
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        """Render with pictures of `size`."""
-        self.robot, self.mode = load_robot("guara"), SIZES[size]
-        exact = specimen(self.robot, size)
-        camera = dataclasses.replace(exact.camera, distortion=np.zeros(5))
-        self.calibration = dataclasses.replace(exact, camera=camera)
-        boxes = tuple(Box(x=x, y=y, size=(0.05, 0.05), height=height) for x, y, height in BOXES)
-        self.world = World(features=boxes, material="gravel")
-        self.stance = Stance(self.robot.posture(self.robot.config.scan_posture), self.robot.legs, (0.0, 0.0, -1.0))
-        self._base = self.robot.stance_pose(self.stance).transform_base_to_footprint
-        self._rangefinder = SimulatedRangefinder(self.world, self.calibration, self.robot, seed=0)
-        self.camera = self._base @ self.calibration.transform_camera_to_base
-        settings = Settings.of(self.robot)
-        self.grid = GridGeometry.over(settings.footprint_x, settings.footprint_y, settings.resolution)
-
-    def frames(self, offset: Float, indices: range) -> list[tuple[int, Image, Image | None]]:
-        """Frames with the body moved by (3,)."""
-        moved = self._base.copy()
-        moved[:3, 3] += offset
-        self._rangefinder.set_pose(moved, self.stance.joint_positions)
-        return list(self._rangefinder.frames(indices))
-
-    def picture(self, offset: Float) -> Image:
-        """Grey picture without laser."""
-        ((_, on, off),) = self.frames(offset, range(1))
-        return cv2.cvtColor(on if off is None else off, cv2.COLOR_BGR2GRAY)
-
-    def heights(self, points_in_camera: Float) -> Float:
-        """Median height of each cell (ny, nx) of points (n, 3), NaN where there is none."""
-        points = points_in_camera @ self.camera[:3, :3].T + self.camera[:3, 3]
-        iy, ix = self.grid.indices(points[:, 0], points[:, 1])
-        inside = self.grid.contains(iy, ix) & (np.abs(points[:, 2]) < 0.2)
-        cell, z = (iy * self.grid.shape[1] + ix)[inside], points[inside, 2]
-        order = np.lexsort((z, cell))
-        cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
-        heights = np.full(self.grid.size, np.nan)
-        heights[cells] = z[order][first + count // 2]
-        return heights.reshape(self.grid.shape)
 
 
 def stereo(scene: Scene) -> Callable[[], Float]:
@@ -133,13 +81,6 @@ def flow(scene: Scene) -> Callable[[], Float]:
     return compute
 
 
-def rays(scene: Scene, columns: Array, rows: Array) -> Float:
-    """Rays (n, 3) of pixels with z = 1."""
-    matrix = scene.calibration.camera.matrix
-    x, y = (columns - matrix[0, 2]) / matrix[0, 0], (rows - matrix[1, 2]) / matrix[1, 1]
-    return np.column_stack((x, y, np.ones(len(x))))
-
-
 def laser(scene: Scene, method: str) -> Callable[[], Float]:
     """The scan of this project."""
     frames = scene.frames(np.zeros(3), Settings.of(scene.robot).pattern(scene.mode))
@@ -171,14 +112,6 @@ def measured(way: str, size: tuple[int, int]) -> tuple[Float, float, float]:
     before, start = resident_mb(field="VmHWM"), time.process_time()
     heights = compute()
     return heights, 1e3 * (time.process_time() - start), resident_mb(field="VmHWM") - before
-
-
-def truth(scene: Scene) -> tuple[gp.TerrainGrid, Mask]:
-    """True grid, and which of its cells are away from edges."""
-    grid, _ = TrueGround.of(scene.world).grid(np.eye(4), scene.grid, scene.robot)
-    around = np.ones((5, 5), np.uint8)
-    height = np.asarray(grid.elevation, np.float32)
-    return grid, cv2.dilate(height, around) - cv2.erode(height, around) < JUMP_M
 
 
 def main() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.passive import Scene, measured, truth
+from benchmarks.passive import measured
+from testbed.gravel_scene import Scene, truth
 
 
 @pytest.mark.heavy
