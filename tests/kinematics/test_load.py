@@ -96,9 +96,7 @@ def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Pat
     edit(folder / "urdf" / "guara.urdf", ("<axis xyz", "<axes xyz"))
     with pytest.raises(RobotFileError) as caught:
         load_robot(folder)
-    assert any(
-        "[odometry] turn_limit is -" in finding for finding in caught.value.findings
-    )
+    assert any("[odometry] turn_limit is -" in finding for finding in caught.value.findings)
     assert any("<axes>" in finding for finding in caught.value.findings)
 
 
