@@ -179,7 +179,7 @@ class StripeProfile(FrozenArrays):
         peak: (n,) float32, height of the smoothed peak above background [grey levels], NaN in a bad frame.
         doubtful_px: (n,) float32, row of a return that may not be used (ambiguous or mixed), NaN where there is none.
         reason: reason for which the whole frame is bad; empty for a good one.
-        remark: reason for which the laser-off picture was not used; empty when it was, or there was none.
+        remark: what is wrong with the laser-off picture, used or not; empty when nothing is, or there was none.
     """
 
     position_px: Float32

@@ -35,7 +35,7 @@ class DetectedStripe:
         noise: standard deviation of the row, times the fall of the response from one shift to the next.
         rows: number of rows of the band.
         first_row: first row of the band in the full picture.
-        remark: reason why the laser-off picture was not used; empty if it was used or there was none.
+        remark: what is wrong with the laser-off picture, as in a StripeProfile.
     """
 
     top: Index

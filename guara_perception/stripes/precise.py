@@ -53,7 +53,7 @@ def _extract(band: Band) -> StripeProfile:
     if doubts == CHANGED:
         change = f"{found.told[2]:+.0f} of {full_scale:.0f}"
         remark = f"brightness beside the stripe changed by {change} between laser off and on"
-        return measure(replace(detect_in_any_light(replace(band, off=None)), remark=remark))
+        return measure(replace(detect_in_any_light(band, is_changed=True), remark=remark))
     return measure(detect_in_any_light(band, found.top.copy(), found.masks[0].copy()))
 
 

@@ -15,13 +15,16 @@ from guara_perception.stripes.peaks import select
 SHRUNK_FROM = ((1000, 4), (480, 2))
 
 
-def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask | None = None) -> DetectedStripe:
+def detect_in_any_light(
+    band: Band, weak_row: Index | None = None, is_weak: Mask | None = None, *, is_changed: bool = False
+) -> DetectedStripe:
     """Detect the stripe that runs across the columns of a band, with or without a picture with the laser off.
 
     Args:
         band: rows that can hold the stripe.
         weak_row, is_weak: (columns,) row of a peak that may be a stripe, and whether there is one: where no stripe is
             found these are doubtful returns.
+        is_changed: whether the light changed so much that `off` must be shown to be of the same view.
     """
     on, off, n = band.on, band.off, band.on.shape[1]
     is_pair = off is not None and has_colour(on) and on.dtype == np.uint8
@@ -30,10 +33,11 @@ def detect_in_any_light(band: Band, weak_row: Index | None = None, is_weak: Mask
     if off is not None and factor > 1:
         some, dark = _shrunk(on, factor), _shrunk(off, factor)
         if kernel().path_size(*some.shape[:2]):
-            path = find_path_of_pair(some, dark, factor)
+            path = find_path_of_pair(some, dark, factor, is_changed=is_changed)
     if path is None:
+        off = None if is_changed else off
         factor, path = 1, find_path(on, off)
-    off = None if path.remark else off
+    off = None if path.is_alone else off
     top, masks = np.empty(n, np.intp), np.empty((3, n), np.bool_)
     kernel().expand(*addresses(path.row, path.masks), path.row.size, n, *addresses(top, masks))
     use = path.sigma[path.masks[1]]

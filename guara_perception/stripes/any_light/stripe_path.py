@@ -62,7 +62,8 @@ class StripePath:
         channel: the laser's own channel.
         weights: (channels,) weights that mix the channels to light in its colour.
         gains: (channels,) factors of the laser-off picture before it is subtracted.
-        remark: why the picture of the background was not used, empty where it was.
+        remark: what is wrong with the picture of the background, empty where nothing is.
+        is_alone: whether it was not used.
     """
 
     row: Index
@@ -72,6 +73,7 @@ class StripePath:
     weights: Float
     gains: Float32
     remark: str = ""
+    is_alone: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,16 +159,17 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     seen = [_laser_of(pictures, first) for first in firsts]
     tried = [_path_of(pictures, first, each) for first, each in zip(firsts, seen, strict=True)]
     best, _, height = max(tried, key=lambda each: each[1])
-    best = replace(best, remark=remark)
+    best = replace(best, remark=remark, is_alone=bool(remark))
     return best if pictures.dark is None else _without_moved_edges(best, height, frame)
 
 
-def find_path_of_pair(on: Image, off: Image, shrunk: int) -> StripePath | None:
+def find_path_of_pair(on: Image, off: Image, shrunk: int, *, is_changed: bool = False) -> StripePath | None:
     """Find the path of the stripe as `find_path` does, by the kernel.
 
     Args:
         on, off: (rows, columns, 3) uint8, contiguous, laser on and off.
         shrunk: number of columns of the camera's pictures that became one.
+        is_changed: whether the light changed so much that `off` must be shown to be of the same view.
 
     Returns:
         The path; None where `off` is of another scene: then the texture of the scene asks for every column.
@@ -174,11 +177,14 @@ def find_path_of_pair(on: Image, off: Image, shrunk: int) -> StripePath | None:
     rows, n = on.shape[:2]
     work = memory(kernel().path_size(rows, n))
     row, masks, sigma, told = np.empty(n, np.intp), np.empty((3, n), np.bool_), np.empty(n, np.float32), np.empty(9)
-    code = kernel().find_path(address(on), address(off), rows, n, shrunk, *addresses(work, row, masks, sigma, told))
+    code = kernel().find_path(
+        address(on), address(off), rows, n, shrunk, is_changed, *addresses(work, row, masks, sigma, told)
+    )
     if code == OTHER_SCENE:
         return None
     remark = other_exposure(float(told[7])) if code else ""
-    return StripePath(row, masks, sigma, int(told[0]), told[1:4], told[4:7].astype(np.float32), remark)
+    gains, is_alone = told[4:7].astype(np.float32), not told[8]
+    return StripePath(row, masks, sigma, int(told[0]), told[1:4], gains, remark, is_alone)
 
 
 def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:

@@ -59,13 +59,13 @@ typedef struct {
 } Any;
 
 // A pair of pictures (rows, width, CHANNELS) in one piece. `gain` times the laser-off picture and an offset are
-// subtracted, channel by channel. shrunk: columns of the camera's pictures that became one.
+// subtracted, channel by channel, of exposures unlike no more than `most`. shrunk: columns of the camera's pictures that became one.
 typedef struct {
     const uint8_t *on, *off;
     int rows, width, shrunk;
-    float gain[CHANNELS], offset[CHANNELS];
+    float gain[CHANNELS], offset[CHANNELS], most;
     int has_dark, remark;
-    double remark_numbers[2];
+    double remark_number;
 } Scene;
 
 // A picture in which paths are followed: the whole pair, or every fourth column of it.
@@ -79,9 +79,11 @@ typedef struct {
 } View;
 
 static inline const uint8_t *row_of(const Scene *s, const uint8_t *picture, int64_t r) { return picture + r * 3 * s->width; }
+// What the laser-on picture shows without the laser, up to `most`: where that is clipped, light cannot be seen.
+static inline float expected(float gain, uint8_t dark, float offset, float most) { return MIN(gain * (float)dark + offset, most); }
 static inline float light_at(const Scene *s, int64_t r, int64_t c, int k) {
     const float on = row_of(s, s->on, r)[3 * c + k];
-    return s->has_dark ? on - s->gain[k] * (float)row_of(s, s->off, r)[3 * c + k] - s->offset[k] : on;
+    return s->has_dark ? on - expected(s->gain[k], row_of(s, s->off, r)[3 * c + k], s->offset[k], s->most) : on;
 }
 static inline float view_light(const View *v, int64_t r, int64_t c, int k) {
     return v->light ? v->light[((int64_t)k * v->rows + r) * v->width + c] : light_at(v->scene, r, c, k);
@@ -100,7 +102,7 @@ static inline void gaussian(int size, double sigma, float *taps) {
     for (int i = 0; i < size; i++) taps[i] = (float)(t[i] / sum);
 }
 
-void fit_exposure(Scene *s, Any *w);
+void fit_exposure(Scene *s, int is_changed, Any *w);
 void look(const Scene *s, Any *w, int thin, int some);
 float detail_at(const Scene *s, int row, int column, int k);
 void covariance(const View *v, const Path *near, int reach, double scene[CHANNELS][CHANNELS]);

@@ -43,7 +43,7 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "centres": ([P, N, P, P], None),
     "evidence": ([P, N, D, D, D, P], None),
     "exposure": ([P, P, N, D, P, P], None),
-    "find_path": ([P, P] + [N] * 3 + [P] * 5, N),
+    "find_path": ([P, P] + [N] * 4 + [P] * 5, N),
     "path_size": ([N] * 2, N),
     "expand": ([P] * 2 + [N] * 2 + [P] * 2, None),
     "follow": ([P, N, N, P, P], D),

@@ -234,14 +234,16 @@ int64_t path_size(int64_t rows, int64_t width) {
 
 // Find the path of the stripe in a pair of pictures (rows, width, 3) of 8 bits, in one piece, off may be NULL.
 // row, masks, sigma: (width,), (3, width), (width,) of the path: whether there may be a stripe, is one, it is clipped, and
-// the width of its ridge. told: channel, weights and gains of the channels, and what a remark is about. Returns why the
-// laser-off picture was not used, or USED.
-int64_t find_path(const uint8_t *on, const uint8_t *off, int64_t rows, int64_t width, int64_t shrunk, char *memory,
-    int64_t *row, uint8_t *masks, float *sigma, double *told) {
+// the width of its ridge. told: channel, weights and gains of the channels, the ratio of exposures, and whether the
+// laser-off picture was used. Returns what is wrong with it, or USED.
+int64_t find_path(const uint8_t *on, const uint8_t *off, int64_t rows, int64_t width, int64_t shrunk, int64_t is_changed,
+    char *memory, int64_t *row, uint8_t *masks, float *sigma, double *told) {
     Any work, *w = &work;
     carve(w, memory, rows, width);
     Scene s = {.on = on, .off = off, .rows = (int)rows, .width = (int)width, .shrunk = (int)shrunk, .has_dark = off != NULL};
-    if (s.has_dark) fit_exposure(&s, w);
+    if (s.has_dark) fit_exposure(&s, is_changed != 0, w);
+    s.most = s.remark || is_changed ? 255 : INFINITY;
+    if (s.remark == OTHER_SCENE) return s.remark;
     const int thin = (s.width - 2 + 3) / 4, some = (s.width + 4) / 5;
     look(&s, w, thin, some);
     const View narrow = {&s, s.rows, thin, 2, 4, w->thin_light, w->thin_frame, w->thin_detail, thin, 1};
@@ -262,7 +264,7 @@ int64_t find_path(const uint8_t *on, const uint8_t *off, int64_t rows, int64_t w
         row[c] = best->path.row[c], sigma[c] = best->sigma[c];
         masks[c] = best->is_path[c], masks[width + c] = best->path.is_stripe[c], masks[2 * width + c] = best->is_core[c];
     }
-    told[0] = best->channel, told[7] = s.remark_numbers[0], told[8] = s.remark_numbers[1];
+    told[0] = best->channel, told[7] = s.remark_number, told[8] = s.has_dark;
     for (int k = 0; k < CHANNELS; k++) told[1 + k] = best->weights[k], told[4 + k] = s.has_dark ? (double)s.gain[k] : 1;
     return s.remark;
 }

@@ -1,6 +1,12 @@
 // Light of a pair of pictures, also of another exposure, and what of it changes across the columns within a few pixels.
 #include "any_light.h"
 
+// Ratio of exposures beyond which noise, clipping and the camera's own curve differ too. Such a picture is used, up to the
+// second, if no more than so many grey levels of the scene are left in most of its pixels: it shows the same view.
+#define MOST_GAIN 1.6
+#define MOST_USED_GAIN 3.0
+#define MOST_LEFT 0.9
+
 // ---- exposure.subtract -------------------------------------------------------------------------------------------------
 static void fit(const uint8_t *dark, const uint8_t *bright, int n, float *work, uint8_t *use, double *gain, double *offset) {
     *gain = 1, *offset = 0;
@@ -54,7 +60,7 @@ static void block_means(const Scene *s, int is_on, int ny, int nx, uint16_t *sum
     }
 }
 
-void fit_exposure(Scene *s, Any *w) {
+void fit_exposure(Scene *s, int is_changed, Any *w) {
     const int sw = (s->width + 3) / 4, sh = (s->rows + 3) / 4, n = sw * sh;
     const int ny = (int)rint(s->rows / 8.0), nx = (int)rint(s->width / 8.0);
     uint8_t *dark = (uint8_t *)(w->samples + 3 * n), *bright = dark + n, *use = bright + n;
@@ -78,7 +84,7 @@ void fit_exposure(Scene *s, Any *w) {
         double gain, fitted_offset;
         fit(dark, bright, m, work, use, &gain, &fitted_offset);
         const float g = (float)gain, o = (float)fitted_offset, plain_offset = (float)offset;
-        double sums[2];
+        double sums[2], lefts[2];
         for (int kind = 0; kind < 2; kind++) {
             int number = 0;
             float *all = work, *some = work + m;
@@ -86,20 +92,23 @@ void fit_exposure(Scene *s, Any *w) {
                 const float d = (float)dark[i], p = (float)bright[i], v = kind ? fabsf(p - d - plain_offset) : fabsf(p - g * d - o);
                 all[i] = v, some[number] = v, number += dark[i] >= level;
             }
-            sums[kind] = (double)median_f(all, m) + (double)median_f(some, number);
+            lefts[kind] = (double)median_f(all, m), sums[kind] = lefts[kind] + (double)median_f(some, number);
         }
         const int is_fitted = sums[0] < 0.7 * sums[1];
         s->gain[k] = is_fitted ? g : 1;
         s->offset[k] = is_fitted ? o : plain_offset;
         const double used = is_fitted ? gain : 1;
-        if (!(1 / 1.6 <= used && used <= 1.6)) {
-            s->remark = OTHER_EXPOSURE, s->remark_numbers[0] = 1 / used, s->has_dark = 0;
+        const int is_unlike = !(1 / MOST_GAIN <= used && used <= MOST_GAIN), is_told = s->remark == OTHER_EXPOSURE;
+        if (is_unlike && !is_told) s->remark = OTHER_EXPOSURE, s->remark_number = 1 / used;
+        const int is_left = lefts[!is_fitted] > MOST_LEFT * MAX(used, 1) || !(1 / MOST_USED_GAIN <= used && used <= MOST_USED_GAIN);
+        if ((is_unlike || is_told || is_changed) && is_left) {
+            s->remark = is_changed ? OTHER_SCENE : OTHER_EXPOSURE, s->has_dark = 0;
             return;
         }
         for (int i = 0; i < ny * nx; i++) left[i] = on[k * ny * nx + i] - s->gain[k] * off[k * ny * nx + i];
         const double scene = contrast(on + k * ny * nx, ny * nx, work), unlike = contrast(left, ny * nx, work);
         if (unlike > MAX(0.5 * scene, 6.0)) {
-            s->remark = OTHER_SCENE, s->remark_numbers[0] = unlike, s->remark_numbers[1] = scene, s->has_dark = 0;
+            s->remark = OTHER_SCENE, s->has_dark = 0;
             return;
         }
     }
@@ -134,9 +143,9 @@ static void subtract_beside(const float *smooth, float *detail, int rows, int wi
 static void light_row(const Scene *s, int r, int k, const uint8_t *on, const uint8_t *off, float *out) {
     const int w = s->width;
     const uint8_t *restrict p = on + k * w, *restrict q = off + k * w;
-    const float gain = s->gain[k], offset = s->offset[k];
+    const float gain = s->gain[k], offset = s->offset[k], most = s->most;
     (void)r;
-    if (s->has_dark) for (int c = 0; c < w; c++) out[c] = (float)p[c] - gain * (float)q[c] - offset;
+    if (s->has_dark) for (int c = 0; c < w; c++) out[c] = (float)p[c] - expected(gain, q[c], offset, most);
     else for (int c = 0; c < w; c++) out[c] = (float)p[c];
 }
 

@@ -65,10 +65,10 @@ void in_laser_colour(const View *v, const double *weights, int channel, float *m
                 channel_rows(s, row_of(s, s->off, r), off);
                 const uint8_t *restrict b0 = off, *restrict b1 = off + width, *restrict b2 = off + 2 * width;
                 const float *g = v->scene->gain, *o = v->scene->offset;
-                const float g0 = g[0], g1 = g[1], g2 = g[2], o0 = o[0], o1 = o[1], o2 = o[2];
+                const float g0 = g[0], g1 = g[1], g2 = g[2], o0 = o[0], o1 = o[1], o2 = o[2], most = s->most;
                 for (int c = 0; c < width; c++)
-                    out[c] = m0 * ((float)a0[c] - g0 * (float)b0[c] - o0) + m1 * ((float)a1[c] - g1 * (float)b1[c] - o1) +
-                             m2 * ((float)a2[c] - g2 * (float)b2[c] - o2);
+                    out[c] = m0 * ((float)a0[c] - expected(g0, b0[c], o0, most)) + m1 * ((float)a1[c] - expected(g1, b1[c], o1, most)) +
+                             m2 * ((float)a2[c] - expected(g2, b2[c], o2, most));
             } else
                 for (int c = 0; c < width; c++) out[c] = m0 * (float)a0[c] + m1 * (float)a1[c] + m2 * (float)a2[c];
         }

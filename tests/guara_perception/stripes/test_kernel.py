@@ -205,6 +205,23 @@ def test_the_path_of_a_pair_is_that_of_plain_array_operations() -> None:
         assert (found.row != plain.row).mean() < 0.01
 
 
+def test_a_picture_exposed_unlike_is_used_if_it_shows_the_same_view() -> None:
+    """By its gain; where it moved by two rows it is not used, and after a large change the pair is refused."""
+    random = np.random.default_rng(7)
+    scene = cv2.resize(random.uniform(20, 90, (12, 40, 3)), (320, 120), interpolation=cv2.INTER_CUBIC)
+    light = 90 * np.exp(-0.5 * ((np.arange(120)[:, None] - 50) / 2) ** 2) * np.ones(320)
+    on = (2.2 * scene + light[:, :, None] * (0.1, 0.2, 1) + random.normal(0, 1, scene.shape)).clip(0, 255)
+    for shift in (0, 2):
+        off = np.roll(scene, shift, axis=0) + random.normal(0, 0.5, scene.shape)
+        pair = [picture.clip(0, 255).astype(np.uint8) for picture in (on, off)]
+        found = find_path_of_pair(*pair, 1)
+        assert found is not None and "times as bright" in found.remark
+        assert found.is_alone == (shift > 0)
+        np.testing.assert_allclose(found.gains, 1 if shift else 2.2, rtol=0.02)
+        assert shift or (np.abs(found.row - 50) < 2).mean() > 0.95
+        assert (find_path_of_pair(*pair, 1, is_changed=True) is None) == (shift > 0)
+
+
 def test_ridges_and_details_are_those_of_plain_loops() -> None:
     """Beside slow references on pictures smaller and larger than what the kernel handles at a time."""
     random = np.random.default_rng(2)
