@@ -34,7 +34,8 @@ def fused_pauses(
         pose: PoseInOdom = odometry.update(pause.stance)
         if not registered:
             pose = PoseInOdom(pose.transform_footprint_to_odom, pose.covariance)
-        yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground)
+        picture = pause.picture if registered else None
+        yield pause, terrain_map.update(pause.scan, pose, known_ground=pause.known_ground, picture=picture)
 
 
 def drift_aside(pauses: Sequence[WalkedPause], poses: Sequence[Float]) -> Float:

@@ -70,12 +70,12 @@ def ends_of_scans(data: Path, robot: RobotModel) -> dict[str, float]:
 
 def texture_again(first: GroundView | str, wide: gp.TerrainGrid, picture: GroundPicture | str) -> dict[str, float]:
     """Finding the texture of a scan again, where odometry is off by a few millimetres [s]."""
-    seen, off = seen_after(first, None, np.eye(4), held=False), np.eye(4)
+    (seen, _), off = seen_after(first, None, np.eye(4), held=False), np.eye(4)
     off[:2, 3] = 0.003, -0.002
 
     def again() -> int:
         view = view_of(picture, wide)
-        found = visual_motion(view, seen, off, 1e-5 * np.eye(6), np.zeros((3, 3)))
+        found = visual_motion(view, seen, off, 1e-5 * np.eye(6), 1e-5 * np.eye(3), np.zeros((3, 3)))
         seen_after(view, seen, off, held=found.refused is None)
         return found.corners
 

@@ -76,6 +76,7 @@ def main() -> None:
         first=(0, "first seed"),
         walks=(1, "walks over each world"),
         cycles=(9, "cycles of each walk"),
+        pictures=(False, "laser-off pictures hold the map"),
         world=([*WORLDS], "names of worlds", {"choices": tuple(WORLDS)}),
     )
     robot = load_robot("guara")
@@ -83,7 +84,7 @@ def main() -> None:
     table = Table("world:<24 | x:>12 | y:>12 | claimed:>12 | unsafe:>12 | bounds over:>12 | unused:8d | conflicts:d")
     for name in asked.world:
         for seed in range(asked.first, asked.first + asked.walks):
-            pauses = list(pauses_of(robot, name, seed, asked.cycles))
+            pauses = list(pauses_of(robot, name, seed, asked.cycles, pictures=asked.pictures))
             off, on = (figures(robot, pauses, registered=registered) for registered in (False, True))
             pairs = (
                 *(f"{off[key]:.1f} -> {on[key]:.1f}" for key in ("x", "y", "claimed")),

@@ -88,6 +88,10 @@ class Ground:
         """Place of a foot that stood still on the ground since the pause before."""
         return foot
 
+    def own(self, x: Float, y: Float) -> tuple[Float, Float]:
+        """Coordinates in which the texture of the ground at these places never moves."""
+        return x, y
+
     def is_dark(self, x: Float, y: Float) -> npt.NDArray[np.bool_]:
         """Whether the ground swallows the laser."""
         dark = np.zeros(np.shape(x), dtype=bool)

@@ -13,6 +13,7 @@ from guara_perception.arrays import Float, Mask
 from kinematics import RobotModel
 from kinematics.transforms import transform_points
 from testbed.analytic_walk import CAMERA_IN_BASE, LASER_IN_BASE, Ground, scan, walk
+from testbed.ground_pictures import ground_picture
 from testbed.scanned_walk import WalkedPause, footprint_to_world
 
 NO_RAMP = np.zeros((3, 2))
@@ -107,6 +108,14 @@ class MovingGround(Ground):
             u, v, inside = part.own(self.step, x, y)
             height[inside] = part.height(self.step) + part.ground.height_at(u[inside], v[inside])
         return height
+
+    def own(self, x: Float, y: Float) -> tuple[Float, Float]:
+        """Coordinates in which the texture of the ground at these places never moves; each part has its own."""
+        own_x, own_y = np.array(x), np.array(y)
+        for number, part in enumerate(self.parts, 1):
+            u, v, inside = part.own(self.step, x, y)
+            own_x[inside], own_y[inside] = u[inside] + 0.37 * number, v[inside] + 0.23 * number
+        return own_x, own_y
 
     def is_dark(self, x: Float, y: Float) -> Mask:
         """Whether the ground swallows the laser."""
@@ -268,7 +277,7 @@ class MovingPause(WalkedPause):
     ground: MovingGround
 
 
-def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[MovingPause]:
+def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int, *, pictures: bool = False) -> Iterator[MovingPause]:
     """A walk over one of the worlds."""
     ground = WORLDS[name](seed)
     camera = np.eye(4)
@@ -283,4 +292,5 @@ def pauses_of(robot: RobotModel, name: str, seed: int, cycles: int) -> Iterator[
             layers=terrain.layers, geometry=terrain.geometry, stamp=terrain.stamp, step=terrain.step, record=record
         )
         to_world = footprint_to_world(pause.transform_base_to_world, terrain)
-        yield MovingPause(pause.stance, terrain, to_world, ground.at(pause.step))
+        picture = ground_picture(robot, ground, pause, seed) if pictures else None
+        yield MovingPause(pause.stance, terrain, to_world, ground=ground.at(pause.step), picture=picture)

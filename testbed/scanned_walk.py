@@ -43,7 +43,7 @@ class WalkedPause:
         ground: analytic ground at that time; None in simulated frames.
         known_ground: what the gait declared.
         feet: (n, 3) points in base_footprint under the hind feet's next footholds, at the true height of the ground.
-        picture: laser-off picture of the scan, or the reason why there is none.
+        picture: laser-off picture of the scan, the reason why there is none, or None for a walk without pictures.
     """
 
     stance: Stance
@@ -52,7 +52,7 @@ class WalkedPause:
     ground: Ground | None = None
     known_ground: tuple[gp.KnownGround, ...] = ()
     feet: Float = field(default_factory=lambda: np.empty((0, 3)))
-    picture: GroundPicture | str = ""
+    picture: GroundPicture | str | None = None
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ now, the second alone:
 
 If d' S^-1 d exceeds a bound for any j, either the ground moved or odometry is worse than it says. It cannot be told
 which, so no correction since the earliest such j is kept. Those before it are: had the ground moved then, the sums
-since earlier pauses would exceed the bound as well. Those that texture over the whole view showed are kept too.
+since earlier pauses would exceed the bound as well. Where the second sum alone exceeds it, and texture holds the map
+nearer to odometry than to the scans' heights, the heights moved: corrections are kept, and heights are used no more.
 """
 
 from __future__ import annotations
@@ -34,9 +35,10 @@ from kinematics.arrays import FrozenArrays
 EARLIER_PAUSES = 24
 # A still walk that is refused loses its corrections and keeps odometry; with 2 sigma one in six was.
 MOST_SIGMAS = 3.0
-# Slip in any direction, as a share of the path, that texture over the whole view is believed to show: position servos
-# without feed-forward slide by 4 to 13 % in physics, always the same way. The feet's distance makes a turn of it.
-SHOWN_SLIP_SHARE, LEVER_M = 0.1, 0.3
+# Slip along the way and aside, as shares of it, that texture over the whole view is believed to show: position servos
+# without feed-forward slide by 4 to 13 % in physics, along the way, and by less than 1 % aside. Ground that fills the
+# view and moves aside by more is not followed. The feet's distance makes a turn of it.
+SHOWN_SLIP_ALONG, SHOWN_SLIP_ASIDE, LEVER_M = 0.06, 0.02, 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,13 +46,13 @@ class Contradiction:
     """Corrections that odometry's sum contradicts.
 
     Attributes:
-        transform: (4, 4) correction before them.
+        transform: (4, 4) correction before them; None if texture confirms them and heights alone are in doubt.
         covariance: (3, 3) covariance of the drift without them.
         moved_by: (2, 3) x, y, yaw that they moved the robot by, and that scans contradict odometry by [m, m, rad].
         reason: sentence that says so.
     """
 
-    transform: Float
+    transform: Float | None
     covariance: Float
     moved_by: Float
     reason: str
@@ -112,7 +114,9 @@ class OdometrySum(FrozenArrays):
             self.shown + shown,
         )
 
-    def contradiction(self, transform: Float, odometry: Float, noise: Float, slip_share: float) -> Contradiction | None:
+    def contradiction(
+        self, transform: Float, odometry: Float, noise: Float, slip_share: float, *, textured: bool = False
+    ) -> Contradiction | None:
         """Corrections since the earliest pause since which either sum contradicts odometry's; None if there is none.
 
         Args:
@@ -120,6 +124,7 @@ class OdometrySum(FrozenArrays):
             odometry: (4, 4) present transform_footprint_to_odom by odometry.
             noise: (3, 3) covariance of the noise of the present pause alone.
             slip_share: sigma of odometry in the direction of the way, as a share of it.
+            textured: True if texture holds the walk.
         """
         if not len(self.transforms):
             return None
@@ -140,10 +145,10 @@ class OdometrySum(FrozenArrays):
             f"{len(self.transforms) - first} pauses, {np.sqrt(squares[kind, first]):.1f} sigma of what odometry adds "
             "up to: ground that is seen may move, so it is not used"
         )
-        # Where texture over the whole view held the walk, corrections before the last such pause are not in doubt.
-        kept = max(first, int(np.argmax(self.shown == 0)))
-        moved_by = np.stack((corrected[kept], self.seen[first]))
-        return Contradiction(self.transforms[kept], covariances[kept], moved_by, reason)
+        moved_by = np.stack((corrected[first], self.seen[first]))
+        to_scans = _squares(self.seen - corrected, covariances)[first]
+        is_confirmed = textured and bool(squares[0].max() <= MOST_SIGMAS**2 and squares[0, first] < to_scans)
+        return Contradiction(None if is_confirmed else self.transforms[first], covariances[first], moved_by, reason)
 
     def suspicion(self, odometry: Float, noise: Float, slip_share: float) -> float:
         """Largest contradiction between the motions of scans and odometry since any pause [sigmas].
@@ -165,7 +170,9 @@ class OdometrySum(FrozenArrays):
         way = odometry[:2, 3] - self.positions
         slip = np.zeros_like(self.covariances)
         slip[:, :2, :2] = slip_share**2 * way[:, :, None] * way[:, None, :]
-        return slip + np.array([shown_slip(path) for path in self.shown.tolist()]).reshape(-1, 3, 3)
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        shown = way * (np.minimum(self.shown, length) / length)[:, None]
+        return slip + np.array([shown_slip(each) for each in shown]).reshape(-1, 3, 3)
 
     @staticmethod
     def of_fields(fields: Fields) -> OdometrySum:
@@ -196,9 +203,13 @@ def _squares(sums: Float, covariances: Float) -> Float:
     return np.asarray(np.vecdot(sums, np.linalg.solve(covariances, sums[:, :, None])[:, :, 0]))
 
 
-def shown_slip(path: float) -> Float:
-    """Covariance (3, 3) of slip that texture over the whole view is believed to show over a path [m]."""
-    return (SHOWN_SLIP_SHARE * path) ** 2 * np.diag([1.0, 1.0, 1.0 / LEVER_M**2])
+def shown_slip(way: Float) -> Float:
+    """Covariance (3, 3) of slip that texture over the whole view is believed to show over a way (2,) [m]."""
+    along, aside = SHOWN_SLIP_ALONG * way, SHOWN_SLIP_ASIDE * np.array([-way[1], way[0]])
+    slip = np.zeros((3, 3))
+    slip[:2, :2] = np.outer(along, along) + np.outer(aside, aside)
+    slip[2, 2] = along @ along / LEVER_M**2
+    return slip
 
 
 def transition_between(before: Float, here: Float) -> Float:

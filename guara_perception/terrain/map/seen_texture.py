@@ -47,7 +47,7 @@ WINDOW_PX, PYRAMID = 11, 2
 MOST_RETURN_PX = 0.3
 # A pause is refused with fewer corners that agree, if they are a smaller share of all that were found again, or if
 # their motion is more sigmas from odometry.
-LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 4.0
+LEAST_CORNERS, LEAST_AGREEING, MOST_SIGMAS = 25, 0.5, 3.0
 # From this share of agreeing corners on, and this standard deviation of their places in every direction [m] (that of a
 # whole view is 0.13 or more), it is not a part of the view that moves by itself.
 WHOLE, LEAST_EXTENT_M = 0.8, 0.08
@@ -189,7 +189,7 @@ def view_of(picture: GroundPicture | str, terrain: TerrainGrid) -> GroundView | 
 
 
 def visual_motion(
-    view: GroundView | str, seen: SeenTexture | None, transform: Float, prior: Float, slip: Float
+    view: GroundView | str, seen: SeenTexture | None, transform: Float, prior: Float, since: Float, slip: Float
 ) -> VisualMotion:
     """Estimate by texture how far a pose by odometry is off.
 
@@ -198,6 +198,7 @@ def visual_motion(
         seen: texture of earlier pauses, None if there is none.
         transform: (4, 4) transform_footprint_to_odom by odometry.
         prior: (6, 6) covariance of its error relative to the texture, REP-103 order.
+        since: (3, 3) covariance of odometry's error since texture held the walk or began.
         slip: (3, 3) covariance of slip that is believed where the whole view shows it.
     """
 
@@ -229,7 +230,9 @@ def visual_motion(
     before_it = prior[np.ix_(SIDEWAYS, SIDEWAYS)]
     extent = np.linalg.eigvalsh(np.cov(about[agreeing].T))[0]
     is_whole = bool(count > WHOLE * len(found) and extent > LEAST_EXTENT_M**2)
-    believed = before_it + measured + slip if is_whole else before_it + measured
+    believed = measured + min(since, before_it, key=np.trace)
+    if is_whole:
+        believed = believed + slip
     sigmas = float(np.sqrt(motion @ np.linalg.solve(believed, motion)))
     if sigmas > MOST_SIGMAS:
         return refused(f"texture and odometry contradict each other by {sigmas:.1f} sigma of both", count)
@@ -239,8 +242,13 @@ def visual_motion(
     return VisualMotion(gain[SIDEWAYS] @ motion, covariance, count, is_whole, 2 * new / (1 + new), None)
 
 
-def seen_after(view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool) -> SeenTexture | None:
+def seen_after(
+    view: GroundView | str, seen: SeenTexture | None, transform: Float, *, held: bool
+) -> tuple[SeenTexture | None, bool]:
     """Texture of the ground in view after a pause: what was seen of it before, and around it what its picture shows.
+
+    Returns:
+        texture, None if no picture has shown any; and True if it began anew at this pause.
 
     Args:
         view: as in `visual_motion`.
@@ -250,7 +258,7 @@ def seen_after(view: GroundView | str, seen: SeenTexture | None, transform: Floa
             little of that is left in view.
     """
     if isinstance(view, str) or view.median <= DARK_LEVEL:
-        return seen
+        return seen, False
     first, shape = view.pixels(transform)
     now = view.from_above(transform, first, shape)
     first, shape = first - MARGIN_PX, (shape[0] + 2 * MARGIN_PX, shape[1] + 2 * MARGIN_PX)
@@ -258,10 +266,10 @@ def seen_after(view: GroundView | str, seen: SeenTexture | None, transform: Floa
     in_view = texture[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
     if seen is not None and not held:
         if np.count_nonzero((in_view > 0) & (now > 0)) > LEAST_LEFT * np.count_nonzero(now):
-            return seen
+            return seen, False
         texture[:] = 0
     in_view[:] = np.where(in_view > 0, in_view, now)
-    return SeenTexture(texture, first)
+    return SeenTexture(texture, first), seen is None or not held
 
 
 def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,6 @@ from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
-from guara_perception.terrain.map.odometry_sum import EARLIER_PAUSES
 from guara_perception.terrain.map.registration import SeenGround
 from guara_perception.terrain.map.seen_texture import GroundView, seen_after, view_of
 from guara_perception.terrain.map.snapshot import snapshot_layers
@@ -181,10 +181,10 @@ class TerrainMap:
         now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position, walk.own), transform)
         rejected = fuse_scan(self._cells, terrain, now, tilt)
         texture = None
-        if view is not None:
-            # Corrections that were taken back, and texture with them.
-            before = None if walk.distrusted == EARLIER_PAUSES else state.texture
-            texture = seen_after(view, before, transform, held=walk.visual_refused is None)
+        if view is not None and not walk.unseen:
+            texture, is_new = seen_after(view, state.texture, transform, held=walk.visual_refused is None)
+            if is_new:
+                walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2))
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), now)
         # The record also names earlier patches while cells that they filled may be valid.

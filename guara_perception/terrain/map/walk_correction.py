@@ -45,6 +45,7 @@ SUSPICIOUS_SIGMAS = 1.0
 LEVER_M = 0.6
 # Pauses in memory. A cell seen before the first of them counts as seen then; it has long been stale.
 MOST_PAUSES = 256
+TEXTURE_IN_DOUBT = "texture that was seen has moved"
 # Names in files of the attributes whose names differ there.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
@@ -68,6 +69,9 @@ class WalkCorrection:
         sum: corrections of earlier pauses beside odometry's drift since.
         distrusted: number of pauses that are yet to come whose registration is not used.
         unheld: (2,) way since texture held the walk last [m].
+        off_texture: (3, 3) covariance of the pose relative to the texture, of motions since it held the walk or began.
+        off_way: (2,) way since then [m].
+        unseen: number of pauses that are yet to come whose texture is not used, as corrections were taken back.
         corners: number of corners of the texture that moved alike at the last pause, None without pictures.
         visual_refused: reason why the last picture was not used, None if it was or none was given.
     """
@@ -86,6 +90,9 @@ class WalkCorrection:
     sum: OdometrySum = field(default_factory=OdometrySum)
     distrusted: int = 0
     unheld: Float = field(default_factory=partial(np.zeros, 2))
+    off_texture: Float = field(default_factory=partial(np.zeros, (3, 3)))
+    off_way: Float = field(default_factory=partial(np.zeros, 2))
+    unseen: int = 0
     corners: int | None = None
     visual_refused: str | None = None
 
@@ -122,6 +129,9 @@ class WalkCorrection:
             sum=OdometrySum.of_fields(fields.sub("sum")) if fields.has("sum") else start.sum,
             distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
             unheld=fields.array("unheld", (2,)) if fields.has("unheld") else start.unheld,
+            off_texture=fields.array("off_texture", (3, 3)) if fields.has("off_texture") else start.off_texture,
+            off_way=fields.array("off_way", (2,)) if fields.has("off_way") else start.off_way,
+            unseen=fields.integer("unseen", 0, EARLIER_PAUSES) if fields.has("unseen") else 0,
             corners=fields.integer("corners", 0) if fields.has("corners") else None,
             visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
@@ -169,7 +179,8 @@ class WalkCorrection:
         noise_before = transition @ self.noise @ transition.T
         added = _without(growth, noise_before + noise)
         drift = transition @ self.covariance @ transition.T + added
-        unheld = self.unheld + here[:2, 3] - before[:2, 3]
+        way = here[:2, 3] - before[:2, 3]
+        unheld, off_way = self.unheld + way, self.off_way + way
         if view is not None:
             slip = _slip_growth(self.unheld, unheld, slip_share)
             growth, drift = growth + slip, drift + slip
@@ -182,11 +193,14 @@ class WalkCorrection:
             seen, seen_covariance = motion_between(before_this, terrain, np.linalg.inv(self.last) @ odometry, 2 * prior)
             seen, seen_covariance = before[:3, :3] @ seen, before[:3, :3] @ seen_covariance @ before[:3, :3].T
         here[2, 3] += rise
-        visual, visual_refused, by_odometry = None, None, here
+        visual, visual_refused, by_odometry, off_texture = None, None, here, np.zeros((3, 3))
         if view is not None:
-            visual = visual_motion(view, texture, here, prior, shown_slip(float(np.linalg.norm(unheld))))
+            off_texture = transition @ self.off_texture @ transition.T + added + slip
+            view = TEXTURE_IN_DOUBT if self.unseen else view
+            visual = visual_motion(view, texture, here, prior, off_texture + noise, shown_slip(off_way))
             here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
-            unheld = unheld if visual_refused else np.zeros(2)
+            if not visual_refused:
+                unheld, off_way, off_texture = np.zeros(2), np.zeros(2), np.zeros((3, 3))
         shown = float(np.linalg.norm(here[:2, 3] - before[:2, 3])) if visual is not None and visual.is_whole else 0.0
         earlier = self.sum.grown(transition, added, seen, seen_covariance, shown)
         if self.distrusted:
@@ -206,12 +220,16 @@ class WalkCorrection:
         transform = moved(gain @ motion, by_odometry) @ self.transform
         pause_transform = moved(motion, by_odometry) @ self.transform
         covariance = drift - gain @ (predicted - posterior) @ gain.T
-        distrusted, refused = max(self.distrusted - 1, 0), found.refused
-        contradiction = earlier.contradiction(transform, odometry, noise, slip_share)
+        distrusted, unseen, refused = max(self.distrusted - 1, 0), max(self.unseen - 1, 0), found.refused
+        contradiction = earlier.contradiction(transform, odometry, noise, slip_share, textured=texture is not None)
         if contradiction is not None:
+            distrusted, refused = EARLIER_PAUSES, contradiction.reason
+            # Texture that is lost while relief moves may begin anew on what moves.
+            unseen = EARLIER_PAUSES if visual_refused and not unseen else unseen
+        if contradiction is not None and contradiction.transform is not None:
             # What was seen in these pauses lies aside by what is taken back, and by what odometry erred in them.
             transform = pause_transform = contradiction.transform
-            covariance, distrusted, refused = contradiction.covariance, EARLIER_PAUSES, contradiction.reason
+            covariance, unseen = contradiction.covariance, EARLIER_PAUSES
             posterior = covariance + noise
             kept, own = growth + covariance + contradiction.moved_by.T @ contradiction.moved_by, np.zeros((3, 3))
             earlier = OdometrySum()
@@ -230,6 +248,9 @@ class WalkCorrection:
             sum=earlier.started(transform, odometry, covariance, noise),
             distrusted=distrusted,
             unheld=unheld,
+            off_texture=off_texture,
+            off_way=off_way,
+            unseen=unseen,
             corners=None if visual is None else visual.corners,
             visual_refused=visual_refused,
         )

@@ -17,6 +17,7 @@ from guara_perception.terrain.map.odometry_sum import (
     MOST_SIGMAS,
     OdometrySum,
     moved,
+    shown_slip,
     transition_between,
 )
 from kinematics import PoseInOdom, RobotModel
@@ -122,6 +123,30 @@ def test_only_what_contradicts_is_taken_back(seed: int) -> None:
     # The newest entry is the pause itself.
     moved_by = np.linalg.inv(contradiction.transform) @ transform
     assert contradiction.moved_by[0, 2] == pytest.approx(np.arctan2(moved_by[1, 0], moved_by[0, 0]))
+
+
+@settings(max_examples=examples(50), deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 1))
+def test_texture_decides_whether_ground_moved_or_its_relief_alone(seed: int, axis: int) -> None:
+    """Heights move. Texture that did not keeps all corrections; corrections that went along are taken back."""
+    rng = np.random.default_rng(seed)
+    seen = np.zeros((12, 3))
+    seen[:, axis] = 1.5 * SIGMAS[axis] * rng.choice([-1, 1])
+    for share, is_kept in ((0.0, True), (1.0, False)):
+        sums, transform, odometry = walked(rng, share * seen, seen=seen)
+        contradiction = sums.contradiction(transform, odometry, NOISE, 0.0, textured=True)
+        assert contradiction is not None
+        assert (contradiction.transform is None) == is_kept
+
+
+@settings(max_examples=examples(50), deadline=None)
+@given(st.floats(-3.1, 3.1), st.floats(0.03, 1.0))
+def test_slip_is_believed_along_the_way_more_than_aside(direction: float, length: float) -> None:
+    """Eight in a hundred along the way lie within two sigmas, fourteen aside, as ground moves, beyond three."""
+    way = length * np.array([np.cos(direction), np.sin(direction)])
+    slip, aside = shown_slip(way)[:2, :2], np.array([-way[1], way[0]])
+    assert 0.08**2 * way @ np.linalg.solve(slip, way) < 2.0**2
+    assert 0.14**2 * aside @ np.linalg.solve(slip, aside) > 3.0**2
 
 
 @settings(max_examples=examples(50), deadline=None)
