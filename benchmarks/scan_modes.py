@@ -17,13 +17,11 @@ from benchmarks.usable_ground import cells
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.app.node.sweep import Sweeper, SweepJob
 from guara_perception.settings import Settings
-from guara_perception.simulation.features import Box
 from guara_perception.simulation.world import World
 from guara_perception.terrain.scan.policy import ScanPolicy
+from testbed.random_world import floor
 from testbed.true_ground import TrueGround
 
-UNDULATION_M = 0.002
-BOX_HEIGHTS_M = (0.02, 0.08)
 UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unknown and free")
 
 
@@ -37,7 +35,7 @@ def main() -> None:
         refined, unsafe, seconds = 0, 0, list[float]()
         for seed in range(asked.specimens):
             for pause in range(asked.pauses):
-                stripes, free, taken = scanned(seed, world(seed, pause, with_box=with_box))
+                stripes, free, taken = scanned(seed, floor(seed, pause, with_box=with_box))
                 refined += stripes > len(range(0, 70, 2))
                 unsafe += free
                 seconds.append(taken)
@@ -49,20 +47,6 @@ def main() -> None:
         )
     empty, box = stood.values()
     print(f"an empty floor saves {box - empty:.2f} s of {box:.2f} s, {100 * (1 - empty / box):.0f} %")
-
-
-def world(seed: int, pause: int, *, with_box: bool) -> World:
-    """Ground of one pause; a box stands anywhere in the corridor of the feet, wholly in view."""
-    number = 1000 * seed + pause
-    random = np.random.default_rng(number)
-    box = Box(
-        x=random.uniform(0.55, 0.88),
-        y=random.uniform(-0.20, 0.20),
-        size=(random.uniform(0.03, 0.08), random.uniform(0.03, 0.08)),
-        height=random.uniform(*BOX_HEIGHTS_M),
-        yaw=random.uniform(0, np.pi),
-    )
-    return World(undulation=UNDULATION_M, seed=number, features=(box,) if with_box else ())
 
 
 def scanned(seed: int, ground: World) -> tuple[int, int, float]:

@@ -20,25 +20,14 @@ from benchmarks.command import Table, options
 from drivers.emulator import ExposureView
 from guara_perception.app.node import rangefinder
 from guara_perception.arrays import Image
-from guara_perception.simulation import World
-from guara_perception.simulation.features import Box, Patch, Pit
 from testbed.grid_truth import made_up
-from testbed.scenes import OWN_DATA, ScanInMemory, recorded, simulated
+from testbed.scenes import FLOOR, OWN_DATA, ScanInMemory, recorded, simulated
 from testbed.strange_cases import cases, measure
 from testbed.strange_light import Fault, Scene, take
 from testbed.two_robots import FacingRobots
 
 RECORDED = ("paper", "dark", "tilt")
 SIMULATED = "floor"
-# A floor with most of what a foot must not stand on.
-FLOOR = World(
-    features=(
-        Box(x=0.60, y=0.16, size=(0.06, 0.08), height=0.020, material="concrete"),
-        Box(x=0.86, y=-0.19, size=(0.06, 0.08), height=0.080, material="concrete"),
-        Pit(x=0.62, y=-0.15, size=(0.06, 0.08), depth=0.060),
-        Patch(x=0.72, y=0.0, size=(0.08, 0.08), material="dark"),
-    ),
-)
 SIZE, SMALL = (640, 512), (320, 256)
 # What dark flashes may cost a clean scan: known cells [%], and time [%] or frames, whichever is more.
 MOST_LOST, MOST_TIME, MOST_FRAMES = 0.5, 6.0, 4

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 import guara_perception as gp
-from guara_perception.arrays import Float
+from guara_perception.arrays import Float, Float32
 from guara_perception.calibration.calibration import StripePlane
 from guara_perception.calibration.height_sigma import HeightUncertainty
 from guara_perception.settings import Settings
@@ -20,9 +20,12 @@ from guara_perception.simulation.light import Light
 from guara_perception.simulation.specimen import rotation
 from guara_perception.simulation.walk import WalkNoise, WalkPause, fresh_reading, simulate_walk
 from kinematics import LegOdometry, RobotModel, Stance
+from kinematics.footprint import fit_support_plane, transform_base_to_footprint
+from kinematics.transforms import inverse, transform_points
 from testbed.random_world import random_world
 from testbed.scanned_walk import WalkedPause, footprint_to_world
 from testbed.scenes import OWN_DATA, real_calibration, with_covariance
+from testbed.true_ground import CELL_M
 
 SIZE = (640, 512)
 # Standard deviation of smooth and of rough ground, and wave lengths of the rough [m].
@@ -142,6 +145,42 @@ def grids(
         processor.add_all(frames)
         scan = processor.finish("wide")
         yield pause, scan, rolling.update(scan, odometry.update(stance))
+
+
+def true_frame(robot: RobotModel, world: World, pause: WalkPause, grid: gp.TerrainGrid) -> Float:
+    """Where the frame of a grid truly is in the world (4, 4): on the ground under the feet that it used."""
+    length, width = robot.sole
+    standing = [pause.soles_in_world[leg] for leg in grid.record.support_feet_used or ()]
+    ground = [(x, y, world.sole_height(x, y, length, width)) for x, y, _ in standing]
+    soles = transform_points(inverse(pause.transform_base_to_world), np.array(ground))
+    is_plane = grid.record.attitude_source == "support_plane"
+    up = fit_support_plane(soles).normal if is_plane else pause.transform_base_to_world[2, :3]
+    return pause.transform_base_to_world @ inverse(transform_base_to_footprint(soles, up))
+
+
+def true_heights(robot: RobotModel, world: World, means: Float32, pause: WalkPause, grid: gp.TerrainGrid) -> Float:
+    """True heights (ny, nx) of the ground that a grid shows, in its true frame [m].
+
+    The same ground has other x and y in a frame that leans: it is looked up where the grid's own frame was.
+
+    Args:
+        robot: the robot.
+        world: the ground.
+        means: its mean heights over a cell, in millimetre cells of the whole world.
+        pause: the pause of the grid.
+        grid: the grid.
+    """
+    placed = pause.transform_base_to_world @ inverse(np.array(grid.metadata["transform_base_to_footprint"]))
+    x, y = np.meshgrid(*grid.geometry.centres())
+    points = (
+        np.stack((x, y, np.nan_to_num(grid.elevation.astype(np.float64))), axis=-1) @ placed[:3, :3].T + placed[:3, 3]
+    )
+    columns, rows = (
+        ((points[..., i] - low) / CELL_M - 0.5).astype(np.float32) for i, low in enumerate((world.x[0], world.y[0]))
+    )
+    points[..., 2] = cv2.remap(means, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    to_true = inverse(true_frame(robot, world, pause, grid))
+    return np.asarray(points @ to_true[2, :3] + to_true[2, 3])
 
 
 def misread(true: gp.Calibration, rng: np.random.Generator) -> gp.Calibration:

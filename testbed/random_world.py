@@ -10,6 +10,9 @@ from guara_perception.simulation.world import World
 
 # The gait stands on ground before this x when it starts.
 START_M = 0.55
+# Of a floor and the box on it [m].
+UNDULATION_M = 0.002
+BOX_HEIGHTS_M = (0.02, 0.08)
 MATERIALS_OF_BOXES = ("wood", "concrete", "brick", "blue")
 
 
@@ -86,3 +89,17 @@ def random_world(
         seed=seed,
         flat_until=START_M,
     )
+
+
+def floor(seed: int, pause: int, *, with_box: bool) -> World:
+    """Floor of one pause, bare or with a box anywhere in the corridor of the feet, wholly in view."""
+    number = 1000 * seed + pause
+    random = np.random.default_rng(number)
+    box = Box(
+        x=random.uniform(0.55, 0.88),
+        y=random.uniform(-0.20, 0.20),
+        size=(random.uniform(0.03, 0.08), random.uniform(0.03, 0.08)),
+        height=random.uniform(*BOX_HEIGHTS_M),
+        yaw=random.uniform(0, np.pi),
+    )
+    return World(undulation=UNDULATION_M, seed=number, features=(box,) if with_box else ())

@@ -38,6 +38,15 @@ WORLD = World(
     ),
     undulation=0.001,
 )
+# A floor with most of what a foot must not stand on.
+FLOOR = World(
+    features=(
+        Box(x=0.60, y=0.16, size=(0.06, 0.08), height=0.020, material="concrete"),
+        Box(x=0.86, y=-0.19, size=(0.06, 0.08), height=0.080, material="concrete"),
+        Pit(x=0.62, y=-0.15, size=(0.06, 0.08), depth=0.060),
+        Patch(x=0.72, y=0.0, size=(0.08, 0.08), material="dark"),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
