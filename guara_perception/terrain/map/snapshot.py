@@ -72,6 +72,8 @@ def snapshot_layers(
     # Depends on the tested cell alone, so that losing other cells never makes it safe.
     aside = now.sideways.variances(memory["pause"].take(slot), in_odom_x.take(known), in_odom_y.take(known), transform)
     drifted = np.ceil(settings.limits.confidence * np.sqrt(aside) / geometry.resolution)
+    # What no margin covers is as if it had not been seen for too long.
+    flags[known[(drifted > LARGEST_DRIFT_CELLS).any(axis=0)]] |= np.uint16(Hazard.STALE)
     drifted = np.minimum(drifted, LARGEST_DRIFT_CELLS).astype(np.intp)
 
     def shaped(values: Array, unknown: Any) -> Array:

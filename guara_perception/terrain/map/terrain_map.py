@@ -178,13 +178,14 @@ class TerrainMap:
             shift, turn = drift.shift - state.drift.shift, drift.turn - state.drift.turn
             growth = np.diag([shift, shift, turn])
         pause = self._pause_of(terrain)
-        now = MapPause(pause, clock, drift, state.sideways.after(pause, growth, position, walk.own), transform)
+        sideways = state.sideways.after(pause, growth, position, walk.own, walk.slip)
+        now = MapPause(pause, clock, drift, sideways, transform)
         rejected = fuse_scan(self._cells, terrain, now, tilt)
         texture = None
         if view is not None and not walk.unseen:
             texture, is_new = seen_after(view, state.texture, transform, held=walk.visual_refused is None)
             if is_new:
-                walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2))
+                walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2), begun=walk.slip)
         for foot in feet:
             fill_under_foot(self._cells, foot.raised(correction), now)
         # The record also names earlier patches while cells that they filled may be valid.

@@ -72,6 +72,9 @@ class WalkCorrection:
         off_texture: (3, 3) covariance of the pose relative to the texture, of motions since it held the walk or began.
         off_way: (2,) way since then [m].
         unseen: number of pauses that are yet to come whose texture is not used, as corrections were taken back.
+        slip: (2,) sigma of what slip, always along the way and with the same sign, has moved the walk by since the
+            start, less what texture took back [m].
+        begun: (2,) `slip` where the texture in view began.
         corners: number of corners of the texture that moved alike at the last pause, None without pictures.
         visual_refused: reason why the last picture was not used, None if it was or none was given.
     """
@@ -93,6 +96,8 @@ class WalkCorrection:
     off_texture: Float = field(default_factory=partial(np.zeros, (3, 3)))
     off_way: Float = field(default_factory=partial(np.zeros, 2))
     unseen: int = 0
+    slip: Float = field(default_factory=partial(np.zeros, 2))
+    begun: Float = field(default_factory=partial(np.zeros, 2))
     corners: int | None = None
     visual_refused: str | None = None
 
@@ -128,10 +133,9 @@ class WalkCorrection:
             refused=fields.text("refused") if fields.has("refused") else None,
             sum=OdometrySum.of_fields(fields.sub("sum")) if fields.has("sum") else start.sum,
             distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
-            unheld=fields.array("unheld", (2,)) if fields.has("unheld") else start.unheld,
             off_texture=fields.array("off_texture", (3, 3)) if fields.has("off_texture") else start.off_texture,
-            off_way=fields.array("off_way", (2,)) if fields.has("off_way") else start.off_way,
             unseen=fields.integer("unseen", 0, EARLIER_PAUSES) if fields.has("unseen") else 0,
+            **{name: fields.array(name, (2,)) for name in ("unheld", "off_way", "slip", "begun") if fields.has(name)},
             corners=fields.integer("corners", 0) if fields.has("corners") else None,
             visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
@@ -182,8 +186,8 @@ class WalkCorrection:
         way = here[:2, 3] - before[:2, 3]
         unheld, off_way = self.unheld + way, self.off_way + way
         if view is not None:
-            slip = _slip_growth(self.unheld, unheld, slip_share)
-            growth, drift = growth + slip, drift + slip
+            slipped = _slip_growth(self.unheld, unheld, slip_share)
+            drift = drift + slipped
         predicted = drift + noise
         prior = np.diag([0.0, 0.0, motion[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
         prior[3:5, 3:5] += tilt
@@ -195,7 +199,7 @@ class WalkCorrection:
         here[2, 3] += rise
         visual, visual_refused, by_odometry, off_texture = None, None, here, np.zeros((3, 3))
         if view is not None:
-            off_texture = transition @ self.off_texture @ transition.T + added + slip
+            off_texture = transition @ self.off_texture @ transition.T + added + slipped
             view = TEXTURE_IN_DOUBT if self.unseen else view
             visual = visual_motion(view, texture, here, prior, off_texture + noise, shown_slip(off_way))
             here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
@@ -213,9 +217,14 @@ class WalkCorrection:
                 found = Registration(np.zeros(6), prior, found.cells, found.refused or reason)
         motion = found.motion[SIDEWAYS] + (0.0 if visual is None else visual.motion)
         posterior = found.covariance[np.ix_(SIDEWAYS, SIDEWAYS)]
-        kept, own = kept_growth(growth, predicted, posterior), np.zeros((3, 3))
+        kept, own, slip = kept_growth(growth, predicted, posterior), np.zeros((3, 3)), self.slip
         if visual is not None and visual_refused is None:
-            kept, own = visual.inherited * posterior, posterior
+            kept, own, slip = visual.inherited * posterior, posterior, self.begun
+        elif visual is not None:
+            # Heights may show a part of it.
+            along = np.append(way, 0.0)
+            left = np.sqrt((along @ posterior @ along) / max(along @ predicted @ along, 1e-30))
+            slip = slip + slip_share * left * way
         gain = np.linalg.solve(predicted, drift).T
         transform = moved(gain @ motion, by_odometry) @ self.transform
         pause_transform = moved(motion, by_odometry) @ self.transform
@@ -251,6 +260,8 @@ class WalkCorrection:
             off_texture=off_texture,
             off_way=off_way,
             unseen=unseen,
+            slip=slip,
+            begun=self.begun,
             corners=None if visual is None else visual.corners,
             visual_refused=visual_refused,
         )
@@ -296,13 +307,15 @@ class SidewaysDrift(FrozenArrays):
         pauses: (k,) ascending.
         total: (k, 3, 3) sums from the start to each pause [m, rad].
         own: (k, 3, 3) covariance of each pause's own error, which adds to that of all motions from or to it.
+        slip: (k, 2) sigma of slip from the start to each pause, along x and y of odom, with the sign of all others [m].
     """
 
     pauses: Index = field(default_factory=lambda: np.empty(0, np.int64))
     total: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
     own: Float = field(default_factory=partial(np.empty, (0, 3, 3)))
+    slip: Float = field(default_factory=partial(np.empty, (0, 2)))
 
-    def after(self, pause: int, growth: Float, position: Float, own: Float) -> SidewaysDrift:
+    def after(self, pause: int, growth: Float, position: Float, own: Float, slip: Float) -> SidewaysDrift:
         """Add the motion to a pause.
 
         Args:
@@ -310,13 +323,16 @@ class SidewaysDrift(FrozenArrays):
             growth: (3, 3) covariance of the motion, about the robot and along the axes of odom.
             position: (2,) position of the robot in odom [m].
             own: (3, 3) covariance of the pause's own error, likewise.
+            slip: (2,) sigma of slip since the start, along the axes of odom [m].
         """
         about_origin = np.array([[1.0, 0.0, position[1]], [0.0, 1.0, -position[0]], [0.0, 0.0, 1.0]])
         added = about_origin @ growth @ about_origin.T
         last = self.total[-1] if len(self.total) else np.zeros((3, 3))
         pauses, total = np.append(self.pauses, pause), np.concatenate((self.total, (last + added)[None]))
         both = np.concatenate((self.own, (about_origin @ own @ about_origin.T)[None]))
-        return SidewaysDrift(pauses[-MOST_PAUSES:], total[-MOST_PAUSES:], both[-MOST_PAUSES:])
+        slips = np.concatenate((self.slip, slip[None]))
+        kept = slice(-MOST_PAUSES, None)
+        return SidewaysDrift(pauses[kept], total[kept], both[kept], slips[kept])
 
     def variances(self, seen: Index, x: Float, y: Float, transform_footprint_to_odom: Float) -> Float:
         """Variances (2, n) of the positions of cells along x and y of the footprint [m^2].
@@ -333,11 +349,13 @@ class SidewaysDrift(FrozenArrays):
         # With J = [[1, 0, -y], [0, 1, x]]; the terms of each pause first, so that a cell takes three products per axis.
         since = self.total[-1] - self.total
         since[:-1] += self.own[:-1] + self.own[-1]
+        slipped = self.slip[-1] - self.slip
         result = np.empty((2, len(seen)))
         for axis, (ax, ay) in enumerate(axes.T.tolist()):
             shift = ax * ax * since[:, 0, 0] + 2 * ax * ay * since[:, 0, 1] + ay * ay * since[:, 1, 1]
             both = 2 * (ax * since[:, 0, 2] + ay * since[:, 1, 2])
             lever = ay * x - ax * y
+            shift += (ax * slipped[:, 0] + ay * slipped[:, 1]) ** 2
             result[axis] = shift[entry] + lever * (both[entry] + lever * since[:, 2, 2][entry])
         return np.maximum(result, 0.0)
 
@@ -353,12 +371,13 @@ class SidewaysDrift(FrozenArrays):
         total = fields.array("total", (count, 3, 3)) if count else np.empty((0, 3, 3))
         # Files of earlier versions have none.
         own = fields.array("own", (count, 3, 3)) if count and fields.has("own") else np.zeros((count, 3, 3))
+        slip = fields.array("slip", (count, 2)) if count and fields.has("slip") else np.zeros((count, 2))
         # Drift that shrinks would remove the map's safety margins.
         if (np.diff(pauses) <= 0).any() or (np.diff(total, axis=0).diagonal(axis1=1, axis2=2) < 0).any():
             raise FileFormatError(
                 f"{fields.path_to('total')} or pauses shrink from one pause to the next, the file is damaged"
             )
-        return SidewaysDrift(pauses.astype(np.int64), total, own)
+        return SidewaysDrift(pauses.astype(np.int64), total, own, slip)
 
 
 def kept_growth(growth: Float, prior: Float, posterior: Float) -> Float:

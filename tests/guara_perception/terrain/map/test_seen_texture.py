@@ -219,6 +219,38 @@ def test_without_texture_or_light_odometry_holds_the_map(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("is_bare", [True, False])
+def test_what_may_have_slipped_beyond_all_margins_is_stale(
+    robot: RobotModel, make_scan: MakeScan, *, is_bare: bool
+) -> None:
+    """Margins cover 30 mm: with slip of 4 % of the way, ground seen 0.375 m before or earlier (2 sigma) is STALE.
+
+    That holds however long the walk. Ground in view is fresh, and texture shows that nothing slipped.
+    """
+    walk = Walk(robot, make_scan, np.full((2000, 3000), 90, np.float32) if is_bare else mottled())
+    for step in range(28):
+        fused = walk.pause(planar(0.035, 0.0) if step else np.eye(4))
+    hazard = fused.hazard_at(np.array([0.7, 0.3, 0.0, -0.2]), np.zeros(4))
+    is_stale = (hazard & np.uint16(gp.Hazard.STALE)) != 0
+    assert is_stale.tolist() == [False, False, is_bare, is_bare]
+
+
+@pytest.mark.slow
+def test_texture_that_comes_back_takes_slip_back(walk: Walk) -> None:
+    """Feet slip through four pauses without a picture: after them only the sigmas of four motions are left."""
+    for _ in range(4):
+        walk.pause(planar(0.035, 0.0), planar(-0.0014, 0.0), picture="lost")
+    drift = walk.map.sideways_drift
+    cell = np.array([0.8]), np.zeros(1)
+    assert np.sqrt(drift.variances(drift.pauses[:1], *cell, walk.odometry)[0, 0]) > 0.04 * 0.14
+    walk.pause(planar(0.035, 0.0), planar(-0.0014, 0.0))
+    drift = walk.map.sideways_drift
+    assert np.sqrt(drift.variances(drift.pauses[:1], *cell, walk.odometry)[0, 0]) == pytest.approx(0.004, rel=0.05)
+    # What was seen in between lies aside by what slipped until then.
+    assert np.sqrt(drift.variances(drift.pauses[4:5], *cell, walk.odometry)[0, 0]) > 0.04 * 0.14
+
+
+@pytest.mark.slow
 def test_a_gap_is_told_and_texture_begins_anew(walk: Walk) -> None:
     """Two pauses without a picture, and half a metre on: nothing in view was seen before; from there pictures hold."""
     for _ in range(2):

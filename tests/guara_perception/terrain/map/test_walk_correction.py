@@ -19,7 +19,7 @@ from tests.thorough import examples
 
 def plain(drift: SidewaysDrift) -> dict[str, Any]:
     """The sums as JSON values."""
-    fields = {"pauses": drift.pauses, "total": drift.total, "own": drift.own}
+    fields = {"pauses": drift.pauses, "total": drift.total, "own": drift.own, "slip": drift.slip}
     return {name: array.tolist() for name, array in fields.items()}
 
 
@@ -35,14 +35,14 @@ def test_variance_is_that_of_all_motions_since_the_cell_was_seen(seed: int) -> N
     """Each motion moves a cell by its shift, and turns it about where the robot stood; so do errors of both ends."""
     rng = np.random.default_rng(seed)
     positions, growths = np.cumsum(rng.normal(0, 0.1, (12, 2)), axis=0) + 30.0, [covariance(rng) for _ in range(12)]
-    own = [covariance(rng) for _ in range(12)]
+    own, slips = [covariance(rng) for _ in range(12)], np.cumsum(rng.normal(0, 0.002, (12, 2)), axis=0)
     drift = SidewaysDrift()
-    for pause, each in enumerate(zip(growths, positions, own, strict=True)):
+    for pause, each in enumerate(zip(growths, positions, own, slips, strict=True)):
         drift = drift.after(3 * pause, *each)
     drift = SidewaysDrift.of_fields(Fields(plain(drift), "test"))
     yaw, seen, cell = rng.uniform(-3, 3), int(rng.integers(0, 12)), positions[-1] + rng.normal(0, 0.4, 2)
     rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    expected = np.zeros((2, 2))
+    expected = rotation.T @ np.outer(slips[-1] - slips[seen], slips[-1] - slips[seen]) @ rotation
     terms = list(zip(growths[seen + 1 :], positions[seen + 1 :], strict=True))
     terms += [(own[end], positions[end]) for end in (seen, -1) if seen < 11]
     for growth, position in terms:
@@ -61,7 +61,7 @@ def test_memory_is_bounded_and_what_is_older_has_drifted_as_much_as_the_oldest()
     """A walk without end keeps MOST_PAUSES of them."""
     drift = SidewaysDrift()
     for pause in range(MOST_PAUSES + 50):
-        drift = drift.after(pause, np.diag([1e-6, 1e-6, 0.0]), np.zeros(2), np.zeros((3, 3)))
+        drift = drift.after(pause, np.diag([1e-6, 1e-6, 0.0]), np.zeros(2), np.zeros((3, 3)), np.zeros(2))
     assert len(drift.pauses) == MOST_PAUSES
     found = drift.variances(np.array([0, 50, MOST_PAUSES + 49]), np.zeros(3), np.zeros(3), np.eye(4))
     np.testing.assert_allclose(found[0], [(MOST_PAUSES - 1) * 1e-6, (MOST_PAUSES - 1) * 1e-6, 0.0], atol=1e-15)
@@ -112,7 +112,9 @@ def test_a_walk_is_laid_onto_the_map_at_every_pause_or_at_none(
 @pytest.mark.parametrize("change", [{"pauses": [2, 1]}, {"total": [np.eye(3).tolist(), np.zeros((3, 3)).tolist()]}])
 def test_drift_that_shrinks_is_refused(change: dict[str, Any]) -> None:
     """A file that says so would take the margins of the map away."""
-    drift = SidewaysDrift(np.array([1, 2]), np.array([np.zeros((3, 3)), np.eye(3)]), np.zeros((2, 3, 3)))
+    drift = SidewaysDrift(
+        np.array([1, 2]), np.array([np.zeros((3, 3)), np.eye(3)]), np.zeros((2, 3, 3)), np.zeros((2, 2))
+    )
     kept = SidewaysDrift.of_fields(Fields(plain(drift), "map.npz"))
     np.testing.assert_array_equal(kept.total, drift.total)
     with pytest.raises(gp.FileFormatError, match="shrink from one pause to the next, the file is damaged"):
