@@ -58,6 +58,7 @@ def physics_walk(
     cycles: float = 6,
     seed: int = 0,
     noise: WalkNoise | None = None,
+    is_stiff: bool = False,
 ) -> Iterator[WalkPause]:
     """Walk as `simulate_walk` does, in MuJoCo: feet slip, the body sags and tips, contacts decide.
 
@@ -67,6 +68,8 @@ def physics_walk(
     Args:
         world: level ground with boxes.
         robot, choose, cycles, seed, noise: as in `simulate_walk`.
+        is_stiff: True for servos that know positions alone: they push the feet against each other, which creep, always
+            the same way. Otherwise they are told the torques that carry the body.
 
     Yields:
         The pauses, each a second after the foot was set down.
@@ -80,7 +83,7 @@ def physics_walk(
     soles = {leg: np.array([*xy, 0.0]) for leg, xy in gait.first_stance().items()}
     transform, joints = stand_on(robot, soles, (0.0, 0.0), gait.hip_height)
     body = PhysicsRobot(world, robot, transform, joints)
-    body.run(joints, SETTLE_S)
+    body.run(joints, SETTLE_S, _shares(robot, is_stiff=is_stiff))
     footstep: Footstep | None = None
     for step in range(round(cycles * len(gait.lift_order)) + 1):
         pause = _pause(robot, gait, body, step, footstep, noise, rng)
@@ -89,7 +92,7 @@ def physics_walk(
         length, width = robot.sole
         xy = pause.to_world(x, y)
         target = np.array([*xy, world.sole_height(*xy, length, width)])
-        _swing(robot, gait, body, pause.next_leg, target)
+        _swing(robot, gait, body, pause.next_leg, target, is_stiff=is_stiff)
         sole = _soles_in_world(robot, body)[pause.next_leg]
         footstep = Footstep(pause.next_leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
 
@@ -133,7 +136,14 @@ def _pause(
     )
 
 
-def _swing(robot: RobotModel, gait: WaveGait, body: PhysicsRobot, leg: str, target_in_world: Float) -> None:
+def _shares(robot: RobotModel, leg: str = "", share: float = 1.0, *, is_stiff: bool) -> dict[str, float] | None:
+    """Weights of the legs that carry the body, `share` for one of them; None for servos that know positions alone."""
+    return None if is_stiff else {each: share if each == leg else 1.0 for each in robot.legs}
+
+
+def _swing(
+    robot: RobotModel, gait: WaveGait, body: PhysicsRobot, leg: str, target_in_world: Float, *, is_stiff: bool
+) -> None:
     """Move the body forward and aside, then one foot to its target; wait until all is still."""
     base = body.transform_base_to_world
     soles = _soles_in_base(robot, body.joint_positions)
@@ -146,13 +156,13 @@ def _swing(robot: RobotModel, gait: WaveGait, body: PhysicsRobot, leg: str, targ
     body_time = BODY_SHARE * swing_time
     for share in _ticks(body_time):
         between = {name: soles[name] + share * (goal[name] - soles[name]) for name in soles}
-        body.run(_joints(robot, between, base[2, :3] + share * (up - base[2, :3])), TICK_S)
+        joints = _joints(robot, between, base[2, :3] + share * (up - base[2, :3]))
+        body.run(joints, TICK_S, _shares(robot, leg, 1 - share, is_stiff=is_stiff))
     start, end = goal[leg], to_moved[:3, :3] @ target + to_moved[:3, 3]
-    joints: dict[str, float] = {}
     for share in _ticks(swing_time - body_time):
         joints = _joints(robot, {**goal, leg: _arc(start, end, share)}, up)
-        body.run(joints, TICK_S)
-    body.run(joints, SETTLE_S)
+        body.run(joints, TICK_S, _shares(robot, leg, 0.0, is_stiff=is_stiff))
+    body.run(joints, SETTLE_S, _shares(robot, is_stiff=is_stiff))
 
 
 def _body_motion(
