@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -55,8 +54,6 @@ class JudgedPause:
     Attributes:
         item: the pause and its scan.
         fused: the fused map, whose poses come from odometry and drift.
-        ceiling: bounds of the ground of the map's cells, known and unknown.
-        sight_seconds: processor time that these bounds took [s].
         oracle: the map as it would be if every cell of it were known exactly.
         dark: (ny, nx) cells with ground that swallows the laser.
         from_world: (4, 4) true transform from the world to base_footprint of the scan.
@@ -64,8 +61,6 @@ class JudgedPause:
 
     item: ScannedPause
     fused: gp.TerrainGrid
-    ceiling: gp.Ceiling
-    sight_seconds: float
     oracle: gp.TerrainGrid
     dark: Mask
     from_world: Float
@@ -74,18 +69,13 @@ class JudgedPause:
 def judged_walk(robot: RobotModel, truth: TrueGround, pauses: Iterable[ScannedPause]) -> Iterator[JudgedPause]:
     """Fuse the scans of a walk at the poses of odometry; yields pauses from FIRST_JUDGED_STEP on with map and truth."""
     terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
-    sight = gp.LinesOfSight(terrain_map)
     for item in pauses:
         pause, scan = item.pause, item.scan
         fused = terrain_map.update(scan, odometry.update(pause.stance), known_ground=pause.known_ground)
-        begun = time.process_time()
-        sight.add(scan, fused)
-        ceiling = sight.ceiling(fused)
-        seconds = time.process_time() - begun
         if pause.step < FIRST_JUDGED_STEP:
             continue
         transform_footprint_to_world = item.to_world
         stance = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
         oracle, dark = truth.grid(transform_footprint_to_world, map_geometry(robot), robot, **stance)
         transform_world_to_footprint = np.asarray(np.linalg.inv(transform_footprint_to_world), np.float64)
-        yield JudgedPause(item, fused, ceiling, seconds, oracle, dark, transform_world_to_footprint)
+        yield JudgedPause(item, fused, oracle, dark, transform_world_to_footprint)

@@ -23,12 +23,10 @@ BOUNDS_EVERY = 4
 def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -> dict[str, float]:
     """Drift by axis and the map's sigma of y, rms [mm], and numbers of cells, with or without registration."""
     terrain_map = gp.TerrainMap(robot)
-    sight = gp.LinesOfSight(terrain_map)
     poses: list[Float] = []
     sigmas: list[float] = []
     unsafe = exceeded = refused = conflicts = 0
     for pause, fused in fused_pauses(terrain_map, robot, pauses, registered=registered):
-        sight.add(pause.scan, fused)
         record = fused.record
         assert isinstance(record, gp.MapRecord)
         assert record.transform_footprint_to_odom is not None and record.sideways_correction_sigma is not None
@@ -38,7 +36,7 @@ def figures(robot: RobotModel, pauses: list[MovingPause], *, registered: bool) -
         conflicts += int(((fused.hazard & np.uint16(gp.Hazard.CONFLICT)) != 0).sum())
         unsafe += wrongly_free(fused, pause)
         if pause.scan.step % BOUNDS_EVERY == 0:
-            exceeded += broken_bounds(sight.ceiling(fused).height, fused, pause)
+            exceeded += broken_bounds(fused.ceiling, fused, pause)
     x, y = np.sqrt(np.mean(drift_aside(pauses, poses) ** 2, axis=0))
     claimed = 1e3 * float(np.sqrt(np.mean(np.square(sigmas))))
     counts = {"unsafe": unsafe, "exceeded": exceeded, "refused": refused, "conflicts": conflicts}

@@ -25,11 +25,12 @@ from guara_perception.simulation import World
 from guara_perception.simulation.planner import plan_foothold, plan_swing
 from guara_perception.terrain.layers.geometry import half_cells
 from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
+from guara_perception.terrain.layers.layers import CEILING_SIGMA_M
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.path import PathVerdict, corridor_of, sampled
 from kinematics import RobotModel, load_robot
 from testbed.kinds_of_ground import KINDS, MOVING
-from testbed.scanned_walk import ScannedPause, scanned_walk
+from testbed.scanned_walk import ADAPTIVE, ScannedPause, scanned_walk
 from testbed.true_ground import TrueGround
 from testbed.truth import truth_calibration
 
@@ -47,7 +48,7 @@ def main() -> None:
     asked = options(
         __doc__,
         seeds=(5, "worlds 0 ... N - 1"),
-        mode=("coarse", "scan mode", {"choices": ("coarse", "standard")}),
+        mode=("coarse", "scan mode", {"choices": ("coarse", "standard", ADAPTIVE)}),
         cycles=(10, "cycles of each walk"),
         recall=(False, "by kinds of ground"),
         kinds=([*KINDS, MOVING], "kinds of --recall"),
@@ -124,14 +125,12 @@ def cells(counts: Counter[str], robot: RobotModel, fused: gp.TerrainGrid, oracle
 
 def bounds(counts: Counter[str], pause: JudgedPause) -> None:
     """Bounds of unknown ground by lines of sight, in a map that drifts as on a real walk, against the truth."""
-    ceiling, unknown = pause.ceiling, (pause.fused.hazard & UNKNOWN_MASK) != 0
-    is_bounded = unknown & np.isfinite(ceiling.height)
-    over = np.asarray(pause.oracle.elevation_max - ceiling.height, np.float64)[is_bounded]
-    counts["bounds: processor us"] += round(1e6 * pause.sight_seconds)
-    counts["bounds: unknown cells"] += int(unknown.sum())
+    ceiling = pause.fused.ceiling
+    over = np.asarray(pause.oracle.elevation_max - ceiling, np.float64)[np.isfinite(ceiling)]
+    counts["bounds: unknown cells"] += int(((pause.fused.hazard & UNKNOWN_MASK) != 0).sum())
     counts["bounds"] += over.size
     counts["bounds: truth higher"] += int((over > 0).sum())
-    counts["bounds: broken"] += int((over > BROKEN_BY_M + BROKEN_BY_SIGMAS * ceiling.sigma).sum())
+    counts["bounds: broken"] += int((over > BROKEN_BY_M + BROKEN_BY_SIGMAS * CEILING_SIGMA_M).sum())
     counts["bounds: slack um"] += round(-1e6 * float(over.sum()))
     counts[WORST] = max(counts[WORST], round(1e6 * float(over.max(initial=0.0))))
 
@@ -148,13 +147,12 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
         ("map with reach", found),
     ):
         counts[f"place: {name}"] += foothold is not None
-    for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
-        planned = plan_swing(fused, leg, wish, robot=robot, ceiling=ceiling)
-        counts[f"place: map with reach and a swing{with_bounds}"] += planned is not None
-        if planned is not None:
-            truly = oracle.check_path(on_true_ground(planned.swing.points, oracle), planned.clearance)
-            counts[f"planned swings{with_bounds}"] += 1
-            counts[f"planned swings{with_bounds}, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
+    planned = plan_swing(fused, leg, wish, robot=robot)
+    counts["place: map with reach and a swing"] += planned is not None
+    if planned is not None:
+        truly = oracle.check_path(on_true_ground(planned.swing.points, oracle), planned.clearance)
+        counts["planned swings"] += 1
+        counts["planned swings, truth lacks over 1 mm"] += lack(truly) > REFUSED_BY_M
     if found is None:
         return
     start = judged.from_world[:3, :3] @ pause.soles_in_world[leg] + judged.from_world[:3, 3]
@@ -163,23 +161,22 @@ def swings(counts: Counter[str], robot: RobotModel, judged: JudgedPause) -> None
     by_truth = oracle.check_path(up_over_down(start, true_end), CLEARANCE_M)
     way = up_over_down(start, end)
     counts["truly good"] += by_truth.ok
-    for with_bounds, ceiling in (("", None), (" with bounds", judged.ceiling)):
-        verdict = fused.check_path(way, CLEARANCE_M, ceiling=ceiling)
-        counts[f"accepted{with_bounds}"] += verdict.ok
-        counts[f"truly good and accepted{with_bounds}"] += verdict.ok and by_truth.ok
-        counts[f"accepted{with_bounds}, truth lacks over 1 mm"] += verdict.ok and lack(by_truth) > REFUSED_BY_M
-        if not by_truth.ok:
-            continue
-        if not verdict.ok:
-            counts[f"refused{with_bounds}, {_unknown_below(fused, judged.dark, way)}"] += 1
-            for reason in verdict.reasons:
-                why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
-                counts[f"refused{with_bounds} for {why}"] += 1
-        found_way = fused.swing(start, end, CLEARANCE_M, ceiling=ceiling)
-        counts[f"truly good, swing() finds a way{with_bounds}"] += found_way.ok
-        if found_way.ok:
-            short = lack(oracle.check_path(on_true_ground(found_way.points, oracle), CLEARANCE_M))
-            counts[f"way of swing(){with_bounds}, truth lacks over 1 mm"] += short > REFUSED_BY_M
+    verdict = fused.check_path(way, CLEARANCE_M)
+    counts["accepted"] += verdict.ok
+    counts["truly good and accepted"] += verdict.ok and by_truth.ok
+    counts["accepted, truth lacks over 1 mm"] += verdict.ok and lack(by_truth) > REFUSED_BY_M
+    if not by_truth.ok:
+        return
+    if not verdict.ok:
+        counts[f"refused, {_unknown_below(fused, judged.dark, way)}"] += 1
+        for reason in verdict.reasons:
+            why = f"{reason.test} {reason.detail if reason.test == 'unknown' else ''}".strip()
+            counts[f"refused for {why}"] += 1
+    found_way = fused.swing(start, end, CLEARANCE_M)
+    counts["truly good, swing() finds a way"] += found_way.ok
+    if found_way.ok:
+        short = lack(oracle.check_path(on_true_ground(found_way.points, oracle), CLEARANCE_M))
+        counts["way of swing(), truth lacks over 1 mm"] += short > REFUSED_BY_M
 
 
 def on_true_ground(way: Float, oracle: gp.TerrainGrid) -> Float:

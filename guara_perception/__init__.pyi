@@ -57,7 +57,6 @@ from guara_perception.terrain.compare import GridComparison as GridComparison
 from guara_perception.terrain.compare import compare as compare
 from guara_perception.terrain.file import load_terrain as load_terrain
 from guara_perception.terrain.grid import TerrainGrid as TerrainGrid
-from guara_perception.terrain.layers.ceiling import Ceiling as Ceiling
 from guara_perception.terrain.layers.hazard import Hazard as Hazard
 from guara_perception.terrain.layers.record import (
     MapRecord as MapRecord,
@@ -66,7 +65,6 @@ from guara_perception.terrain.layers.record import (
     ScanRecord as ScanRecord,
 )
 from guara_perception.terrain.map.known_ground import KnownGround as KnownGround
-from guara_perception.terrain.map.lines_of_sight import LinesOfSight as LinesOfSight
 from guara_perception.terrain.map.terrain_map import TerrainMap as TerrainMap
 from guara_perception.terrain.questions.best_foothold import Foothold as Foothold
 from guara_perception.terrain.questions.best_foothold import RefusedFoothold as RefusedFoothold

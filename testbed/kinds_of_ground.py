@@ -49,6 +49,11 @@ def course(kind: str, seed: int) -> Course:
     return ((0, _world(seed, *KINDS[kind](rng))),)
 
 
+def stepping_stones(seed: int, length: float) -> Course:
+    """Stones of 0.18 to 0.24 m with gaps of 40 mm, over a length of the way [m]; level ground before and behind."""
+    return ((0, _world(seed, *_stones(np.random.default_rng(seed), length))),)
+
+
 def _world(seed: int, *features: AnyFeature) -> World:
     return World((-1.0, LENGTH_M), (-WIDTH_M / 2, WIDTH_M / 2), features, undulation=0.0, seed=seed)
 
@@ -66,18 +71,19 @@ def _pool(depth: float, length: float = 1.9) -> Pit:
     return Pit(x=START_M + 0.02 + length / 2, y=0.0, size=(length, 1.5), depth=depth)
 
 
-def _stones(rng: np.random.Generator) -> list[AnyFeature]:
-    pool, gap = _pool(0.12), 0.040
+def _stones(rng: np.random.Generator, length: float = 1.7) -> list[AnyFeature]:
+    pool, gap, end = _pool(0.12, length), 0.040, START_M + 0.02 + length
     stones: list[AnyFeature] = []
     y = -0.7
     while y < 0.6:
         width, x = rng.uniform(0.18, 0.24), START_M
-        while x < START_M + 1.7:
-            length = rng.uniform(0.18, 0.24)
-            top = 0.12 + rng.uniform(-0.004, 0.004)
-            centre = x + length / 2, y + width / 2
-            stones.append(Box(x=centre[0], y=centre[1], size=(length, width), height=top, material="concrete"))
-            x += length + gap
+        while x < end - gap:
+            along, top = rng.uniform(0.18, 0.24), 0.12 + rng.uniform(-0.004, 0.004)
+            if x + along + gap + 0.18 > end - gap:
+                along = end - gap - x
+            centre = x + along / 2, y + width / 2
+            stones.append(Box(x=centre[0], y=centre[1], size=(along, width), height=top, material="concrete"))
+            x += along + gap
         y += width + gap
     return [pool, *stones]
 

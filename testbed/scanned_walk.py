@@ -19,6 +19,7 @@ from guara_perception.simulation.planner import plan_foothold
 from guara_perception.simulation.walk import WalkPause, simulate_walk
 from guara_perception.simulation.world import World
 from guara_perception.terrain.layers.geometry import GridGeometry
+from guara_perception.terrain.scan.policy import ScanPolicy, refined
 from kinematics import RobotModel, Stance
 from kinematics.transforms import inverse, transform_points
 from testbed.analytic_walk import Ground, LevelGround, scan, walk
@@ -30,6 +31,8 @@ from testbed.true_ground import TrueGround
 DARK_REFLECTANCE = 0.02
 SEEN_CELL_M = 0.005
 FOOT_HALF = (0.035, 0.025)
+# Coarse scans, and where they find obstacles the stripes between, as the node does.
+ADAPTIVE = "adaptive"
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def scanned_walk(
     Args:
         robot: the robot that walks.
         seed: seed of the random world, the specimen's calibration and the noise.
-        mode: scan mode.
+        mode: scan mode, or ADAPTIVE.
         cycles: number of cycles walked.
         kept: folder for walks; a walk that is there is read, any other is scanned and written. None = nothing is
             read or written.
@@ -125,6 +128,7 @@ def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int
     geometry, settings = map_geometry(robot), Settings.of(robot)
     rangefinders = [(first, SimulatedRangefinder(world, calibration, robot, seed)) for first, world in course]
     truths = {rangefinder.world: TrueGround.of(rangefinder.world) for _, rangefinder in rangefinders}
+    policy = ScanPolicy(robot)
     walked = course[0][1] if len(course) == 1 else replace(course[0][1], features=())
 
     def at(step: int) -> SimulatedRangefinder:
@@ -146,11 +150,17 @@ def scanned(robot: RobotModel, course: Course, seed: int, mode: str, cycles: int
     for pause in simulate_walk(walked, robot, choose, cycles=cycles, seed=seed):
         rangefinder = at(pause.step)
         rangefinder.set_pose(pause.transform_base_to_world, pause.joint_positions)
-        processor = gp.ScanProcessor(calibration, robot, pause.stance, mode, step=pause.step)
-        pattern = settings.pattern(mode)
-        processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(pattern)])
+        first = "coarse" if mode == ADAPTIVE else mode
+        processor = gp.ScanProcessor(calibration, robot, pause.stance, first, step=pause.step)
+        pattern = settings.pattern("standard" if mode == ADAPTIVE else mode)
+        processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(settings.pattern(first))])
+        terrain = processor.finish("wide")
+        if mode == ADAPTIVE and (between := policy.decide(processor.finish(), processor.pairs).stripes):
+            processor = processor.extended()
+            processor.add_all([gp.FramePair(*each) for each in rangefinder.frames(between)])
+            terrain = refined(terrain, processor.finish("wide"))
         seen = _seen(pause, rangefinder, settings, [pattern[0], pattern[-1]])
-        yield ScannedPause(pause, processor.finish("wide"), processor.ground_picture, rangefinder.world, seen)
+        yield ScannedPause(pause, terrain, processor.ground_picture, rangefinder.world, seen)
 
 
 def _seen(pause: WalkPause, rangefinder: SimulatedRangefinder, settings: Settings, outermost: list[int]) -> Index:

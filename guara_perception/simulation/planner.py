@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from guara_perception.terrain.grid import TerrainGrid
-from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.questions.best_foothold import Foothold
 from guara_perception.terrain.questions.leg_reach import standing_sole
 from guara_perception.terrain.questions.reason import Reason
@@ -72,15 +71,12 @@ def plan_swing(
     wish: tuple[float, float],
     previous: tuple[float, float] | None = None,
     robot: RobotModel | None = None,
-    *,
-    ceiling: Ceiling | None = None,
 ) -> PlannedSwing | None:
     """Choose the best foothold to which a swing is accepted, and the swing.
 
     Args:
         terrain: the newest grid, with the stance of its pause in its record: the swing begins where the sole stands.
         leg, wish, previous, robot: as in `plan_foothold`.
-        ceiling: upper bound of the height of unknown ground (`LinesOfSight`); None = no swing over unknown ground.
 
     Returns:
         The swing, or None if no safe foothold within reach has an accepted swing.
@@ -96,7 +92,7 @@ def plan_swing(
             continue
         tried.add((foothold.x, foothold.y))
         for clearance in SWING_CLEARANCES_M:
-            swing = terrain.swing(start, foothold.position, clearance, leg, robot, ceiling=ceiling)
+            swing = terrain.swing(start, foothold.position, clearance, leg, robot)
             if swing.ok:
                 return PlannedSwing(foothold, swing, clearance)
     return None

@@ -32,6 +32,7 @@ def load_terrain(path: str | Path) -> TerrainGrid:
     if "variance" in data:
         # Files of earlier versions hold the total alone.
         data.setdefault("variance_local", data["variance"])
+        data.setdefault("ceiling", np.full_like(data["variance"], np.nan))
     missing = [name for name in wanted if name not in data]
     if missing:
         raise FileFormatError(f"{path}: {', '.join(missing)} missing, it is not a terrain file")

@@ -21,7 +21,7 @@ from transport.messages.terrain_message import EXTENTS, LAYERS, TerrainMessage, 
 from transport.messages.typestore import GRID_MAP, OCCUPANCY, REGIONS, SUMMARY, TERRAIN, cdr, compact
 
 # Layers of the GridMap: those of float32, its only type, and the flags, which float32 represents exactly (below 2^24).
-GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32), "hazard")
+GRID_MAP_LAYERS = (*(name for name, kind in LAYERS.items() if kind.dtype == np.float32 and name != "ceiling"), "hazard")
 
 
 class GridPublishers:

@@ -75,6 +75,7 @@ LAYERS: Mapping[str, LayerKind] = MappingProxyType(
         "hazard": LayerKind(np.dtype(np.uint16), "flags"),
         "age": LayerKind(np.dtype(np.uint8), "pauses"),
         "looks": LayerKind(np.dtype(np.uint8), "scans"),
+        "ceiling": LayerKind(FLOAT, "m"),
     }
 )
 
@@ -206,6 +207,7 @@ class TerrainMessage:
         if "variance" in given:
             # Earlier nodes send the total alone.
             given.setdefault("variance_local", given["variance"])
+            given.setdefault("ceiling", np.full(np.shape(given["variance"]), np.nan, np.float32))
         missing = [name for name in LAYERS if name not in given]
         if missing:
             raise MessageError(f"layers {', '.join(missing)} are missing; needed are {', '.join(LAYERS)}")
@@ -335,12 +337,17 @@ def _make_layer(name: str, array: Array) -> Any:
     return message_class("guara_msgs/msg/TerrainLayer")(name, LAYERS[name].unit, TYPES[array.dtype], *values)
 
 
+def _is_absent(name: str, array: Array) -> bool:
+    """Whether a layer is left out: scans have no ceiling."""
+    return name == "ceiling" and bool(np.isnan(array).all())
+
+
 def make_terrain(terrain: TerrainMessage) -> Any:
     """Make the guara_msgs/Terrain message object of a TerrainMessage."""
     return to_ros(
         TERRAIN,
         terrain,
-        layers=[_make_layer(name, array) for name, array in terrain.layers.items()],
+        layers=[_make_layer(name, array) for name, array in terrain.layers.items() if not _is_absent(name, array)],
         point_count_names=list(terrain.point_counts),
         point_count_values=np.array(list(terrain.point_counts.values()), dtype=np.uint64),
         stage_names=list(terrain.stage_ms),
@@ -434,6 +441,7 @@ ROUND: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "elevation": _in_multiples(HEIGHT_UNIT, np.rint),
         "elevation_min": _in_multiples(HEIGHT_UNIT, np.floor),
         "elevation_max": _in_multiples(HEIGHT_UNIT, np.ceil),
+        "ceiling": _in_multiples(HEIGHT_UNIT, np.ceil),
         "variance": _in_bits(VARIANCE_BITS, up=True),
         "variance_local": _in_bits(LOCAL_BITS, up=True),
         "slope": _in_multiples(SLOPE_UNIT, np.ceil),

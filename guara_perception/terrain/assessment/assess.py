@@ -81,6 +81,7 @@ def assess_layers(
         "clearance": clearance(layers["hazard"], resolution).astype(np.float32),
         "age": np.where(known, 0, 255).astype(np.uint8),
         "looks": known.astype(np.uint8),
+        "ceiling": np.full(known.shape, np.nan, np.float32),
     }
     for layer in layers.values():
         # Read-only layers are not copied by a grid.

@@ -97,6 +97,8 @@ def check_invariant(layers: Mapping[str, Array]) -> None:
     known = (layers["hazard"] & UNKNOWN_MASK) == 0
     for name in ("variance", "variance_local"):
         _reject(known & ~(layers[name] >= 0), f"{name} of a known cell is NaN or negative")
+    ceiling = layers["ceiling"]
+    _reject(np.isinf(ceiling) | (known & ~np.isnan(ceiling)), "ceiling of a known cell, or an infinite one")
 
 
 def check_safe(elevation: Float32, hazard: Flags, traversability: Float32) -> None:

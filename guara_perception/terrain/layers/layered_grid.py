@@ -145,6 +145,7 @@ class LayeredGrid(Gridded):
     hazard = LayerAttribute[Flags]()
     age = LayerAttribute[Codes]()
     looks = LayerAttribute[Codes]()
+    ceiling = LayerAttribute[Float32]()
 
     def __post_init__(self) -> None:
         check_invariant(self.layers)

@@ -18,6 +18,10 @@ class Layer:
     meaning: str
 
 
+# Assumed standard deviation of a ceiling [m], from the heights of a scan and the pose of the body; a height with a
+# larger one gives no ceiling. `benchmarks.usable_ground` compares ceilings with the truth.
+CEILING_SIGMA_M = 0.003
+
 LAYERS = (
     Layer("elevation", np.float32, "m", "height above z = 0 of the grid's frame; NaN where unknown"),
     Layer("variance", np.float32, "m^2", "variance of the elevation in the grid's frame"),
@@ -37,5 +41,6 @@ LAYERS = (
     Layer("hazard", np.uint16, "flags", "why a foot must not go there, see gp.Hazard; 0 = nothing against it"),
     Layer("age", np.uint8, "pauses", "stance pauses since last seen; 255 where never"),
     Layer("looks", np.uint8, "scans", "scans that saw the cell"),
+    Layer("ceiling", np.float32, "m", "upper bound of an unknown height; NaN if none"),
 )
 LAYER_NAMES = tuple(layer.name for layer in LAYERS)

@@ -20,6 +20,7 @@ from guara_perception.terrain.map.checked_input import check_scan, checked_pose,
 from guara_perception.terrain.map.fuse_heights import MapPause, OdometryDrift
 from guara_perception.terrain.map.fuse_scan import fuse_scan
 from guara_perception.terrain.map.known_ground import KnownGround, fuse_known_ground
+from guara_perception.terrain.map.lines_of_sight import LinesOfSight, ceiling_of
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import SeenGround
@@ -67,7 +68,9 @@ class TerrainMap:
         self._reach = float(np.hypot(max(map(abs, x)), max(map(abs, y)))) + MARGIN_M
         self._cells = OdomCells(self._grid.resolution, self._reach)
         self._state = MapState()
-        self._kept: tuple[OdomCells, MapState] | None = None
+        # Not in the state, which files hold: bounds by lines of sight begin anew with a map that is loaded.
+        self._sight: tuple[LinesOfSight, ...] = ()
+        self._kept: tuple[OdomCells, MapState, tuple[LinesOfSight, ...]] | None = None
 
     @property
     def grid(self) -> GridGeometry:
@@ -88,11 +91,6 @@ class TerrainMap:
     def sideways_drift(self) -> SidewaysDrift:
         """Sideways drift of the cells since they were seen."""
         return self._state.sideways
-
-    @property
-    def rise_variance(self) -> float:
-        """Variance of z that unseen cells have gained since the start [m^2]."""
-        return self._state.drift.rise
 
     def update(
         self,
@@ -207,6 +205,9 @@ class TerrainMap:
             scans=state.scans + 1,
             reasons=reasons,
         )
+        lines = LinesOfSight.of(terrain, now, self._robot)
+        valid = (each for each in self._sight if pause - each.pause <= settings.validity_pauses)
+        self._sight = (*valid, *([] if lines is None else [lines]))
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
         return self._snapshot(terrain, now, checked.covariance, rejected, residuals)
 
@@ -232,7 +233,8 @@ class TerrainMap:
     def save(self, path: str | Path) -> None:
         """Write the whole map to an .npz file; a map from `load` continues exactly where this one ends.
 
-        The map is fixed in the `odom` of its walk: continue with the same odometry.
+        Only the bounds of unknown ground (layer `ceiling`) begin anew. The map is fixed in the `odom` of its walk:
+        continue with the same odometry.
 
         Raises:
             MissingFile: the folder does not exist.
@@ -270,7 +272,7 @@ class TerrainMap:
         """Save the present state in memory for `take_back`."""
         cells = self._kept[0] if self._kept is not None else OdomCells(self._grid.resolution, self._reach)
         cells.restore(self._cells.memory, self._cells.first)
-        self._kept = cells, self._state
+        self._kept = cells, self._state, self._sight
 
     def take_back(self) -> None:
         """Undo all updates since `keep`, bit for bit.
@@ -280,7 +282,7 @@ class TerrainMap:
         """
         if self._kept is None:
             raise InvalidInput("nothing was kept that could be restored; call keep() first")
-        cells, self._state = self._kept
+        cells, self._state, self._sight = self._kept
         self._cells.restore(cells.memory, cells.first)
 
     def _pause_of(self, terrain: TerrainGrid) -> int:
@@ -298,7 +300,9 @@ class TerrainMap:
         state, scan, settings = self._state, terrain.record, self._settings
         layers = snapshot_layers(self._cells, self._grid, terrain, now, settings)
         hazard = np.asarray(layers["hazard"], np.uint16)
-        known = float(((hazard & UNKNOWN_MASK) == 0).mean())
+        unknown = (hazard & UNKNOWN_MASK) != 0
+        layers["ceiling"] = ceiling_of(self._sight, unknown, self._grid, now, settings)
+        known = float((~unknown).mean())
         correction, walk = state.walk.pause_transform, state.walk
         reasons = (
             *(scan.health.reasons if scan.health else ()),

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Flags, Float, Float32, Index, Mask
 from guara_perception.exceptions import InvalidInput
-from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.geometry import GridGeometry, touched_cells
 from guara_perception.terrain.layers.hazard import ALL_BUT_EDGE, UNKNOWN_MASK, Hazard, names
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked, numbers
+from guara_perception.terrain.layers.layers import CEILING_SIGMA_M
 from guara_perception.terrain.questions.leg_reach import StandingSole, standing_soles
 from guara_perception.terrain.questions.reason import Reason, Verdict
 from kinematics import KinematicsError
@@ -56,12 +56,12 @@ def check_path(
     points: npt.ArrayLike,
     clearance: float,
     *,
-    ceiling: Ceiling | None = None,
     allow_stale: bool = False,
 ) -> PathVerdict:
     """Check a path of a foot or a part of the body over this terrain.
 
-    Every cell within `clearance` of the path, seen from above, must be known and not STALE. A path with z must stay
+    Every cell within `clearance` of the path, seen from above, must be known and not STALE, or have a ceiling below the
+    path: light passed over it. A path with z must stay
     `clearance` away from the ground (highest samples plus confidence; where observations disagree, the highest of all).
     Near its ends, where a foot stands, less is required: at a distance d from the nearer end at most d - 5 mm -
     confidence, the clearance of a vertical lift. A path that starts at a sole that carried the body when the grid was
@@ -71,18 +71,15 @@ def check_path(
     Args:
         points: (n, 3) or (n, 2) corners of the path in base_footprint [m].
         clearance: required distance from the ground [m].
-        ceiling: upper bounds of unknown ground (`LinesOfSight`); None refuses a path over unknown ground. Not used for
-            tracks on the ground.
 
     Raises:
-        InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m; a
-            ceiling of another grid.
+        InvalidInput: points of another shape, not finite or over more than 20 m; a clearance outside 0 ... 1 m.
     """
     terrain = asked(terrain, allow_stale)
     path = checked_points(points, (2, 3), 1, "points of a path")
     check_clearance(clearance)
     if path.shape[1] == 3:
-        return check_over(swing_ground(terrain, path[0], ceiling), path, float(clearance))
+        return check_over(swing_ground(terrain, path[0]), path, float(clearance))
     corridor = corridor_of(terrain.geometry, sampled(path, terrain.resolution / 2), float(clearance))
     return _ground_verdict(terrain, *corridor.unique())
 
@@ -256,7 +253,7 @@ class SwingGround:
     rounding: float
 
 
-def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = None) -> SwingGround:
+def swing_ground(terrain: LayeredGrid, start: Float) -> SwingGround:
     """Ground under a path that begins at `start` (3,).
 
     Unknown cells with a ceiling are as high as the ceiling, unless they lie under a standing sole.
@@ -269,12 +266,9 @@ def swing_ground(terrain: LayeredGrid, start: Float, ceiling: Ceiling | None = N
     limits = terrain.record.required_limits
     rounding = terrain.record.checked_rounding.variance
     unknown = (hazard & UNKNOWN_MASK) != 0
-    if ceiling is not None:
-        if ceiling.height.shape != terrain.shape:
-            raise InvalidInput(f"a ceiling of shape {ceiling.height.shape} for a grid of {terrain.shape}")
-        bounded = unknown & np.isfinite(ceiling.height)
-        # A ceiling's variance was not rounded: it is raised by the fraction that users of `variance` subtract again.
-        hazard[bounded], top[bounded], variance[bounded] = 0, ceiling.height[bounded], ceiling.sigma**2 * (1 + rounding)
+    bounded = unknown & np.isfinite(terrain.ceiling)
+    # The variance of a ceiling was not rounded: it is raised by the fraction that users of `variance` subtract again.
+    hazard[bounded], top[bounded], variance[bounded] = 0, terrain.ceiling[bounded], CEILING_SIGMA_M**2 * (1 + rounding)
     half = np.array([limits.sole_length, limits.sole_width]) / 2 - terrain.resolution / 2 + 1e-9
     # Loading the robot's model takes time, so it is loaded only if there are unknown cells at the start.
     sole = _sole_at(terrain, start) if (unknown & _within(terrain, start, half + SAME_PLACE_M)).any() else None

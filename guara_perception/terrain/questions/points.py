@@ -140,6 +140,8 @@ def coarser(terrain: Grid, factor: int) -> Grid:
     layers |= {"elevation": fine["elevation"].astype(np.float64).mean(axis=-1).astype(np.float32), "hazard": hazard}
     for name in (*LARGEST[:-1], "elevation", "elevation_min"):
         layers[name] = np.where(unknown, np.float32(np.nan), layers[name])
+    # Where all fine cells are unknown and have one.
+    layers["ceiling"] = fine["ceiling"].max(axis=-1)
     layers["traversability"] = np.where(hazard == 0, layers["traversability"], np.float32(0))
     geometry = GridGeometry(terrain.origin, terrain.resolution * factor, (ny // factor, nx // factor))
     return dataclasses.replace(terrain, layers=layers, geometry=geometry, pictures={})

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from guara_perception.arrays import Float
 from guara_perception.settings import RobotLike
-from guara_perception.terrain.layers.ceiling import Ceiling
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.leg_reach import beyond_reach
 from guara_perception.terrain.questions.path import (
@@ -65,7 +64,6 @@ def swing(
     leg: str | None = None,
     robot: RobotLike | None = None,
     *,
-    ceiling: Ceiling | None = None,
     allow_stale: bool = False,
 ) -> Swing:
     """Plan a path for a foot from one foothold to another that `check_path` accepts.
@@ -80,7 +78,6 @@ def swing(
         clearance: required distance from the ground between the ends [m].
         leg: also require that this leg reaches all of the path with the body where it stood at the scan.
         robot: model for `leg`; None = the robot of the grid.
-        ceiling: as in `check_path`.
 
     Raises:
         InvalidInput: as `check_path` and, where a leg is given, as `check_foothold`.
@@ -90,7 +87,7 @@ def swing(
     ends = checked_points([start, end], (3,), 2, "start and end of a swing")  # type: ignore[arg-type]
     refused: tuple[Reason, ...] = ()
     check_clearance(clearance)
-    ground = swing_ground(terrain, ends[0], ceiling)
+    ground = swing_ground(terrain, ends[0])
     for track in _tracks(ends):
         found = _over(terrain, ground, ends, track, float(clearance), leg, robot)
         if found.ok:

@@ -9,7 +9,13 @@ import pytest
 import transport
 from transport import MessageError, VersionError
 from transport.messages.codec import encode
-from transport.messages.terrain_message import crop_terrain, make_terrain
+from transport.messages.terrain_message import (
+    crop_terrain,
+    decode_terrain,
+    encode_compact,
+    encode_terrain,
+    make_terrain,
+)
 from transport.messages.typestore import message_class
 
 
@@ -108,6 +114,18 @@ def test_unknown_layers_are_ignored(peer) -> None:
     assert list(back.layers) == list(transport.LAYERS) and back.version == (1, 7)
 
 
+def test_a_ceiling_is_sent_where_there_is_one_and_is_never_lowered(peer) -> None:
+    """A scan has none and sends none; in the compact form a ceiling is rounded up."""
+    good = peer.make_terrain(shape=(2, 3))
+    none = dataclasses.replace(good, layers={**good.layers, "ceiling": np.full((2, 3), np.nan, np.float32)})
+    assert "ceiling" not in [layer.name for layer in make_terrain(none).layers]
+    assert np.isnan(decode_terrain(encode_terrain(none)).layers["ceiling"]).all()
+    given = np.array([[np.nan, 0.0101, 0.02], [np.nan, -0.0101, 0.0]], np.float32)
+    back = decode_terrain(encode_compact(dataclasses.replace(good, layers={**good.layers, "ceiling": given})))
+    rounded_by = (back.layers["ceiling"] - given)[:, 1:]
+    assert np.isnan(back.layers["ceiling"][:, 0]).all() and (rounded_by >= 0).all() and rounded_by.max() < 2.0**-13
+
+
 def test_a_message_of_before_has_the_total_alone(peer) -> None:
     """Without `variance_local` the whole variance is taken for it: nothing is surer than the node said."""
     good = peer.make_terrain(shape=(2, 3))
@@ -141,7 +159,7 @@ def _damage(message, what: str) -> None:
     elif what == "empty":
         message.nx = 0
     elif what == "missing":
-        message.layers.pop()
+        message.layers = [layer for layer in message.layers if layer.name != "looks"]
     elif what == "names":
         message.stage_names = message.stage_names[:-1]
     elif what == "joints":

@@ -1,7 +1,8 @@
-"""Bounds of unknown ground: higher when less was seen, ended by what was seen since, and off unless asked for."""
+"""Bounds of unknown ground: higher when less was seen, ended by what was seen since."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -46,34 +47,32 @@ def over_the_hole(make_scan: MakeScan, height: float) -> np.ndarray:
     return np.array([[at, first, 0.0], [at, first, height], [at, last, height], [at, last, 0.0]])
 
 
-def test_a_swing_passes_over_a_hole_only_where_it_is_asked_for_and_high_enough(
+def test_a_swing_passes_over_a_hole_only_high_enough(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
-    """Without the argument unknown ground is refused; with it, it counts as high as the light that passed over it."""
-    terrain_map = gp.TerrainMap(robot)
-    sight = gp.LinesOfSight(terrain_map)
+    """Unknown ground counts as high as the light that passed over it; without such light it is refused."""
     terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-    fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
-    nothing = sight.ceiling(fused)
-    assert np.isnan(nothing.height).all()
-    sight.add(terrain, fused)
-    ceiling = sight.ceiling(fused)
+    fused = gp.TerrainMap(robot).update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
+    of_nowhere = {name: value for name, value in where.items() if name != "transform_camera_to_base"}
+    unbounded = gp.TerrainMap(robot).update(
+        make_scan(0.0, flags=flags_of(make_scan), metadata=of_nowhere), PoseInOdom(np.eye(4), NO_DRIFT)
+    )
+    assert np.isnan(unbounded.ceiling).all()
     hole = (fused.hazard & Hazard.DROPOUT) != 0
-    assert hole.sum() == 48 and np.isfinite(ceiling.height[hole]).all()
+    assert hole.sum() == 48 and np.isfinite(fused.ceiling[hole]).all()
     # Not lower than the ground around, not higher than the camera looks over so small a hole, margins in it.
-    assert ceiling.height[hole].min() > 0.0 and ceiling.height[hole].max() < 0.12
-    high, low = (over_the_hole(make_scan, z) for z in (ceiling.height[hole].max() + 0.03, 0.02))
+    assert fused.ceiling[hole].min() > 0.0 and fused.ceiling[hole].max() < 0.12
+    high, low = (over_the_hole(make_scan, z) for z in (fused.ceiling[hole].max() + 0.03, 0.02))
     for path in (high, low):
-        assert fused.check_path(path, 0.015).reasons[0].test == "unknown"
-        assert fused.check_path(path, 0.015, ceiling=nothing).reasons[0].test == "unknown"
-    assert fused.check_path(high, 0.015, ceiling=ceiling).ok
-    assert {reason.test for reason in fused.check_path(low, 0.015, ceiling=ceiling).reasons} == {"clearance"}
+        assert unbounded.check_path(path, 0.015).reasons[0].test == "unknown"
+    assert fused.check_path(high, 0.015).ok
+    assert {reason.test for reason in fused.check_path(low, 0.015).reasons} == {"clearance"}
     # A track on the ground has no height: a bound lets nothing be trodden.
-    assert not fused.check_path(low[:, :2], 0.015, ceiling=ceiling).ok
+    assert not fused.check_path(low[:, :2], 0.015).ok
     start, end = high[0], high[-1]
-    assert not fused.swing(start, end, 0.015, ceiling=None).ok or len(fused.swing(start, end, 0.015).points) > 4
-    found = fused.swing(start, end, 0.015, ceiling=ceiling)
-    assert found.ok and fused.check_path(found.points, 0.015, ceiling=ceiling).ok
+    assert not unbounded.swing(start, end, 0.015).ok or len(unbounded.swing(start, end, 0.015).points) > 4
+    found = fused.swing(start, end, 0.015)
+    assert found.ok and fused.check_path(found.points, 0.015).ok
     assert not fused.check_foothold(*high[0, :2] + (0, 0.08)).ok
 
 
@@ -121,16 +120,15 @@ def test_bounds_rise_with_drift_and_end_with_age(
     heights = []
     for sigma in (1e-6, 0.004, 0.012):
         terrain_map = gp.TerrainMap(robot)
-        sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-        sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
+        terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
         fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), np.diag([sigma**2] * 2 + [1e-12] * 4)))
-        heights.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
+        heights.append(np.where(np.isnan(h := fused.ceiling), np.inf, h))
     assert (heights[0] <= heights[1]).all() and (heights[1] <= heights[2]).all()
     assert (heights[0] < heights[1]).any() and (heights[1] < heights[2]).any()
     old = make_scan(flags=int(Hazard.UNSCANNED), step=41, stamp=41_000, metadata=where)
-    assert np.isnan(sight.ceiling(terrain_map.update(old, PoseInOdom(np.eye(4), np.eye(6) * 1e-3))).height).all()
+    assert np.isnan(terrain_map.update(old, PoseInOdom(np.eye(4), np.eye(6) * 1e-3)).ceiling).all()
 
 
 def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
@@ -140,14 +138,13 @@ def test_bounds_rise_with_the_height_that_the_walk_may_have_gained(
     heights = []
     for sigma in (1e-6, 0.010):
         terrain_map = gp.TerrainMap(robot)
-        sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), metadata=where)
-        sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
+        terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
         fused = terrain_map.update(
             nothing_seen, PoseInOdom(np.eye(4), np.diag([1e-12, 1e-12, sigma**2, 1e-12, 1e-12, 1e-12]))
         )
-        heights.append(sight.ceiling(fused).height)
+        heights.append(fused.ceiling)
     bounded = np.isfinite(heights[0])
     assert bounded.sum() > 48 and (heights[1][bounded] >= heights[0][bounded] + 0.0199).all()
 
@@ -159,21 +156,16 @@ def test_a_scan_that_is_taken_back_bounds_nothing(
     """Neither at once, nor after the next pause, nor when its own pause is scanned again."""
     for step in (1, 2):
         terrain_map = gp.TerrainMap(robot)
-        sight = gp.LinesOfSight(terrain_map)
         nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), metadata=where)
         fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), NO_DRIFT))
-        sight.add(nothing_seen, fused)
         terrain_map.keep()
         wrong = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
         contradicted = terrain_map.update(wrong, PoseInOdom(np.eye(4), NO_DRIFT))
-        sight.add(wrong, contradicted)
-        assert np.isfinite(sight.ceiling(contradicted).height).any()
+        assert np.isfinite(contradicted.ceiling).any()
         terrain_map.take_back()
-        assert np.isnan(sight.ceiling(contradicted).height).all()
         again = make_scan(flags=int(Hazard.UNSCANNED), step=step, metadata=where)
         fused = terrain_map.update(again, PoseInOdom(np.eye(4), NO_DRIFT))
-        sight.add(again, fused)
-        assert np.isnan(sight.ceiling(fused).height).all()
+        assert np.isnan(fused.ceiling).all()
 
 
 def test_a_height_that_is_uncertain_proves_no_way(
@@ -182,12 +174,10 @@ def test_a_height_that_is_uncertain_proves_no_way(
     """The error of a bound is taken to be that of good heights: others give none."""
     for sigma, count in ((0.0029, 48), (0.0031, 0)):
         terrain_map = gp.TerrainMap(robot)
-        sight = gp.LinesOfSight(terrain_map)
         terrain = make_scan(0.0, flags=flags_of(make_scan), sigma=sigma, metadata=where)
         fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
-        sight.add(terrain, fused)
         hole = (fused.hazard & Hazard.DROPOUT) != 0
-        assert np.isfinite(sight.ceiling(fused).height[hole]).sum() == count
+        assert np.isfinite(fused.ceiling[hole]).sum() == count
 
 
 @pytest.mark.slow
@@ -195,39 +185,33 @@ def test_a_scan_that_saw_less_bounds_less(robot: RobotModel, make_scan: MakeScan
     """Losing cells of a scan never lowers a bound and never makes one."""
     rng = np.random.default_rng(5)
     heights = 0.04 * (rng.random((11, 9)) < 0.15).repeat(10, 0).repeat(10, 1)[:108, :90]
-    ceilings = []
+    ceilings, unknown = [], []
     for lost in (0.0, 0.02, 0.3):
         terrain_map = gp.TerrainMap(robot)
-        sight = gp.LinesOfSight(terrain_map)
         flags = np.where(np.random.default_rng(1).random(heights.shape) < lost, Hazard.DROPOUT, 0)
         terrain = make_scan(heights, flags=flags, metadata=where)
         fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
-        sight.add(terrain, fused)
-        ceilings.append(np.where(np.isnan(h := sight.ceiling(fused).height), np.inf, h))
-    assert (ceilings[0] <= ceilings[1]).all() and (ceilings[1] <= ceilings[2]).all()
-    assert np.isfinite(ceilings[0]).sum() > np.isfinite(ceilings[2]).sum() > 0
-
-
-def sight_of(robot: RobotModel) -> tuple[gp.TerrainMap, gp.LinesOfSight]:
-    terrain_map = gp.TerrainMap(robot)
-    return terrain_map, gp.LinesOfSight(terrain_map)
+        ceilings.append(np.where(np.isnan(h := fused.ceiling), np.inf, h))
+        unknown.append(np.isnan(fused.elevation))
+    for more, less in ((0, 1), (1, 2)):
+        assert (ceilings[more] <= ceilings[less])[unknown[more]].all()
+    bounded = [int(np.isfinite(each[unknown[0]]).sum()) for each in ceilings]
+    assert bounded[0] > bounded[2] > 0
 
 
 def test_ground_that_was_seen_is_no_higher_when_it_returns_nothing_later(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
     """The map forgets it, for it may be a hole by now; a swing may pass over it as low as over the ground before."""
-    terrain_map, sight = sight_of(robot)
+    terrain_map = gp.TerrainMap(robot)
     first = make_scan(0.0, metadata=where)
-    sight.add(first, terrain_map.update(first, PoseInOdom(np.eye(4), NO_DRIFT)))
+    terrain_map.update(first, PoseInOdom(np.eye(4), NO_DRIFT))
     later = make_scan(0.0, flags=flags_of(make_scan), step=1, metadata=where)
     fused = terrain_map.update(later, PoseInOdom(np.eye(4), NO_DRIFT))
-    sight.add(later, fused)
     hole = (fused.hazard & Hazard.DROPOUT) != 0
-    ceiling = sight.ceiling(fused)
-    assert hole.sum() == 48 and (np.abs(ceiling.height[hole]) < 1e-6).all()
+    assert hole.sum() == 48 and (np.abs(fused.ceiling[hole]) < 1e-6).all()
     low = over_the_hole(make_scan, 0.03)
-    assert fused.check_path(low, 0.015, ceiling=ceiling).ok and not fused.check_path(low, 0.015).ok
+    assert fused.check_path(low, 0.015).ok
     assert not fused.is_traversable(*low[0, :2] + (0, 0.06))
 
 
@@ -236,7 +220,7 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object], between: float
 ) -> None:
     """A box is put down, seen once, and returns nothing at the next look: no older bound lies below its top."""
-    terrain_map, sight = sight_of(robot)
+    terrain_map = gp.TerrainMap(robot)
     heights = np.zeros(make_scan(0.0).shape)
     heights[HOLE] = between
     # Other ground is not seen again, so that no newer light passes over the box.
@@ -251,9 +235,8 @@ def test_no_bound_is_left_where_something_higher_was_seen_since(
     ):
         fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
         assert fused.step == step
-        sight.add(terrain, fused)
     hole = (fused.hazard & Hazard.DROPOUT) != 0
-    bounds = sight.ceiling(fused).height[hole]
+    bounds = fused.ceiling[hole]
     assert hole.sum() == 48
     if between:
         assert (np.isnan(bounds) | (bounds >= between)).all()
@@ -265,14 +248,14 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
 ) -> None:
     """A wrong heading moves far ground aside more than near ground, where more of a strip seen stays bounded."""
-    terrain_map, sight = sight_of(robot)
+    terrain_map = gp.TerrainMap(robot)
     flags = np.full(make_scan(0.0).shape, Hazard.UNSCANNED, np.uint16)
     flags[40:68] = 0
     terrain = make_scan(0.0, flags=flags, metadata=where)
-    sight.add(terrain, terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT)))
-    nothing_seen = make_scan(flags=int(Hazard.UNSCANNED), step=1, metadata=where)
+    terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
+    nothing_seen = make_scan(flags=int(Hazard.DROPOUT), step=1, metadata=where)
     fused = terrain_map.update(nothing_seen, PoseInOdom(np.eye(4), np.diag([1e-12] * 5 + [0.01**2])))
-    is_bounded = np.abs(sight.ceiling(fused).height) < 1e-6
+    is_bounded = np.abs(fused.ceiling) < 1e-6
     x = fused.geometry.centres()[0]
     lost = []
     for at in (0.55, 0.85):
@@ -283,22 +266,13 @@ def test_each_cell_is_moved_by_what_it_may_have_drifted_itself(
     assert lost[0] < lost[1] < 14
 
 
-def test_what_does_not_belong_together_is_refused(
-    robot: RobotModel, make_scan: MakeScan, where: dict[str, object]
+@pytest.mark.parametrize(("at", "value"), [((0, 0), np.inf), ((70, 240), 0.1)])
+def test_a_ceiling_that_is_none_is_refused(
+    robot: RobotModel, make_scan: MakeScan, where: dict[str, object], at: tuple[int, int], value: float
 ) -> None:
-    """A scan of another pause, a scan in place of the map, one that does not say where the camera was, another grid."""
-    terrain_map = gp.TerrainMap(robot)
-    sight = gp.LinesOfSight(terrain_map)
-    terrain = make_scan(0.0, metadata=where)
-    fused = terrain_map.update(terrain, PoseInOdom(np.eye(4), NO_DRIFT))
-    with pytest.raises(gp.InvalidInput, match="a map of step 0 was given with a scan of step 1"):
-        sight.add(make_scan(0.0, step=1, metadata=where), fused)
-    with pytest.raises(gp.InvalidInput, match="a footprint of step 0"):
-        sight.add(terrain, terrain)
-    with pytest.raises(gp.InvalidInput, match="lacks 'transform_camera_to_base'"):
-        sight.add(make_scan(0.0), fused)
-    path = [[0.6, 0.0, 0.1], [0.7, 0.0, 0.1]]
-    with pytest.raises(gp.InvalidInput, match=r"a ceiling of shape \(2, 3\) for a grid of \(140, 320\)"):
-        fused.check_path(path, 0.02, ceiling=gp.Ceiling(np.zeros((2, 3), np.float32), 0.0))
-    with pytest.raises(gp.InvalidInput, match=r"a ceiling of shape \(3,\) with sigma nan"):
-        gp.Ceiling(np.zeros(3, np.float32), float("nan"))
+    """An infinite one, and one of ground whose height is known."""
+    fused = gp.TerrainMap(robot).update(make_scan(0.0, metadata=where), PoseInOdom(np.eye(4), NO_DRIFT))
+    ceiling = fused.ceiling.copy()
+    ceiling[at] = value
+    with pytest.raises(gp.UnsafeGrid, match="ceiling of a known cell, or an infinite one: 1 cells"):
+        dataclasses.replace(fused, layers={**fused.layers, "ceiling": ceiling})

@@ -77,9 +77,10 @@ def test_a_bound_from_light_that_passed_higher_takes_nothing_from_the_sole(
     terrain = make_ground(around(sole, 0.025, 0.02))
     way = way_of(terrain)
     for height in (0.0, 0.10, np.nan):
-        ceiling = gp.Ceiling(np.full(terrain.shape, height, np.float32), 0.003)
-        assert terrain.check_path(way, 0.020, ceiling=ceiling)
-        assert terrain.swing(way[0], way[-1], 0.020, ceiling=ceiling)
+        ceiling = np.where(np.isnan(terrain.elevation), np.float32(height), np.float32(np.nan))
+        bounded = dataclasses.replace(terrain, layers={**terrain.layers, "ceiling": ceiling})
+        assert bounded.check_path(way, 0.020)
+        assert bounded.swing(way[0], way[-1], 0.020)
 
 
 def test_nothing_is_said_beside_the_sole(make_ground: MakeGround, sole: np.ndarray) -> None:
