@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,8 @@ class OdometryPose(PoseInOdom):
         swung_feet: feet that carried the body at both pauses and were set down elsewhere.
         slipped_feet: feet that carried the body at both pauses and moved by less than a swing.
         residual: rms horizontal distance of the feet that stayed from their footholds [m].
+        foot_slips: leg -> distance by which each foot that stood moved since the last pause [m]. Legs do not see what
+            all feet slide alike: that is in it only in poses of a map whose pictures showed it.
     """
 
     step: int
@@ -76,6 +78,7 @@ class OdometryPose(PoseInOdom):
     swung_feet: tuple[str, ...] = ()
     slipped_feet: tuple[str, ...] = ()
     residual: float = 0.0
+    foot_slips: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def transform_base_to_odom(self) -> Float:
@@ -164,7 +167,8 @@ class LegOdometry:
         covariance = self._first_tilt.copy()
         covariance[np.ix_(PLANAR, PLANAR)] += fit.covariance
         covariance[:3, :3] += rotation @ _shift_by_tilt(pose)[:3, :3] @ rotation.T
-        moved = self._moved(pose, last, transform, [leg for leg in common if leg not in stayed])
+        moved = self._moved(pose, last, transform, common)
+        swung = [leg for leg in common if leg not in stayed and moved[leg] >= self._limits.swing_least]
         new = OdometryPose(
             step=last.step + 1,
             pose=pose,
@@ -173,8 +177,9 @@ class LegOdometry:
             covariance_since_last=read_only(_since_last(last, pose, fit)),
             own_covariance=read_only(_own(pose, transform, footholds)),
             stayed_feet=tuple(stayed),
-            swung_feet=tuple(leg for leg, distance in moved.items() if distance >= self._limits.swing_least),
-            slipped_feet=tuple(leg for leg, distance in moved.items() if distance < self._limits.swing_least),
+            swung_feet=tuple(swung),
+            slipped_feet=tuple(leg for leg in common if leg not in stayed and leg not in swung),
+            foot_slips={leg: distance for leg, distance in moved.items() if leg not in swung},
             residual=fit.residual,
             gravity=pose.gravity,
         )

@@ -196,6 +196,8 @@ def test_a_slipped_foot_is_found_and_left_out(guara: RobotModel, crawl: Crawl, p
     soles[slider] = soles[slider] + (0.020, 0.015, 0.0)
     result = odometry.update(Stance(put_feet(guara, soles, body), guara.legs, (0.0, 0.0, -1.0)))
     assert result.slipped_feet == (slider,) and result.swung_feet == (leg,)
+    assert result.foot_slips.pop(slider) == pytest.approx(0.025, abs=1e-9)
+    assert result.foot_slips == pytest.approx(dict.fromkeys(set(guara.legs) - {slider, leg}, 0.0), abs=1e-9)
     expected = inverse(footprint(walk[0][0])) @ footprint(body)
     np.testing.assert_allclose(result.transform_footprint_to_odom, expected, atol=1e-9)
 

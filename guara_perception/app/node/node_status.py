@@ -6,7 +6,7 @@ import dataclasses
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -135,11 +135,13 @@ class NodeStatus:
         with self._lock:
             self._items[item.name] = item
 
-    def note(self, name: str, message: str) -> None:
-        """Add or replace a warning; an empty message removes it."""
+    def note(
+        self, name: str, message: str, level: Health = Health.WARN, values: Mapping[str, str] | None = None
+    ) -> None:
+        """Add or replace an item; an empty message removes it."""
         with self._lock:
             if message:
-                self._items[name] = StatusItem(name=name, level=Health.WARN, message=message)
+                self._items[name] = StatusItem(name=name, level=level, message=message, values=values or {})
             else:
                 self._items.pop(name, None)
 

@@ -21,6 +21,7 @@ from guara_perception.scanning.pictures import with_pictures
 from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import Health
 from kinematics import CameraMoved
+from transport import Health as StatusLevel
 from transport import TerrainMessage
 from transport.keys import gait_clock_key
 from transport.server import PerceptionServer
@@ -176,6 +177,10 @@ class PublishedScans:
         )
         refused = published.fused.metadata.get("visual_refused")
         self._status.note("texture", f"pictures do not hold the map: {refused}" if refused else "")
+        told = published.fused.metadata.get("foot_slips") or {}
+        slips = {f"{leg}_mm": f"{1e3 * slip:.1f}" for leg, slip in told.items()}
+        text = f"standing feet slid by {', '.join(slips.values())} mm since the last pause" if slips else ""
+        self._status.note("foot_slip", text, StatusLevel.OK, slips)
         self.fused = published
         return self._send(published, published.fused)
 

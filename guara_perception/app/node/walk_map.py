@@ -93,7 +93,10 @@ class WalkMap:
             self._restart(f"step {step} came after step {state.step}: another walk")
         state.pose = pose = self._locate(stance)
         fused = state.map.update(terrain, pose, known_ground=known_ground, time=time, picture=picture)
-        state.last = self.latest = fused.restated(**self._reported(pose), foot_slips=self._slips(pose, fused))
+        slips = self._slips(pose, fused)
+        if slips is not None:
+            state.pose = replace(pose, foot_slips=slips)
+        state.last = self.latest = fused.restated(**self._reported(pose), foot_slips=slips)
         state.epoch, state.step, state.stance = epoch, step, stance
         return state.last
 
@@ -113,6 +116,11 @@ class WalkMap:
             return state.odometry.carried_gravity(stance)
         is_carried = stance == state.stance and state.pose is not None and state.pose.pose.attitude_source == "odometry"
         return state.pose.gravity if is_carried and state.pose is not None else None
+
+    @property
+    def pose(self) -> OdometryPose | None:
+        """Odometry of the newest pause, with the feet's slip by texture where it showed that; None before the first."""
+        return self._state.pose
 
     def keep(self) -> None:
         """Make all updates so far permanent: `withdraw` returns to this state."""

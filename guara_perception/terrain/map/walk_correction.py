@@ -46,6 +46,11 @@ LEVER_M = 0.6
 # Pauses in memory. A cell seen before the first of them counts as seen then; it has long been stale.
 MOST_PAUSES = 256
 TEXTURE_IN_DOUBT = "texture that was seen has moved"
+# What texture shows of slip weighs as much as robot.toml after the first of these ways, and no more than after the
+# second [m].
+LEARNING_M, LEARNED_M = 0.3, 1.0
+# Attributes in x and y that earlier files lack.
+WAYS = ("unheld", "off_way", "slip", "begun", "learned")
 # Names in files of the attributes whose names differ there.
 FILE_KEYS = {"pause_transform": "here", "pause_covariance": "left", "noise": "own", "own": "pause_own"}
 
@@ -75,6 +80,7 @@ class WalkCorrection:
         slip: (2,) sigma of what slip, always along the way and with the same sign, has moved the walk by since the
             start, less what texture took back [m].
         begun: (2,) `slip` where the texture in view began.
+        learned: (2,) slip along the way that texture showed, and that way [m].
         corners: number of corners of the texture that moved alike at the last pause, None without pictures.
         visual_refused: reason why the last picture was not used, None if it was or none was given.
     """
@@ -98,6 +104,7 @@ class WalkCorrection:
     unseen: int = 0
     slip: Float = field(default_factory=partial(np.zeros, 2))
     begun: Float = field(default_factory=partial(np.zeros, 2))
+    learned: Float = field(default_factory=partial(np.zeros, 2))
     corners: int | None = None
     visual_refused: str | None = None
 
@@ -135,7 +142,7 @@ class WalkCorrection:
             distrusted=fields.integer("distrusted", 0, EARLIER_PAUSES) if fields.has("distrusted") else 0,
             off_texture=fields.array("off_texture", (3, 3)) if fields.has("off_texture") else start.off_texture,
             unseen=fields.integer("unseen", 0, EARLIER_PAUSES) if fields.has("unseen") else 0,
-            **{name: fields.array(name, (2,)) for name in ("unheld", "off_way", "slip", "begun") if fields.has(name)},
+            **{name: fields.array(name, (2,)) for name in WAYS if fields.has(name)},
             corners=fields.integer("corners", 0) if fields.has("corners") else None,
             visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
@@ -185,8 +192,9 @@ class WalkCorrection:
         drift = transition @ self.covariance @ transition.T + added
         way = here[:2, 3] - before[:2, 3]
         unheld, off_way = self.unheld + way, self.off_way + way
+        share = float(np.hypot(slip_share * LEARNING_M, self.learned[0]) / np.hypot(LEARNING_M, self.learned[1]))
         if view is not None:
-            slipped = _slip_growth(self.unheld, unheld, slip_share)
+            slipped = _slip_growth(self.unheld, unheld, share)
             drift = drift + slipped
         predicted = drift + noise
         prior = np.diag([0.0, 0.0, motion[2, 2] + HEIGHT_SIGMA_M**2, TILT_SIGMA**2, TILT_SIGMA**2, 0.0])
@@ -224,8 +232,14 @@ class WalkCorrection:
             # Heights may show a part of it.
             along = np.append(way, 0.0)
             left = np.sqrt((along @ posterior @ along) / max(along @ predicted @ along, 1e-30))
-            slip = slip + slip_share * left * way
+            slip = slip + share * left * way
         gain = np.linalg.solve(predicted, drift).T
+        learned = self.learned
+        if visual is not None and visual.is_whole and not visual_refused:
+            walked = self.unheld + way
+            length = float(np.linalg.norm(walked))
+            learned = learned + (float((gain @ motion)[:2] @ walked) / max(length, LEAST_SIGMA_M), length)
+            learned = learned * min(1.0, LEARNED_M / max(float(learned[1]), LEAST_SIGMA_M))
         transform = moved(gain @ motion, by_odometry) @ self.transform
         pause_transform = moved(motion, by_odometry) @ self.transform
         covariance = drift - gain @ (predicted - posterior) @ gain.T
@@ -262,6 +276,7 @@ class WalkCorrection:
             unseen=unseen,
             slip=slip,
             begun=self.begun,
+            learned=learned,
             corners=None if visual is None else visual.corners,
             visual_refused=visual_refused,
         )

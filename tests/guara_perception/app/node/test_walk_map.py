@@ -33,6 +33,8 @@ def test_feet_that_all_slide_alike_are_seen(robot: RobotModel) -> None:
         if pause.step == 0:
             assert "foot_slips" not in fused.metadata
             continue
+        pose = walk_map.pose
+        assert pose is not None and pose.foot_slips == fused.metadata["foot_slips"]
         # The cycle is 140 mm, in four swings.
         slips = fused.metadata["foot_slips"]
         assert len(slips) == 3

@@ -251,6 +251,19 @@ def test_texture_that_comes_back_takes_slip_back(walk: Walk) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("share", "learned"), [(0.0, 0.012), (0.08, 0.078), (-0.06, 0.059)])
+def test_slip_is_learned_while_texture_shows_it(walk: Walk, share: float, learned: float) -> None:
+    """After 0.98 m with texture the sigma without it is that of feet that grip, or of what they slid."""
+    for _ in range(28):
+        walk.pause(planar(0.035, 0.0), planar(-0.035 * share, 0.0))
+    for _ in range(8):
+        walk.pause(planar(0.035, 0.0), planar(-0.035 * share, 0.0), picture="lost")
+    drift = walk.map.sideways_drift
+    slip = drift.slip[-1] - drift.slip[-9]
+    assert slip[0] == pytest.approx(learned * 8 * 0.035, rel=0.1) and slip[1] == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.slow
 def test_a_gap_is_told_and_texture_begins_anew(walk: Walk) -> None:
     """Two pauses without a picture, and half a metre on: nothing in view was seen before; from there pictures hold."""
     for _ in range(2):
