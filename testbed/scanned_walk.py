@@ -1,4 +1,4 @@
-"""Walks through simulated frames over random worlds, kept in files on request or with their laser-off pictures."""
+"""Walks whose pauses are scanned: over analytic ground, and through simulated frames, kept in files on request."""
 
 from __future__ import annotations
 
