@@ -34,6 +34,8 @@ from kinematics.model import RobotModel as RobotModel
 from kinematics.odometry import LegOdometry as LegOdometry
 from kinematics.odometry import OdometryPose as OdometryPose
 from kinematics.odometry import PoseInOdom as PoseInOdom
+from kinematics.pause import PauseDetector as PauseDetector
+from kinematics.pause import PauseReport as PauseReport
 from kinematics.reach import Reach as Reach
 from kinematics.reach import reach_from_pose as reach_from_pose
 from kinematics.reach import reach_in_base as reach_in_base

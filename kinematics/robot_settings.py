@@ -1,4 +1,4 @@
-"""Settings of odometry, pauses and self-filter from robot.toml."""
+"""Settings of odometry, pause detection and self-filter from robot.toml."""
 
 from __future__ import annotations
 
@@ -56,6 +56,9 @@ class PauseLimits:
     """Limits for stance pauses (robot.toml, table [pause]).
 
     Attributes:
+        joint_speed_limit: every joint must be slower than this [rad/s].
+        hold_time: time for which every joint must stay that slow [s].
+        minimum_feet: least number of feet that carry the body.
         camera_translation_limit: largest translation of the camera during a scan [m].
         camera_rotation_limit: largest rotation of the camera during a scan [rad].
         time_limit: a pause without an announced end is over this long after the last message about it [s].
@@ -65,6 +68,9 @@ class PauseLimits:
             undetected by joints and images [rad]; 0, the default, states that it does not sway.
     """
 
+    joint_speed_limit: float
+    hold_time: float
+    minimum_feet: int
     camera_translation_limit: float
     camera_rotation_limit: float
     time_limit: float = 30.0

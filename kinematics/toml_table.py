@@ -72,12 +72,14 @@ class Table:
     def record(self, kind: type[T]) -> T:
         """A dataclass of numbers, each from the key of its name; a key whose field has a default may be missing.
 
-        Numbers must be positive, or within the bounds that the field's metadata gives.
+        Numbers must be positive, or within the bounds that the field's metadata gives; whole numbers at least 1.
         """
         values = {}
         for each in fields(kind):  # type: ignore[arg-type]
             if each.default is MISSING or each.name in self.values:
-                values[each.name] = self.number(each.name, **(each.metadata or {"above": 0.0}))
+                is_whole = each.type == "int"
+                bounds = each.metadata or {"least" if is_whole else "above": 1 if is_whole else 0.0}
+                values[each.name] = (self.integer if is_whole else self.number)(each.name, **bounds)
         return kind(**values)
 
     def text(self, key: str) -> str:

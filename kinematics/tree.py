@@ -10,7 +10,7 @@ share a name. Only links get frames here, so every name is unique.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -260,12 +260,7 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
     names = tree.joint_names
     values = joint_positions
     if isinstance(joint_positions, Mapping):
-        for name in joint_positions:
-            if name not in names:
-                raise unknown_name("joint", name, names)
-        if missing := [name for name in names if name not in joint_positions]:
-            raise JointPositionError(f"no position for {', '.join(missing)}; all {len(names)} joints are needed")
-        values = [joint_positions[name] for name in names]
+        values = in_order(joint_positions, names, "position")
     try:
         positions = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -274,11 +269,41 @@ def checked_positions(tree: KinematicTree, joint_positions: Mapping[str, float] 
         raise JointPositionError(
             f"joint positions have shape {positions.shape}; ({len(names)},) is needed, in the order {', '.join(names)}"
         )
-    for name, value in zip(names, positions, strict=True):
-        if not np.isfinite(value):
-            raise JointPositionError(f"joint {name}: position {value} is not finite")
+    refuse_not_finite(positions, names, "position")
     _refuse_other_units(tree, positions)
     return positions
+
+
+def in_order(values: Mapping[str, float], names: Sequence[str], kind: str) -> list[float]:
+    """Values of all joints in the order of `names`.
+
+    Args:
+        values: joint name -> value, every joint once.
+        names: names of all joints.
+        kind: what the values are, "position" or "velocity".
+
+    Raises:
+        UnknownName: a joint that the robot does not have.
+        JointPositionError: a joint is missing.
+    """
+    for name in values:
+        if name not in names:
+            raise unknown_name("joint", name, names)
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise JointPositionError(f"no {kind} for {', '.join(missing)}; all {len(names)} joints are needed")
+    return [values[name] for name in names]
+
+
+def refuse_not_finite(values: Float, names: Sequence[str], kind: str) -> None:
+    """Check that all values are finite; arguments as in `in_order`.
+
+    Raises:
+        JointPositionError: a value is not finite.
+    """
+    for name, value in zip(names, values, strict=True):
+        if not np.isfinite(value):
+            raise JointPositionError(f"joint {name}: {kind} {value} is not finite")
 
 
 def _refuse_other_units(tree: KinematicTree, positions: Float) -> None:

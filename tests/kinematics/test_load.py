@@ -92,11 +92,11 @@ def test_geometry_is_reported_beside_wrong_settings(broken_folder: Callable[...,
 
 def test_a_broken_urdf_does_not_hide_robot_toml(broken_folder: Callable[..., Path]) -> None:
     """Findings of both."""
-    folder = broken_folder("robot.toml", "turn_limit = ", "turn_limit = -")
+    folder = broken_folder("robot.toml", "hold_time = 0.2", "hold_time = 0")
     edit(folder / "urdf" / "guara.urdf", ("<axis xyz", "<axes xyz"))
     with pytest.raises(RobotFileError) as caught:
         load_robot(folder)
-    assert any("[odometry] turn_limit is -" in finding for finding in caught.value.findings)
+    assert any("[pause] hold_time is 0; a number above 0" in finding for finding in caught.value.findings)
     assert any("<axes>" in finding for finding in caught.value.findings)
 
 

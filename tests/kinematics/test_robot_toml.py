@@ -87,6 +87,11 @@ FAULTS = {
     "base is no root": ('base = "base_link"', 'base = "imu_link"', "robot.toml names 'imu_link' as frames.base"),
     "no TOML": ("[frames]", "[frames", "is not valid TOML"),
     "name empty": ('name = "guara"', 'name = ""', "name is ''; a text is needed"),
+    "feet half": (
+        "minimum_feet = 3",
+        "minimum_feet = 2.5",
+        "[pause] minimum_feet is 2.5; a whole number of at least 1",
+    ),
     "slip": ("slip_sigmas = 4.5", "slip_sigmas = 0", "[odometry] slip_sigmas is 0; a number above 0 is needed"),
     "more digits than a float has": (
         "slip_sigmas = 4.5",

@@ -18,7 +18,7 @@ from transport.queries.remote_clock import DRIFT, ClockBound
 
 LIMIT, ARRIVED = 30.0, 100.0
 S = 10**9
-LIMITS = PauseLimits(0.0005, 0.001)
+LIMITS = PauseLimits(0.05, 0.2, 3, 0.0005, 0.001)
 
 
 @dataclass
