@@ -50,5 +50,6 @@ from kinematics.stance_pose import StancePose as StancePose
 from kinematics.stance_pose import stance_pose as stance_pose
 from kinematics.stillness import CameraMotion as CameraMotion
 from kinematics.stillness import Stillness as Stillness
+from kinematics.stillness import camera_motion as camera_motion
 from kinematics.stillness import check_camera_still as check_camera_still
 from kinematics.tree import RobotState as RobotState

@@ -340,10 +340,10 @@ class Stillness:
         return np.minimum(*chances)
 
 
-def check_camera_still(
+def camera_motion(
     robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
 ) -> CameraMotion:
-    """Motion of the camera between two readings, which must be harmless: `Stillness` with nothing between them.
+    """Motion of the camera between two readings: `Stillness` with nothing between them.
 
     Args:
         robot: the model.
@@ -352,14 +352,30 @@ def check_camera_still(
         transform_camera_to_base: (4, 4) calibrated placement; default the URDF's.
 
     Raises:
-        CameraMoved: the message gives both motions and their limits.
         StanceError: fewer than three feet carried the body at both readings.
     """
-    stillness = Stillness(robot, begin, 0.0, transform_camera_to_base=transform_camera_to_base)
-    stillness.add(1.0, end)
+    return _of_two(robot, begin, end, transform_camera_to_base).between_first_and_last()
+
+
+def check_camera_still(
+    robot: RobotModel, begin: Stance, end: Stance, *, transform_camera_to_base: npt.ArrayLike | None = None
+) -> CameraMotion:
+    """As `camera_motion`, but raises if the camera moved.
+
+    Raises:
+        CameraMoved: the message gives both motions and their limits.
+        StanceError: as `camera_motion`.
+    """
+    stillness = _of_two(robot, begin, end, transform_camera_to_base)
     if stillness.motion:
         raise CameraMoved(stillness.motion)
     return stillness.between_first_and_last()
+
+
+def _of_two(robot: RobotModel, begin: Stance, end: Stance, camera: npt.ArrayLike | None) -> Stillness:
+    stillness = Stillness(robot, begin, 0.0, transform_camera_to_base=camera)
+    stillness.add(1.0, end)
+    return stillness
 
 
 def _threshold(count: int) -> float:
