@@ -18,8 +18,8 @@ MOST_GAIN = 1.6
 # A laser-off picture that leaves more than this share of the scene's own contrast, and more than these grey levels, is
 # of another scene.
 MOST_SCENE_LEFT, LEAST_SCENE_LEFT = 0.5, 6.0
-# The exposure is fitted to every fourth pixel each way; scenes are compared by the means of blocks of pixels.
-SAMPLE, BLOCK = 4, 8
+# The exposure is fitted to some rows and columns; scenes are compared by the means of blocks of pixels.
+SAMPLE_ROWS, SAMPLE_COLUMNS, BLOCK = 8, 4, 8
 
 
 def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32, str]:
@@ -34,7 +34,7 @@ def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32, str]:
     gains, offsets = np.ones(on.shape[2], np.float32), np.zeros(on.shape[2], np.float32)
     on_blocks, off_blocks = (_blocks(picture) for picture in (on, off))
     for channel in range(on.shape[2]):
-        dark, bright = (picture[::SAMPLE, ::SAMPLE, channel].ravel() for picture in (off, on))
+        dark, bright = (picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS, channel].ravel() for picture in (off, on))
         is_good = (dark < CLIPPED) & (bright < CLIPPED)
         dark, bright = dark[is_good], bright[is_good]
         if not dark.size:

@@ -63,7 +63,7 @@ typedef struct {
 typedef struct {
     const uint8_t *on, *off;
     int rows, width, shrunk;
-    float gain[CHANNELS], offset[CHANNELS], most;
+    float gain[CHANNELS], offset[CHANNELS], most, across[3], down[9]; // the last two: weights of details
     int has_dark, remark;
     double remark_number;
 } Scene;

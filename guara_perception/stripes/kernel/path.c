@@ -241,6 +241,7 @@ int64_t find_path(const uint8_t *on, const uint8_t *off, int64_t rows, int64_t w
     Any work, *w = &work;
     carve(w, memory, rows, width);
     Scene s = {.on = on, .off = off, .rows = (int)rows, .width = (int)width, .shrunk = (int)shrunk, .has_dark = off != NULL};
+    gaussian(3, 0.8, s.across), gaussian(9, 1.6, s.down);
     if (s.has_dark) fit_exposure(&s, is_changed != 0, w);
     s.most = s.remark || is_changed ? 255 : INFINITY;
     if (s.remark == OTHER_SCENE) return s.remark;

@@ -6,6 +6,9 @@
 #define MOST_GAIN 1.6
 #define MOST_USED_GAIN 3.0
 #define MOST_LEFT 0.9
+// A fit that changes by less is done.
+#define SAME_GAIN 2e-4
+#define SAME_OFFSET 0.02
 
 // ---- exposure.subtract -------------------------------------------------------------------------------------------------
 static void fit(const uint8_t *dark, const uint8_t *bright, int n, float *work, uint8_t *use, double *gain, double *offset) {
@@ -20,8 +23,10 @@ static void fit(const uint8_t *dark, const uint8_t *bright, int n, float *work, 
         const double mx = (double)x / (double)count, my = (double)y / (double)count;
         const double variance = (double)xx / (double)count - mx * mx;
         if (variance < 1) break;
+        const double gain_before = *gain, offset_before = *offset;
         *gain = ((double)xy / (double)count - mx * my) / variance;
         *offset = my - *gain * mx;
+        if (round && fabs(*gain - gain_before) < SAME_GAIN && fabs(*offset - offset_before) < SAME_OFFSET) break;
         const float g = (float)*gain, o = (float)*offset;
         for (int i = 0; i < n; i++) work[i] = fabsf((float)bright[i] - g * (float)dark[i] - o);
         if (round == 5) break;
@@ -61,7 +66,7 @@ static void block_means(const Scene *s, int is_on, int ny, int nx, uint16_t *sum
 }
 
 void fit_exposure(Scene *s, int is_changed, Any *w) {
-    const int sw = (s->width + 3) / 4, sh = (s->rows + 3) / 4, n = sw * sh;
+    const int sw = (s->width + 3) / 4, sh = (s->rows + 7) / 8, n = sw * sh;
     const int ny = (int)rint(s->rows / 8.0), nx = (int)rint(s->width / 8.0);
     uint8_t *dark = (uint8_t *)(w->samples + 3 * n), *bright = dark + n, *use = bright + n;
     float *work = w->samples, *on = w->heights[0], *off = on + 3 * ny * nx, *left = off + 3 * ny * nx;
@@ -69,7 +74,7 @@ void fit_exposure(Scene *s, int is_changed, Any *w) {
     for (int k = 0; k < CHANNELS; k++) {
         int32_t levels[256] = {0};
         int m = 0;
-        for (int r = 0; r < s->rows; r += 4) for (int c = 0; c < s->width; c += 4) {
+        for (int r = 0; r < s->rows; r += 8) for (int c = 0; c < s->width; c += 4) {
             const uint8_t p = row_of(s, s->on, r)[3 * c + k], q = row_of(s, s->off, r)[3 * c + k];
             bright[m] = p, dark[m] = q, m += p < LEVEL_CLIPPED && q < LEVEL_CLIPPED;
         }
@@ -117,9 +122,7 @@ void fit_exposure(Scene *s, int is_changed, Any *w) {
 // ---- laser_colour.details, in the columns in which they are looked at ----------------------------------------------------
 static inline int reflected(int r, int rows) { return r < 0 ? -r : r >= rows ? 2 * rows - 2 - r : r; }
 
-static void down(const float *across, float *detail, int rows, int width) { // smooth over nine rows
-    float taps[9];
-    gaussian(9, 1.6, taps);
+static void down(const float *across, const float *taps, float *detail, int rows, int width) { // smooth over nine rows
     for (int r = 0; r < rows; r++) {
         const float *restrict x = across + (int64_t)r * width;
         float *restrict out = detail + (int64_t)r * width;
@@ -152,8 +155,7 @@ static void light_row(const Scene *s, int r, int k, const uint8_t *on, const uin
 void look(const Scene *s, Any *w, int thin, int some) {
     // Light, frame and details of every fourth column, details of every fifth.
     const int rows = s->rows, width = s->width, step = 4, first = 2;
-    float taps[3];
-    gaussian(3, 0.8, taps);
+    const float *taps = s->across;
     uint8_t *on = (uint8_t *)(w->line + 2 * width + 16), *off = on + 3 * width;
     float *l = w->line + 1, *h = w->line + width + 8;
     float *across = w->heights[0], *across_some = w->heights[1]; // (CHANNELS, rows, thin), (CHANNELS, rows, some)
@@ -174,9 +176,9 @@ void look(const Scene *s, Any *w, int thin, int some) {
     }
     for (int k = 0; k < CHANNELS; k++) {
         float *smooth = w->heights[2];
-        down(across + (int64_t)k * rows * thin, smooth, rows, thin);
+        down(across + (int64_t)k * rows * thin, s->down, smooth, rows, thin);
         subtract_beside(smooth, w->thin_detail + (int64_t)k * rows * thin, rows, thin);
-        down(across_some + (int64_t)k * rows * some, smooth, rows, some);
+        down(across_some + (int64_t)k * rows * some, s->down, smooth, rows, some);
         subtract_beside(smooth, w->some_detail + (int64_t)k * rows * some, rows, some);
     }
 }
@@ -184,8 +186,8 @@ void look(const Scene *s, Any *w, int thin, int some) {
 float detail_at(const Scene *s, int row, int column, int k) { // of one pixel of the band
     static const int SHIFT[3] = {0, -5, 5};
     const int rows = s->rows, w = s->width;
-    float across[3], taps[9], smooth[3];
-    gaussian(3, 0.8, across), gaussian(9, 1.6, taps);
+    const float *across = s->across, *taps = s->down;
+    float smooth[3];
     const int left = reflected(column - 1, w), right = reflected(column + 1, w);
     for (int side = 0; side < 3; side++) {
         const int centre = within(row + SHIFT[side], rows);

@@ -102,6 +102,11 @@ void in_laser_colour(const View *v, const double *weights, int channel, float *m
     }
 }
 
+// Evidence is ZERO less than the strength, and from LINEAR on its logarithm grows by GAIN_OF_LOG.
+#define ZERO 3.2f
+#define LINEAR 8.0f
+#define GAIN_OF_LOG 3.0f
+
 // ---- ridges --------------------------------------------------------------------------------------------------------------
 // 16 columns at a time: a strip of them stays in the nearest cache, and a row of it in one or a few registers.
 #define BEYOND 12 // rows of a strip above and below the picture, which are those at its edge
@@ -160,32 +165,31 @@ void noises_of_ridges(const float *laser, int rows, int width, const Path *away,
         some[k] = samples + (int64_t)k * (rows / 2 + 1) * (width / 3 + 1);
     }
     Row *strip = (Row *)line, *smooth = strip + rows + 2 * BEYOND, *heights = smooth + rows + 2 * BEYOND;
-    for (int kind = 0; kind < (away ? 2 : 1); kind++) {
-        const int step = kind ? 3 : 7, down = kind ? 2 : 3;
-        int n = 0;
-        for (int begin = 0; begin < width; begin += STRIP * step) {
-            heights_of_strip(laser, rows, width, begin, step, taps, strip, smooth, heights);
-            const float *h[WIDTHS] = {(float *)heights, (float *)(heights + rows), (float *)(heights + 2 * rows)};
-            for (int c = 0; c < STRIP && begin + c * step < width; c++) {
-                const int at = begin + c * step, is_stripe = kind && away->is_stripe[at];
-                const int low = is_stripe ? away->row[at] - reach : rows, high = low + 2 * reach;
-                for (int r = 0; r < rows; r += down) {
-                    for (int k = 0; k < WIDTHS; k++) some[k][n] = h[k][r * STRIP + c];
-                    n += (r < low) | (r > high);
-                }
+    const int step = !away ? 7 : width < 160 ? 3 : 6, down = away ? 2 : 3;
+    int n = 0;
+    for (int begin = 0; begin < width; begin += STRIP * step) {
+        heights_of_strip(laser, rows, width, begin, step, taps, strip, smooth, heights);
+        const float *h[WIDTHS] = {(float *)heights, (float *)(heights + rows), (float *)(heights + 2 * rows)};
+        for (int c = 0; c < STRIP && begin + c * step < width; c++) {
+            const int at = begin + c * step, is_stripe = away && away->is_stripe[at];
+            const int low = is_stripe ? away->row[at] - reach : rows, high = low + 2 * reach;
+            for (int r = 0; r < rows; r += down) {
+                for (int k = 0; k < WIDTHS; k++) some[k][n] = h[k][r * STRIP + c];
+                n += (r < low) | (r > high);
             }
         }
-        for (int k = 0; n && k < WIDTHS; k++) {
-            const double noise = kind ? (double)select_value(some[k], n, (int)(0.99 * n)) / 3.0 : robust_sigma(some[k], n);
-            noises[k] = MAX(kind ? noises[k] : 0.15, noise);
-        }
+    }
+    for (int k = 0; k < WIDTHS; k++) {
+        const double texture = n && away ? (double)select_value(some[k], n, (int)(0.99 * n)) / 3.0 : 0;
+        const double noise = n ? robust_sigma(some[k], n) : 0;
+        noises[k] = MAX(MAX(noise, texture), 0.15);
     }
 }
 
 // Strength of the strongest ridge at every pixel, where it is wanted, and its evidence column by column.
 void strengths(const float *laser, const double *noises, int rows, int width, float *strength, float *evidence, float *line) {
     const float f0 = (float)(1 / noises[0]), f1 = (float)(1 / noises[1]), f2 = (float)(1 / noises[2]);
-    float line_of_logs[MOST_ROWS], taps[WIDTHS][32];
+    float taps[WIDTHS][32];
     for (int k = 0; k < WIDTHS; k++) gaussian(2 * REACHES[k] + 1, SIGMAS[k], taps[k]);
     Row *strip = (Row *)line, *smooth = strip + rows + 2 * BEYOND, *h = smooth + rows + 2 * BEYOND;
     for (int begin = 0; begin < width; begin += STRIP) {
@@ -197,15 +201,22 @@ void strengths(const float *laser, const double *noises, int rows, int width, fl
             keep_higher(smooth + r, &b), keep_higher(smooth + r, &c);
         }
         if (strength) put(smooth, strength + begin, rows, width, n);
+        for (int r = 0; r < rows; r++) {
+            const Row linear = {LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR, LINEAR,
+                LINEAR, LINEAR, LINEAR, LINEAR};
+            Row seen = smooth[r];
+            float highest = seen[0];
+            keep_lower(&seen, &linear);
+            seen -= ZERO;
+            for (int c = 1; c < STRIP; c++) highest = MAX(highest, smooth[r][c]);
+            if (highest > LINEAR) // few, and logarithms are dear
+                for (int c = 0; c < STRIP; c++)
+                    if (smooth[r][c] > LINEAR) seen[c] += GAIN_OF_LOG * (float)log((double)(smooth[r][c] / LINEAR));
+            smooth[r] = seen;
+        }
         for (int c = 0; c < n; c++) {
-            const float *s = (const float *)smooth + c;
             float *restrict out = evidence + (int64_t)(begin + c) * rows;
-            int strong[MOST_ROWS], count = 0;
-            for (int r = 0; r < rows; r++) out[r] = s[r * STRIP];
-            for (int r = 0; r < rows; r++) strong[count] = r, count += out[r] > 8.0f;
-            for (int i = 0; i < count; i++) line_of_logs[i] = (float)log((double)(out[strong[i]] / 8.0f)); // few, and logarithms are dear
-            for (int r = 0; r < rows; r++) out[r] = MIN(out[r], 8.0f) - 3.2f;
-            for (int i = 0; i < count; i++) out[strong[i]] += 3.0f * line_of_logs[i];
+            for (int r = 0; r < rows; r++) out[r] = ((const float *)smooth)[r * STRIP + c];
         }
     }
 }
