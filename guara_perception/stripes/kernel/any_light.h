@@ -42,7 +42,7 @@ typedef struct {
 typedef struct {
     First firsts[CHANNELS];
     Found found[2];
-    Path away, paths[CHANNELS], second, own, kept;
+    Path peaks[CHANNELS], paths[CHANNELS], second, own, kept;
     uint8_t twin[MOST_COLUMNS];
     float ends[2][3 * (MOST_COLUMNS / 2 + 1)];
 } Paths;

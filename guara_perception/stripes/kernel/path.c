@@ -1,6 +1,11 @@
 // The path of a stripe in any light: passes in some and in all columns, pieces that are the laser's.
 #include "any_light.h"
 
+// A path in one channel of this purity and evidence per column is the laser's: the other channels are not searched.
+#define SURE_PURITY 0.99
+#define SURE_SCORE 1.0
+#define LEAST_NOISE 0.15
+
 static float percentile_75(float *v, int n) {
     const float at = (float)(n - 1) * 0.75f;
     const int lo = (int)at, hi = MIN(lo + 1, n - 1);
@@ -19,38 +24,60 @@ static void seek(const View *v, const Path *away, int reach, int is_texture_nois
     noises_of_ridges(laser, v->rows, v->width, is_texture_noise ? away : NULL, reach, noises, w->line, w->samples);
 }
 
-static int first_passes(const View *thin, int width, Any *w, First *firsts) {
-    const int n = MIN(thin->width, MOST_COLUMNS), rows = thin->rows;
-    Path *away = &w->of->away, *paths = w->of->paths, *second = &w->of->second;
-    double scores[CHANNELS], most = -INFINITY, weights[CHANNELS], noises[WIDTHS], colour[CHANNELS], added[CHANNELS];
-    for (int k = 0; k < CHANNELS; k++) {
-        float high[MOST_COLUMNS];
-        for (int c = 0; c < n; c++) away->row[c] = 0, away->is_stripe[c] = 1, high[c] = -INFINITY;
-        for (int r = 0; r < rows; r++) {
-            const float *x = thin->detail + ((int64_t)k * rows + r) * n;
-            for (int c = 0; c < n; c++) away->row[c] = x[c] > high[c] ? r : away->row[c], high[c] = MAX(high[c], x[c]);
-        }
-        for (int i = 0; i < CHANNELS; i++) colour[i] = i == k;
-        seek(thin, away, 10, 0, colour, k, weights, noises, w->laser, w->core, w);
-        strengths(w->laser, noises, rows, n, NULL, w->evidence, w->line);
-        follow_columns(w->evidence, n, rows, w->paths, w->of, &paths[k]);
+// How much the highest details of the columns stand out in a channel; `peaks` are their rows.
+static double stands_out(const View *thin, int k, Path *peaks, float *samples) {
+    const int n = thin->width, rows = thin->rows;
+    float high[MOST_COLUMNS];
+    double sum = 0;
+    int count = 0;
+    for (int c = 0; c < n; c++) peaks->row[c] = 0, peaks->is_stripe[c] = 1, high[c] = -INFINITY;
+    for (int r = 0; r < rows; r++) {
+        const float *x = thin->detail + ((int64_t)k * rows + r) * n;
+        for (int c = 0; c < n; c++) peaks->row[c] = x[c] > high[c] ? r : peaks->row[c], high[c] = MAX(high[c], x[c]);
+        if (r % 4 == 0) for (int c = 0; c < n; c += 3) samples[count++] = x[c];
     }
-    for (int k = 0; k < CHANNELS; k++) {
-        rim_colour(thin, &paths[k], k, added), relative_colour(added, k, colour);
-        seek(thin, &paths[k], 12, 1, colour, k, weights, noises, w->laser, w->core, w);
-        strengths(w->laser, noises, rows, n, NULL, w->evidence, w->line);
-        scores[k] = follow_columns(w->evidence, n, rows, w->paths, w->of, second);
-        scores[k] *= purity(thin, second, k);
+    for (int c = 0; c < n; c++) sum += (double)high[c];
+    return sum / MAX(robust_sigma(samples, count), LEAST_NOISE);
+}
+
+// The path of a laser of one channel in some columns, its score, and whether it leaves no doubt of that channel.
+static double first_pass(const View *thin, int k, const Path *peaks, Any *w, Path *path, int *is_sure) {
+    const int n = thin->width;
+    Path *second = &w->of->second;
+    double weights[CHANNELS], noises[WIDTHS], colour[CHANNELS], added[CHANNELS];
+    for (int i = 0; i < CHANNELS; i++) colour[i] = i == k;
+    seek(thin, peaks, 10, 0, colour, k, weights, noises, w->laser, w->core, w);
+    strengths(w->laser, noises, thin->rows, n, NULL, w->evidence, w->line);
+    follow_columns(w->evidence, n, thin->rows, w->paths, w->of, path);
+    rim_colour(thin, path, k, added), relative_colour(added, k, colour);
+    seek(thin, path, 12, 1, colour, k, weights, noises, w->laser, w->core, w);
+    strengths(w->laser, noises, thin->rows, n, NULL, w->evidence, w->line);
+    const double score = follow_columns(w->evidence, n, thin->rows, w->paths, w->of, second), pure = purity(thin, second, k);
+    *is_sure = pure >= SURE_PURITY && score >= SURE_SCORE * n;
+    return score * pure;
+}
+
+static int first_passes(const View *thin, int width, Any *w, First *firsts) {
+    const int n = thin->width;
+    Path *peaks = w->of->peaks, *paths = w->of->paths;
+    double scores[CHANNELS], most = 0;
+    int order[CHANNELS] = {0, 1, 2}, count = 0, is_sure = 0, found = 0;
+    for (int k = 0; k < CHANNELS; k++) scores[k] = stands_out(thin, k, &peaks[k], w->samples);
+    for (int k = 1; k < CHANNELS; k++) if (scores[k] > scores[order[0]]) order[0] = k;
+    order[order[0]] = 0;
+    while (count < CHANNELS && !is_sure) {
+        const int k = order[count++];
+        scores[k] = first_pass(thin, k, &peaks[k], w, &paths[k], &is_sure);
         most = MAX(most, scores[k]);
     }
-    int found = 0;
-    for (int k = 0; k < CHANNELS; k++) {
+    for (int i = 0; i < count; i++) {
+        const int k = order[i];
         if (!(scores[k] >= 0.4 * most)) continue;
         First *f = &firsts[found++];
         f->channel = k;
         for (int c = 0; c < width; c++) { // between the columns that were searched
-            const int i = MIN(MAX((c - thin->first) / thin->step, 0), n - 1), at = thin->first + thin->step * i;
-            const double from = paths[k].row[i], to = paths[k].row[MIN(i + 1, n - 1)];
+            const int at_column = MIN(MAX((c - thin->first) / thin->step, 0), n - 1), at = thin->first + thin->step * at_column;
+            const double from = paths[k].row[at_column], to = paths[k].row[MIN(at_column + 1, n - 1)];
             f->path.row[c] = c <= at ? (int)from : (int)rint((to - from) / thin->step * (c - at) + from);
             f->path.is_stripe[c] = paths[k].is_stripe[MIN(c / thin->step, n - 1)];
         }
@@ -90,13 +117,13 @@ static void of_laser_colour(const Scene *s, const Path *p, const double *colour,
         if (!kept.is_stripe[begin]) continue;
         float sum[CHANNELS] = {0};
         int clear = 0;
-        for (int c = begin; c < end; c++) {
+        for (int c = begin; c < end; c += 2) {
             const uint8_t *pixel = row_of(s, s->on, p->row[c]) + 3 * c;
             if (pixel[0] >= LEVEL_CLIPPED || pixel[1] >= LEVEL_CLIPPED || pixel[2] >= LEVEL_CLIPPED) continue;
             for (int k = 0; k < CHANNELS; k++) sum[k] += detail_at(s, p->row[c], c, k);
             clear++;
         }
-        if (clear < MAX(6 / s->shrunk, 0.5 * (end - begin))) continue;
+        if (clear < MAX(6 / s->shrunk, 0.5 * (end - begin)) / 2) continue;
         double deviation = 0, mean[CHANNELS];
         for (int k = 0; k < CHANNELS; k++) mean[k] = (double)(sum[k] / (float)clear);
         for (int k = 0; k < CHANNELS; k++) {
