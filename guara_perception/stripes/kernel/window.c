@@ -128,8 +128,9 @@ static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigm
 }
 
 // A stripe whose light falls below these shares of that beside it has ended, at its ends and at its jumps; and below this
-// share of that of its strong parts anywhere: a gap of few columns.
+// share of that of its strong parts anywhere: a gap of few columns. Near an end noise is no light either.
 #define END_SHARE 0.25f
+#define END_SIGMAS 4.0f
 #define JUMP_SHARE 0.1f
 #define LEAST_SHARE 0.1f
 #define LEAST_SHARE_ALONE 0.15f // without a laser-off picture
@@ -151,13 +152,13 @@ void expand(const int64_t *small, const uint8_t *small_masks, int64_t count, int
 // Leave out of a path and its stripe what a shrunk picture shows by its own columns only, `factor` of this one: columns at
 // an end or a jump, and in gaps, without light. height, row: (n,) of the peaks, and of the path. work: (3, n).
 static void trim(const float *height, const int64_t *row, int64_t n, int64_t factor, uint8_t *is_path, uint8_t *is_stripe,
-    const uint8_t *is_core, float least, float *work) {
+    const uint8_t *is_core, float least, float noise, float *work) {
     float *lit = work, *is_end = work + n, *is_jump = is_end + n;
     int64_t count = 0;
     for (int64_t c = 0; c < n; c++) if (is_stripe[c]) work[count++] = height[c];
     const float strong = count ? select_value(work, count, 3 * (count - 1) / 4) : 0;
     for (int64_t c = 0; c < n; c++) {
-        lit[c] = is_path[c] ? height[c] : 0, is_end[c] = !is_path[c];
+        lit[c] = is_path[c] ? height[c] : 0, is_end[c] = !is_stripe[c];
         is_jump[c] = c + 1 < n && llabs(row[c + 1] - row[c]) > JUMP_ROWS;
     }
     for (int64_t c = 0; c < n; c++) {
@@ -168,7 +169,7 @@ static void trim(const float *height, const int64_t *row, int64_t n, int64_t fac
             end = MAX(end, is_end[i]), jump = MAX(jump, is_jump[i]);
         const float mean = (height[MAX(c - 1, 0)] + height[c] + height[MIN(c + 1, n - 1)]) / 3;
         const int is_dim = mean < least * strong && !is_core[c];
-        if (is_dim || (end > 0 && height[c] < END_SHARE * most) || (jump > 0 && height[c] < JUMP_SHARE * most))
+        if (is_dim || (end > 0 && height[c] < MAX(END_SHARE * most, noise)) || (jump > 0 && height[c] < JUMP_SHARE * most))
             is_path[c] = is_stripe[c] = 0;
     }
 }
@@ -255,7 +256,8 @@ void measure_window(const Picture *on, const Picture *off, const double *mix, co
         for (int s = 0; s < SHIFTS; s++) answers[s * n + c] = answer[s];
         height[c] = x[top[c]];
     }
-    if (factor > 1) trim(height, row, n, factor, is_path, is_stripe, is_core, off ? LEAST_SHARE : LEAST_SHARE_ALONE, light);
+    if (factor > 1) trim(height, row, n, factor, is_path, is_stripe, is_core, off ? LEAST_SHARE : LEAST_SHARE_ALONE,
+        END_SIGMAS * sqrtf(ROW_MEAN_PX) * (float)noise, light);
     for (int64_t c = 0; c < n; c++) row[c] = within(row[c] + top[c] - path, on->rows);
     const double least = LEAST_NOISE * 3 * full_scale(on) / 255;
     found[0] = sigma, found[1] = MAX(noise, least) * noise_gain(filters, taps, ROW_MEAN_PX);

