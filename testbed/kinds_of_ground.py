@@ -49,11 +49,6 @@ def course(kind: str, seed: int) -> Course:
     return ((0, _world(seed, *KINDS[kind](rng))),)
 
 
-def stepping_stones(seed: int, length: float) -> Course:
-    """Stones of 0.18 to 0.24 m with gaps of 40 mm, over a length of the way [m]; level ground before and behind."""
-    return ((0, _world(seed, *_stones(np.random.default_rng(seed), length))),)
-
-
 def _world(seed: int, *features: AnyFeature) -> World:
     return World((-1.0, LENGTH_M), (-WIDTH_M / 2, WIDTH_M / 2), features, undulation=0.0, seed=seed)
 
@@ -71,8 +66,9 @@ def _pool(depth: float, length: float = 1.9) -> Pit:
     return Pit(x=START_M + 0.02 + length / 2, y=0.0, size=(length, 1.5), depth=depth)
 
 
-def _stones(rng: np.random.Generator, length: float = 1.7) -> list[AnyFeature]:
-    pool, gap, end = _pool(0.12, length), 0.040, START_M + 0.02 + length
+def _stones(rng: np.random.Generator) -> list[AnyFeature]:
+    pool, gap = _pool(0.12), 0.040
+    end = pool.x + pool.size[0] / 2
     stones: list[AnyFeature] = []
     y = -0.7
     while y < 0.6:

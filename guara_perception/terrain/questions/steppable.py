@@ -27,10 +27,9 @@ SEED_RADIUS_M = 0.03
 HYSTERESIS = 1 / 3
 # A leg reaches a cell if it reaches its corners, taken this far outside.
 CORNER_OUTSIDE_M = 1e-4
-# Over the whole map: reach of a region, least area, and number of regions.
+# Over the whole map: reach of a region, and least area.
 REGION_REACH_M = 0.4
 LEAST_AREA_M2 = 4e-4
-MOST_REGIONS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,10 +138,8 @@ def steppable_regions(
     whole = _Window.about(terrain, *centre, max(ny, nx) * terrain.resolution, leg, robot)
     depth = Depth(whole.free)
     found: list[SteppableRegion] = []
-    while len(found) < MOST_REGIONS:
-        iy, ix, cells = depth.deepest()
-        if (2 * cells * terrain.resolution) ** 2 < LEAST_AREA_M2:
-            break
+    while (2 * (deepest := depth.deepest())[2] * terrain.resolution) ** 2 >= LEAST_AREA_M2:
+        iy, ix, _ = deepest
         rows, columns = whole.around(iy, ix, REGION_REACH_M)
         region = _grow(whole.cut(rows, columns), iy - rows.start, ix - columns.start, leg)
         rows, columns = whole.around_points(region.vertices)

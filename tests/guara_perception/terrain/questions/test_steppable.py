@@ -13,6 +13,7 @@ import guara_perception as gp
 from guara_perception.app.messages import message_to_terrain, terrain_to_message
 from guara_perception.terrain.layers.record import ScanRecord
 from guara_perception.terrain.questions.convex import grow_polygon
+from guara_perception.terrain.scan.assess_terrain import default_limits
 from kinematics import RobotModel, Stance
 from tests.thorough import examples
 from transport import decode_terrain
@@ -89,6 +90,16 @@ def test_regions_of_a_whole_grid(seed: int) -> None:
     assert not (covered & ~safe).any()
     if safe.sum() > 500:
         assert (covered & safe).sum() > 0.75 * safe.sum()
+
+
+def test_no_region_is_left_out() -> None:
+    """Of 144 islands of safe ground, parted by lines of unknown cells, each has its region."""
+    heights = np.zeros((12 * 20, 12 * 20))
+    heights[::20], heights[:, ::20] = np.nan, np.nan
+    small = dataclasses.replace(default_limits(), sole_length=0.02, sole_width=0.02, disc_radius=0.01)
+    terrain = gp.assess_terrain(heights, 0.005, limits=small)
+    centres = {tuple(np.floor(region.centre / 0.1).astype(int).tolist()) for region in terrain.steppable_regions()}
+    assert len(centres) == 144
 
 
 @pytest.mark.slow
