@@ -1,6 +1,6 @@
 """Walks whose laser-off pictures hold the map: drift aside without and with them, on floors of any texture.
 
-Feet slide back by a share of the way, which no joint shows. Each walk has errors of lens, mount and laser planes and
+Feet slide back by a share of the way, which no joint shows. Each walk has errors of mount and laser planes and
 biases of joints of its own. Drift is measured as in `walks drift`; its normalised error is the mean square by the sigma
 that the map claims for it, with its interval of 95 % by bootstrap over walks. Walks in MuJoCo need the extra `physics`,
 those of Go2 `robots-test`.

@@ -183,30 +183,6 @@ def true_heights(robot: RobotModel, world: World, means: Float32, pause: WalkPau
     return np.asarray(points @ to_true[2, :3] + to_true[2, 3])
 
 
-def misread(true: gp.Calibration, rng: np.random.Generator) -> gp.Calibration:
-    """A calibration of a rangefinder, with errors of lens, mount and planes as of one from pictures."""
-    made = real_calibration(OWN_DATA)
-    covariance, uncertainty = made.covariance, HeightUncertainty.of(made)
-    assert covariance is not None and uncertainty is not None
-    errors = rng.multivariate_normal(np.zeros(12), np.array(covariance["matrix"]), method="svd")
-    matrix = true.camera.matrix + np.diag([*errors[:2], 0.0])
-    matrix[:2, 2] += errors[2:4]
-    camera = replace(
-        true.camera, matrix=matrix, distortion=true.camera.distortion + np.append(errors[4:6], np.zeros(3))
-    )
-    pose = np.array(covariance["values"])[6:]
-    mount = true.transform_camera_to_base @ _to_camera(pose) @ np.linalg.inv(_to_camera(pose + errors[6:]))
-    stripes = _drawn_planes(true, uncertainty, rng)
-    return replace(true, camera=camera, stripes=stripes, transform_camera_to_base=mount, covariance=covariance)
-
-
-def _to_camera(pose: Float) -> Float:
-    """Transform (4, 4) of a rotation vector and a translation (6,)."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation(pose[:3]), pose[3:]
-    return transform
-
-
 def pictured(
     robot: RobotModel, seed: int, cycles: float, texture: float | None, slide: float | None, *, physics: bool = False
 ) -> Iterator[WalkedPause]:
@@ -222,7 +198,7 @@ def pictured(
     else:
         world = random_world(seed)
     true = specimen(robot, (640, 512), seed)
-    calibration = misread(true, rng)
+    calibration = drawn(true, rng)
     bias = dict(zip(robot.tree.joint_names, robot.noise.encoder_sigma * rng.standard_normal(99), strict=False))
     rangefinder = SimulatedRangefinder(world, true, robot, seed, light=Light(texture=texture))
     for pause in _walk(robot, world, seed, cycles, noise, physics=physics):

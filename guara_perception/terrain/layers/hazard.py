@@ -21,7 +21,7 @@ class Hazard(IntFlag):
     robot itself.
     Known: STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here would reach something unknown, hazardous or off
     the grid; UNCERTAIN, large standard deviation of the height; CONFLICT, observations disagree; STALE, observed too
-    long ago.
+    long ago, or drifted too far since.
     """
 
     NONE = 0
@@ -63,7 +63,7 @@ MEANING = {
     Hazard.EDGE: "a sole here would reach something unknown, hazardous or off the grid",
     Hazard.UNCERTAIN: "standard deviation of the height too large",
     Hazard.CONFLICT: "observations disagree",
-    Hazard.STALE: "last seen too long ago",
+    Hazard.STALE: "last seen too long ago, or drifted too far since",
 }
 
 
