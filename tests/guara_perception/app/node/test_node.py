@@ -45,7 +45,7 @@ def test_each_pause_gives_a_grid_and_a_map(bench: Bench) -> None:
         assert not np.any((fused.traversability > 0) & ((fused.hazard & UNKNOWN_MASK) != 0))
     assert np.isfinite(fused.elevation).sum() >= np.isfinite(terrain.elevation).sum() * 0.95
     # The status follows the grid.
-    expected = {"calibration", "drift", "joints", "pause", "scanner", "stillness", "thread guara-scans"}
+    expected = {"calibration", "drift", "foot_slip", "joints", "pause", "scanner", "stillness", "thread guara-scans"}
     assert wait_until(lambda: {item.name for item in bench.status.items()} == expected)
     levels = {item.name: item.level for item in bench.status.items() if item.level is not Health.OK}
     # Two readings a pause are too few to see a millimetre.
