@@ -11,6 +11,7 @@ PROGRAMS = {
     "accuracy": "errors of recorded scans against their truth, also in the paper's own terms",
     "calibration": "errors, drift, crosses, mount, truth: calibrations against the truth, and what harms them",
     "endurance": "hours of a recording node, planners and a viewer with faults at random: memory, handles, threads",
+    "journal": "killed, carried: walks that go on after a restart, and robots that were carried meanwhile",
     "joints": "joints that read wrong: jumps and zeros that are told, alarms on clean walks (extra robots-test)",
     "light": "effects, cost, mosaics: real light and Bayer mosaics through the whole chain, beside the truth",
     "node": "a running node: sweep, latency, processor time",

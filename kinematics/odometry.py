@@ -86,6 +86,23 @@ class OdometryPose(PoseInOdom):
         return read_only(self.transform_footprint_to_odom @ self.pose.transform_base_to_footprint)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryState:
+    """State of a leg odometry after a pause, from which another one goes on; arrays are read-only.
+
+    Attributes:
+        step: number of the pause since the start, from 0.
+        transform_footprint_to_odom: (4, 4) of the pause.
+        footholds: positions of the standing feet.
+        first_tilt: (6, 6) covariance of the first footprint's position by the error of its vertical.
+    """
+
+    step: int
+    transform_footprint_to_odom: Float
+    footholds: Footholds
+    first_tilt: Float
+
+
 class LegOdometry:
     """Leg odometry of a walk, updated at every pause; `odom` is the footprint of the first pause.
 
@@ -107,12 +124,42 @@ class LegOdometry:
         """Latest pose; None before the first pause."""
         return self._last
 
+    @property
+    def state(self) -> OdometryState | None:
+        """State after the latest pause; None before the first."""
+        if self._last is None or self._footholds is None:
+            return None
+        return OdometryState(self._last.step, self._last.transform_footprint_to_odom, self._footholds, self._first_tilt)
+
+    def restore(self, state: OdometryState, stance: Stance) -> None:
+        """Go on from a state, with the stance of its pause; exact where that has gravity.
+
+        Raises:
+            KinematicsError: as `RobotModel.stance_pose`.
+        """
+        pose = self._pose(self._robot.state(stance.joint_positions), stance, None)
+        self._last = OdometryPose(
+            step=state.step,
+            pose=pose,
+            transform_footprint_to_odom=state.transform_footprint_to_odom,
+            covariance=EXACT,
+            covariance_since_last=EXACT,
+            own_covariance=EXACT,
+            gravity=pose.gravity,
+        )
+        self._footholds, self._first_tilt = state.footholds, state.first_tilt
+
     def reset(self) -> None:
         """Start over: the next pause is the first one and defines `odom` anew."""
         self._last, self._footholds = None, None
 
-    def update(self, stance: Stance) -> OdometryPose:
+    def update(self, stance: Stance, standing: Sequence[str] | None = None) -> OdometryPose:
         """Compute the footprint of a new pause.
+
+        Args:
+            stance: stance of the pause.
+            standing: feet that may have stayed since the last pause; None = all. Two feet that swung alike keep their
+                distance too: where pauses were missed, joints do not tell them from those that stood.
 
         Raises:
             OdometryLost: fewer than two feet stayed since the last pause; the odometry is unchanged, `reset` restarts
@@ -122,7 +169,7 @@ class LegOdometry:
         if self._last is None or self._footholds is None:
             self._last, self._footholds = self._first(stance)
         else:
-            self._last, self._footholds = self._next(stance, self._last, self._footholds)
+            self._last, self._footholds = self._next(stance, self._last, self._footholds, standing)
         return self._last
 
     def _pose(self, state: RobotState, stance: Stance, gravity: GravityEstimate | None) -> StancePose:
@@ -149,9 +196,11 @@ class LegOdometry:
         )
         return first, first_footholds(_named_feet(pose), *sole_readings(pose, _named_feet(pose), self._robot.noise))
 
-    def _next(self, stance: Stance, last: OdometryPose, footholds: Footholds) -> tuple[OdometryPose, Footholds]:
+    def _next(
+        self, stance: Stance, last: OdometryPose, footholds: Footholds, standing: Sequence[str] | None
+    ) -> tuple[OdometryPose, Footholds]:
         state = self._robot.state(stance.joint_positions)
-        common, stayed = self._feet(state, stance, last)
+        common, stayed = self._feet(state, stance, last, standing)
         pose = self._pose(state, stance, self._carried(state, stance, last, stayed))
         if len(stayed) < 2:
             raise OdometryLost(
@@ -209,10 +258,13 @@ class LegOdometry:
             self._robot.noise,
         )
 
-    def _feet(self, state: RobotState, stance: Stance, last: OdometryPose) -> tuple[list[str], list[str]]:
+    def _feet(
+        self, state: RobotState, stance: Stance, last: OdometryPose, standing: Sequence[str] | None = None
+    ) -> tuple[list[str], list[str]]:
         """Feet that carried the body at both pauses, and those of them that stayed."""
         # A foot that seemed unloaded counts too: it may stand on a block, and if not, its distances change.
-        common = [leg for leg in _named_feet(last.pose) if leg in stance.support_feet]
+        may_stand = stance.support_feet if standing is None else set(standing).intersection(stance.support_feet)
+        common = [leg for leg in _named_feet(last.pose) if leg in may_stand]
         return common, self._stayed(state, last.pose.state, common)
 
     def _stayed(self, now: RobotState, before: RobotState, common: list[str]) -> list[str]:

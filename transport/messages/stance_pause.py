@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+
 from transport.exceptions import MessageError, UnknownPhase
 from transport.keys import check_name
 from transport.messages.codec import decode, encode, from_ros, to_ros
@@ -40,6 +42,8 @@ class StancePause:
         known_ground: ground that the gait declares safe, in `frame_id`.
         frame_id: frame of `known_ground`.
         epoch: identity of the walk, the same in all its pauses; empty if the gait gives none.
+        standing_pauses: of each support foot, the number of pauses before this one since which it has never left the
+            ground, 0 if it was set down since; empty if the gait cannot tell.
     """
 
     robot: str
@@ -51,6 +55,7 @@ class StancePause:
     known_ground: tuple[GroundPatch, ...] = ()
     frame_id: str = "base_footprint"
     epoch: str = ""
+    standing_pauses: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the fields.
@@ -65,6 +70,13 @@ class StancePause:
             raise MessageError(f"step is {self.step}; allowed: -2^53 to 2^53")
         if not isinstance(self.epoch, str) or len(self.epoch) > MAXIMUM_EPOCH:
             raise MessageError(f"epoch is {self.epoch!r}; allowed: text of up to {MAXIMUM_EPOCH} characters")
+        standing = np.asarray(self.standing_pauses, np.uint32)
+        if standing.shape not in ((0,), (len(self.stance.support_feet),)):
+            raise MessageError(
+                f"standing_pauses has {standing.size} entries; allowed: none, or one for each of the "
+                f"{len(self.stance.support_feet)} support_feet"
+            )
+        set_fields(self, standing_pauses=tuple(standing.tolist()))
         try:
             set_fields(self, phase=PausePhase(self.phase))
         except ValueError as error:
@@ -80,7 +92,7 @@ class StancePause:
 
 def make_stance_pause(pause: StancePause) -> Any:
     """Make the guara_msgs/StancePause message object."""
-    return to_ros(STANCE_PAUSE, pause)
+    return to_ros(STANCE_PAUSE, pause, standing_pauses=np.array(pause.standing_pauses, np.uint32))
 
 
 def encode_stance_pause(pause: StancePause) -> bytearray:
@@ -93,7 +105,7 @@ def encode_stance_pause(pause: StancePause) -> bytearray:
 
 
 def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
-    """Decode and check the CDR payload of a guara_msgs/StancePause, with or without its last field.
+    """Decode and check the CDR payload of a guara_msgs/StancePause, with or without its last two fields.
 
     Raises:
         UnknownPhase: the phase is not known to this version.
@@ -105,18 +117,21 @@ def decode_stance_pause(payload: bytes | bytearray | memoryview) -> StancePause:
 
 
 def _decoded(payload: bytes | bytearray | memoryview) -> Any:
-    """Decode the message object; gait controllers of earlier versions send no `epoch`, which then is empty."""
+    """Decode the message object; earlier gait controllers send no `standing_pauses`, or no `epoch` either."""
     try:
         return decode(payload, STANCE_PAUSE)
     except MessageError as error:
-        # Without `epoch` the length is a multiple of four bytes; any other payload was truncated.
-        if len(payload) < 8 or len(payload) % 4 != 0:
+        if len(payload) < 8:
             raise
-        length = (1).to_bytes(4, "little" if payload[1] else "big")
-        try:
-            message = decode(bytes(payload) + length + b"\0", STANCE_PAUSE)
-        except MessageError:
-            raise error from None
-        if message.epoch:
-            raise
-        return message
+        # `epoch` ends with a zero, and numbers begin on a multiple of four bytes; any other payload was truncated.
+        fill, one, nothing = bytes(-len(payload) % 4), (1).to_bytes(4, "little" if payload[1] else "big"), bytes(4)
+        for is_earlier, missing in ((payload[-1] == 0, fill + nothing), (not fill, one + nothing + nothing)):
+            if not is_earlier:
+                continue
+            try:
+                message = decode(bytes(payload) + missing, STANCE_PAUSE)
+            except MessageError:
+                continue
+            if not len(message.standing_pauses) and not (missing.startswith(one) and message.epoch):
+                return message
+        raise error

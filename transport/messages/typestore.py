@@ -224,6 +224,7 @@ FIELDS: Mapping[str, Range] = {
     **dict.fromkeys(("level", "health"), Range(low=0, high=3)),
     **dict.fromkeys(("nx", "ny"), Range(low=1, high=4_000_000)),
     **dict.fromkeys(("time_available", "timeout"), Range(low=0, high=LONGEST_TIME, unit="s")),
+    "standing_pauses": Range(entries=64),
     "step": Range(low=-LARGEST_COUNT, high=LARGEST_COUNT),
     "scan_end_clock": Range(low=0, high=1e10, unit="s", nan=True),
     "valid_for": Range(low=0, high=math.inf, unit="s"),

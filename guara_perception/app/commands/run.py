@@ -85,6 +85,7 @@ JPEG_QUALITY = 90
 @click.option(
     "--metrics", type=click.IntRange(1, 65535), hidden=True, help="port of this machine for OpenMetrics, such as 9464"
 )
+@click.option("--state", type=FILE, hidden=True, help="folder of the journal, from which a restarted node goes on")
 @click.option("--log", type=click.Choice(STYLES), default="text", hidden=True, help="json: a JSON object per line")
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
@@ -120,6 +121,7 @@ def command(
     mode: str,
     check: bool,
     metrics: int | None,
+    state: Path | None,
     log: str,
     method: str,
     threshold: float | None,
@@ -141,8 +143,10 @@ def command(
     """
     from guara_perception.app.files.recording_files import read_limit
     from guara_perception.app.metrics import metrics_served
+    from guara_perception.app.node.claim import Seal
     from guara_perception.app.node.configuration import ConfigurationWatch
     from guara_perception.app.node.devices import choose_rig
+    from guara_perception.app.node.journal import Journal
     from guara_perception.app.node.node import PerceptionNode
     from guara_perception.app.node.node_status import NodeStatus, certificates_item
     from guara_perception.app.node.recorder import ScanRecorder
@@ -219,6 +223,10 @@ def command(
                 record, robot=instance, calibration=rig.calibration, jpeg_quality=quality, scene=scene, limit=limit
             )
             recorder = stack.enter_context(made)
+        journal = None
+        if state is not None:
+            found = Journal(state, rig.robot, Seal.of(instance, rig.robot, rig.calibration))
+            journal = stack.enter_context(found)
         parts = (rig.robot, rig.calibration, rig.rangefinder, server)
         node = PerceptionNode(
             *parts,
@@ -228,6 +236,7 @@ def command(
             recorder=recorder,
             status=status,
             mirror=mirror,
+            journal=journal,
         )
         stack.enter_context(node)
         if metrics is not None:

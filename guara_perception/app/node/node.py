@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Self
 
 from guara_perception.app.node.declared_ground import declared_ground
+from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus, pause_item
 from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
@@ -85,6 +86,7 @@ class PerceptionNode:
         recorder: ScanRecorder | None = None,
         status: NodeStatus | None = None,
         mirror: SceneMirror | None = None,
+        journal: Journal | None = None,
     ) -> None:
         """Connect its parts; the `with` block starts it.
 
@@ -100,6 +102,7 @@ class PerceptionNode:
             recorder: writes every scan, or None.
             status: collects what the status messages report; None = a new one.
             mirror: publishes each pause for ROS 2 tools, or None.
+            journal: gets the walk at each pause, and gives it back after a restart; or None.
 
         Raises:
             InvalidInput: unknown mode or method, or a threshold that does not fit it.
@@ -123,6 +126,7 @@ class PerceptionNode:
             threshold=threshold,
             recorder=recorder,
             mirror=mirror,
+            journal=journal,
         )
         self._changed = threading.Condition()
         self._gait_clock = server.gait_clock(self._wake)
@@ -237,6 +241,7 @@ class PerceptionNode:
             limits=self._robot.pause_limits,
             begun=now,
             known_ground=self._ground_of(announcement),
+            standing_pauses=dict(zip(stance.support_feet, announcement.standing_pauses, strict=False)),
             time_available=announcement.time_available,
             stamp=stamp,
         )

@@ -50,6 +50,7 @@ class Pause:
         stamp: stamp of BEGIN.
         given_epoch: identity of the walk given by the gait, empty if none.
         known_ground: ground declared by the gait, in base_footprint of this pause.
+        standing_pauses: number of pauses before it since which each foot never left the ground, as the gait says.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
         ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
         end_stance: stance read at the end; None before, and if it was unusable.
@@ -68,6 +69,7 @@ class Pause:
     stamp: int
     given_epoch: str = ""
     known_ground: tuple[KnownGround, ...] = ()
+    standing_pauses: Mapping[str, int] = field(default_factory=dict)
     time_available: float = 0.0
     ended: threading.Event = field(default_factory=threading.Event)
     end_stance: Stance | None = None

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from drivers import DriverError
 from guara_perception.app.node.joint_watch import JointWatch
+from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
 from guara_perception.app.node.published_scans import PublishedScans
@@ -53,6 +54,7 @@ class PauseScanner:
         threshold: float | None = None,
         recorder: ScanRecorder | None = None,
         mirror: SceneMirror | None = None,
+        journal: Journal | None = None,
     ) -> None:
         """Connect its parts; arguments as in `PerceptionNode`."""
         self._mirror = mirror
@@ -63,11 +65,13 @@ class PauseScanner:
             status.follow(recorder.status_item)
         self._settings = Settings.of(robot)
         self._view = LiveView(server.views, centre=self._settings.stripes // 2)
-        self.map = WalkMap(robot, calibration)
+        self.map = WalkMap(robot, calibration, journal)
+        if journal is not None:
+            status.follow(journal.item)
         self._joints = JointWatch(robot, status)
         self._sweeper = Sweeper(calibration, rangefinder, self._settings, ScanPolicy(robot))
         self._published = PublishedScans(
-            server, status, self.map, recorder, lambda pause: self._processor(pause, "standard").finish()
+            server, status, self.map, recorder, lambda pause: self._processor(pause, "standard").finish(), journal
         )
         self._tails: deque[float] = deque(maxlen=TAILS)
 

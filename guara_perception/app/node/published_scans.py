@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 
 from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.pause import Pause
@@ -72,10 +73,11 @@ class PublishedScans:
         walk_map: WalkMap,
         recorder: ScanRecorder | None,
         unseen: Callable[[Pause], TerrainGrid],
+        journal: Journal | None = None,
     ) -> None:
         """State before the first pause; `unseen` returns the grid of a pause in which nothing was seen."""
         self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
-        self._unseen = unseen
+        self._unseen, self._journal = unseen, journal
         self._unknown_clock = (
             f"the gait does not tell the clock of its stamps on {gait_clock_key(server.robot)} (no answer, or stamps "
             "that lie ahead of it), so that they confirm no frame: "
@@ -174,6 +176,7 @@ class PublishedScans:
             epoch=pause.epoch,
             time=swept.scan.last_frame,
             picture=swept.processor.ground_picture,
+            standing_pauses=pause.standing_pauses,
         )
         refused = published.fused.metadata.get("visual_refused")
         self._status.note("texture", f"pictures do not hold the map: {refused}" if refused else "")
@@ -182,7 +185,10 @@ class PublishedScans:
         text = f"standing feet slid by {', '.join(slips.values())} mm since the last pause" if slips else ""
         self._status.note("foot_slip", text, StatusLevel.OK, slips)
         self.fused = published
-        return self._send(published, published.fused)
+        message = self._send(published, published.fused)
+        if self._journal is not None:
+            self._journal.write(self._map.claim(swept.scan.last_frame))
+        return message
 
     def _confirm(self, published: Published) -> None:
         if published.was_sent_provisional:
@@ -190,6 +196,8 @@ class PublishedScans:
                 self._send(published, published.terrain)
             if published.fused is not None:
                 self._send(published, published.fused)
+        if published is self.fused and self._journal is not None:
+            self._journal.confirm()
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:

@@ -99,6 +99,12 @@ class SimulatedRobot:
         return simulate_walk(self.world, self.robot, choose, cycles=cycles, seed=self._seed + number)
 
 
+def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
+    """Number of pauses since which each foot stands, from that at the pause before; simulated feet only swing."""
+    swung = None if pause.last_footstep is None else pause.last_footstep.leg
+    return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
+
+
 class SimulatedGait:
     """Announces the pauses of one simulated walk as a gait controller would: it reads the joints for every message.
 
@@ -113,9 +119,11 @@ class SimulatedGait:
         self._rng = np.random.default_rng(seed)
         self._publisher, self._instance, self.epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available
+        self._stood: dict[str, int] = {}
 
     def begin(self, pause: WalkPause) -> None:
         """Announce that the robot stands."""
+        self._stood = standing_pauses(pause, self._stood)
         self._announce(pause, PausePhase.BEGIN, self._time_available)
 
     def hold(self, pause: WalkPause) -> None:
@@ -140,5 +148,6 @@ class SimulatedGait:
                 ),
                 epoch=self.epoch,
                 time_available=time_available,
+                standing_pauses=tuple(self._stood[leg] for leg in pause.stance.support_feet),
             )
         )

@@ -6,20 +6,25 @@ import copy
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
+from guara_perception.app.node.claim import Claim
+from guara_perception.app.node.journal import Journal
 from guara_perception.arrays import Float
 from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import InvalidInput
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import Health
 from guara_perception.terrain.map.known_ground import KnownGround
 from guara_perception.terrain.map.terrain_map import TerrainMap
 from kinematics import GravityEstimate, LegOdometry, OdometryLost, OdometryPose, RobotModel, Stance
 from kinematics.transforms import transform_points
 
 logger = logging.getLogger(__name__)
+NONE_KNOWN: Mapping[str, int] = MappingProxyType({})
 
 
 @dataclass(slots=True)
@@ -51,8 +56,9 @@ class WalkMap:
         latest: map that `update` or `withdraw` returned last, None before the first.
     """
 
-    def __init__(self, robot: RobotModel, calibration: Calibration) -> None:
-        self._robot = robot
+    def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
+        """State before the first pause; the walk goes on from a claim of the journal that fits that."""
+        self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
         self._kept = self._state.copy()
@@ -68,6 +74,7 @@ class WalkMap:
         epoch: str = "",
         time: float | None = None,
         picture: GroundPicture | str | None = None,
+        standing_pauses: Mapping[str, int] = NONE_KNOWN,
     ) -> TerrainGrid:
         """Fuse the scan of one pause and return the map in base_footprint of that pause.
 
@@ -79,6 +86,7 @@ class WalkMap:
             epoch: identity of the walk.
             time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
             picture: laser-off picture of the scan, as `TerrainMap.update` takes it.
+            standing_pauses: number of pauses before this one since which each foot never left the ground, by leg.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -87,12 +95,26 @@ class WalkMap:
         if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
             # A further scan of a pause, on request: the ground was fused with the first.
             return state.last
+        refused, standing = "", None
+        if state.step is None and self._journal is not None and self._journal.claims:
+            refused, standing = self._go_on(
+                self._journal,
+                (epoch, step, standing_pauses),
+                stance,
+                terrain,
+                terrain.stamp * 1e-9 if time is None else time,
+                picture,
+            )
+        state = self._state
         if state.step is not None and epoch != state.epoch:
             self._restart(f"walk {epoch!r} came after walk {state.epoch!r}")
         elif state.step is not None and step <= state.step:
             self._restart(f"step {step} came after step {state.step}: another walk")
-        state.pose = pose = self._locate(stance)
+        state.pose = pose = self._locate(stance, standing)
         fused = state.map.update(terrain, pose, known_ground=known_ground, time=time, picture=picture)
+        if refused:
+            reasons = fused.record.health.reasons if fused.record.health else ()
+            fused = fused.restated(health=Health.of((*reasons, refused)))
         slips = self._slips(pose, fused)
         if slips is not None:
             state.pose = replace(pose, foot_slips=slips)
@@ -126,6 +148,17 @@ class WalkMap:
         """Make all updates so far permanent: `withdraw` returns to this state."""
         self._state.map.keep()
         self._kept = self._state.copy()
+        if self._journal is not None:
+            self._journal.claims = ()
+
+    def claim(self, time: float) -> Claim | None:
+        """The walk for a journal, after a pause whose scan ended at `time` [s]; None before the first."""
+        state = self._state
+        odometry = state.odometry.state
+        if state.step is None or state.stance is None or odometry is None:
+            return None
+        restarts = tuple(state.restarts)
+        return Claim(state.epoch, state.step, state.stance, time, odometry, state.map.copy(), restarts)
 
     def withdraw(self, terrain: TerrainGrid, *, time: float | None = None) -> TerrainGrid:
         """Undo all updates since `keep`; return the map of the pauses before, in base_footprint of the withdrawn one.
@@ -154,6 +187,44 @@ class WalkMap:
         self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
         return self.latest
 
+    def _go_on(
+        self,
+        journal: Journal,
+        pause: tuple[str, int, Mapping[str, int]],
+        stance: Stance,
+        terrain: TerrainGrid,
+        time: float,
+        picture: GroundPicture | str | None,
+    ) -> tuple[str, Sequence[str] | None]:
+        """Go on from the newest claim before a pause, if its scan fits.
+
+        Args:
+            journal: the journal with the claims.
+            pause: walk, step, and standing_pauses.
+            stance, terrain, time, picture: as in `update`.
+
+        Returns:
+            Reason why a new walk begins, empty if it goes on; and the feet that stood since the claim.
+        """
+        epoch, step, standing_pauses = pause
+        claim = next((each for each in journal.claims if (each.epoch, each.step < step) == (epoch, True)), None)
+        if claim is None:
+            newest = journal.claims[0]
+            why = f"the journal is of walk {newest.epoch!r}, step {newest.step}; this is step {step} of {epoch!r}"
+        else:
+            odometry = copy.copy(self._state.odometry)
+            standing = [leg for leg, pauses in standing_pauses.items() if pauses >= step - claim.step]
+            why = claim.misfit(stance, terrain, odometry, standing, time=time, picture=picture)
+        if claim is None or why:
+            journal.refuse(why)
+            self._state.restarts.append(f"the journal does not fit: {why}")
+            return self._state.restarts[-1], None
+        odometry.restore(claim.odometry, claim.stance)
+        journal.resumed(claim)
+        restarts = list(claim.restarts)
+        self._state = _WalkState(odometry, claim.map.copy(), claim.epoch, claim.step, claim.stance, restarts=restarts)
+        return "", standing
+
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
         """Distance by which each foot that stood slid since the last pause [m]; None if texture did not show both."""
         told, before = fused.metadata, self._state.soles
@@ -175,9 +246,9 @@ class WalkMap:
             "restarts": tuple(self._state.restarts),
         }
 
-    def _locate(self, stance: Stance) -> OdometryPose:
+    def _locate(self, stance: Stance, standing: Sequence[str] | None) -> OdometryPose:
         try:
-            return self._state.odometry.update(stance)
+            return self._state.odometry.update(stance, standing)
         except OdometryLost as error:
             self._restart(f"odometry lost: {error}")
             return self._state.odometry.update(stance)

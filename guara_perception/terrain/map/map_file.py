@@ -7,14 +7,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from guara_perception.arrays import Array, Float
 from guara_perception.exceptions import FileFormatError
 from guara_perception.fields import Fields, parse_json
-from guara_perception.files import existing_file, read_arrays, whole_file
+from guara_perception.files import existing_file, read_arrays
 from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.registration import SeenGround
@@ -84,25 +84,20 @@ class SavedMap:
     state: MapState
 
 
-def write_map(path: str | Path, robot: str, cells: OdomCells, state: MapState) -> None:
-    """Write a map, whole or not at all.
-
-    Raises:
-        MissingFile: the folder does not exist.
-    """
+def write_map(stream: IO[bytes], robot: str, cells: OdomCells, state: MapState) -> None:
+    """Write a map to a stream; what stands before it there does not matter to `read_map`."""
     header = {"format": FORMAT, "robot": robot, "resolution": cells.resolution, "side": cells.side}
     fields = dataclasses.asdict(state)
     named = [(SEEN, fields.pop("seen") or {}), (TEXTURE, fields.pop("texture") or {})]
     fields["walk"] = {FILE_KEYS.get(name, name): value for name, value in fields["walk"].items()}
     text = json.dumps({**header, "first": cells.first, **fields}, default=np.ndarray.tolist)
-    with whole_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            allow_pickle=False,
-            state=np.array(text),
-            **cells.memory,
-            **{names[name]: array for names, arrays in named for name, array in arrays.items()},
-        )
+    np.savez_compressed(
+        stream,
+        allow_pickle=False,
+        state=np.array(text),
+        **cells.memory,
+        **{names[name]: array for names, arrays in named for name, array in arrays.items()},
+    )
 
 
 def read_map(path: str | Path) -> SavedMap:

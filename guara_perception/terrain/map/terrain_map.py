@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.exceptions import FileFormatError, InvalidInput
+from guara_perception.files import whole_file
 from guara_perception.ground_picture import GroundPicture
 from guara_perception.settings import RobotLike, Settings, robot_model
 from guara_perception.terrain.grid import TerrainGrid
@@ -24,7 +26,7 @@ from guara_perception.terrain.map.lines_of_sight import LinesOfSight, ceiling_of
 from guara_perception.terrain.map.map_file import MapState, read_map, write_map
 from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import SeenGround
-from guara_perception.terrain.map.seen_texture import GroundView, seen_after, view_of
+from guara_perception.terrain.map.seen_texture import GroundView, VisualMotion, seen_after, view_of, visual_motion
 from guara_perception.terrain.map.snapshot import snapshot_layers
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
@@ -32,6 +34,8 @@ from kinematics import PoseInOdom, RobotModel
 
 # Distance from the centre of the window at which the window moves [m]: moves are rare, the margin costs little memory.
 MARGIN_M = 0.2
+# Covariance (6, 6) of a pose of which next to nothing is known: wider than what texture can find again.
+ANYWHERE = np.diag([0.1] * 6) ** 2
 # Fields of a scan's record that also hold for the map of the same pause.
 FROM_SCAN = (*POSE[1:], "pose_covariance")
 
@@ -239,7 +243,31 @@ class TerrainMap:
         Raises:
             MissingFile: the folder does not exist.
         """
-        write_map(path, self._robot.name, self._cells, self._state)
+        with whole_file(path) as temporary, temporary.open("wb") as stream:
+            self.write(stream)
+
+    def write(self, stream: IO[bytes]) -> None:
+        """Write what `save` writes at the end of a stream; `load` reads a file that has more before it."""
+        write_map(stream, self._robot.name, self._cells, self._state)
+
+    def copy(self) -> TerrainMap:
+        """Independent copy; what was kept for `take_back` is left out."""
+        copied = TerrainMap(self._robot, resolution=self._grid.resolution)
+        copied._cells.restore(self._cells.memory, self._cells.first)
+        copied._state, copied._sight = self._state, self._sight
+        return copied
+
+    def motion_by_texture(
+        self, terrain: TerrainGrid, pose: PoseInOdom, picture: GroundPicture | str | None
+    ) -> VisualMotion:
+        """How far a pause lies beside its pose by texture alone, whatever odometry believes; the map stays as it is.
+
+        Arguments and errors as in `update`.
+        """
+        transform = self._state.walk.transform @ checked_pose(terrain, pose).transform
+        transform[2, 3] += self._state.anchor.offset
+        view = view_of(picture or "no laser-off picture was given", terrain)
+        return visual_motion(view, self._state.texture, transform, ANYWHERE, ANYWHERE[:3, :3], np.zeros((3, 3)))
 
     @classmethod
     def load(cls, path: str | Path, robot: RobotLike | None = None) -> TerrainMap:

@@ -2,8 +2,9 @@
 
 import transport
 
-# Of "walk-7" and its length, behind a message that ends on four bytes.
-EPOCH_BYTES = 4 + 7
+# At the end: "walk-7" and its length, behind a message that ends on four bytes; then, filled up to four bytes, the
+# number of standing pauses, and these.
+EPOCH_BYTES, FILL_BYTES, STANDING_BYTES = 4 + 7, 1, 4 + 3 * 4
 
 
 def sample_pause(peer) -> transport.StancePause:
@@ -18,6 +19,7 @@ def sample_pause(peer) -> transport.StancePause:
         time_available=2.5,
         known_ground=(ground,),
         epoch="walk-7",
+        standing_pauses=(3, 0, 7),
     )
 
 

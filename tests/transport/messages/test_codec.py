@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import transport
 from tests.thorough import examples
-from tests.transport.messages.samples import sample_pause, sample_status
+from tests.transport.messages.samples import FILL_BYTES, STANDING_BYTES, sample_pause, sample_status
 from transport import MessageError
 from transport.messages import codec, terrain_message
 from transport.messages.scan_messages import (
@@ -61,7 +61,7 @@ def test_stance_pause_round_trip_is_exact(peer) -> None:
     """Every field of a StancePause comes back as it was."""
     pause = sample_pause(peer)
     back = transport.decode_stance_pause(transport.encode_stance_pause(pause))
-    for name in ("robot", "step", "phase", "stamp", "stance", "time_available", "frame_id", "epoch"):
+    for name in ("robot", "step", "phase", "stamp", "stance", "time_available", "frame_id", "epoch", "standing_pauses"):
         assert getattr(back, name) == getattr(pause, name), name
     np.testing.assert_array_equal(back.known_ground[0].outline, pause.known_ground[0].outline)
     assert (back.known_ground[0].height, back.known_ground[0].sigma) == (0.01, 0.002)
@@ -70,12 +70,29 @@ def test_stance_pause_round_trip_is_exact(peer) -> None:
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_pauses_of_a_gait_that_knows_no_walks_are_read(peer, byte_order: str) -> None:
     """What was sent before walks had an identity ends where `epoch` begins: it is read, and the epoch is empty."""
-    message = make_stance_pause(replace(sample_pause(peer), epoch=""))
+    message = make_stance_pause(replace(sample_pause(peer), epoch="", standing_pauses=()))
     whole = bytes(typestore().serialize_cdr(message, message.__msgtype__, little_endian=byte_order == "little"))
-    old = transport.decode_stance_pause(whole[:-5])
+    old = transport.decode_stance_pause(whole[: -5 - 3 - 4])
     assert (old.step, old.phase, old.epoch, old.known_ground[0].sigma) == (-3, transport.PausePhase.END, "", 0.002)
+    assert old.standing_pauses == ()
     with pytest.raises(MessageError):
-        transport.decode_stance_pause(whole[:-9])
+        transport.decode_stance_pause(whole[: -9 - 3 - 4])
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+def test_pauses_of_a_gait_that_does_not_say_which_feet_stood_are_read(peer, byte_order: str) -> None:
+    """What was sent before ends where the bytes up to `standing_pauses` begin, or these: it is read, nothing stood."""
+    message = make_stance_pause(sample_pause(peer))
+    whole = bytes(typestore().serialize_cdr(message, message.__msgtype__, little_endian=byte_order == "little"))
+    for cut in (STANDING_BYTES, STANDING_BYTES + FILL_BYTES):
+        old = transport.decode_stance_pause(whole[:-cut])
+        assert (old.step, old.epoch, old.standing_pauses) == (-3, "walk-7", ())
+
+
+def test_standing_pauses_are_those_of_the_support_feet(peer) -> None:
+    """One for each, or none."""
+    with pytest.raises(MessageError, match="standing_pauses has 2 entries; allowed: none, or one for each of the 3"):
+        replace(sample_pause(peer), standing_pauses=(1, 2))
 
 
 def test_a_phase_of_a_later_version_is_distinguished_from_damage(peer) -> None:

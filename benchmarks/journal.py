@@ -1,0 +1,351 @@
+"""Walks that go on after a restart of the node, and robots that were carried meanwhile.
+
+`python -m benchmarks journal killed [--kills 40]`: nodes of their own, ended by kill -9 at random instants of walks
+whose gait runs on and stands still at the second pause without a map; of every fourth, the newest journal is cut. The
+first map after each restart is judged against that of a walk without restarts.
+
+`python -m benchmarks journal carried [--cases 50]`: robots with stiff legs that are carried by 20 mm to 1 m, turned by
+2 degrees and more, or tilted, whose gait claims that no foot left the ground; and as many that were not.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import tempfile
+import threading
+import time
+import uuid
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.command import options, run_part
+from benchmarks.peers import free_endpoint
+from benchmarks.usable_ground import cells
+from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node.claim import Seal
+from guara_perception.app.node.journal import Journal
+from guara_perception.app.node.simulated import standing_pauses
+from guara_perception.app.node.walk_map import WalkMap
+from guara_perception.arrays import Float
+from guara_perception.ground_picture import GroundPicture
+from guara_perception.settings import Settings
+from guara_perception.simulation import SimulatedRangefinder, specimen
+from guara_perception.simulation.gait import WaveGait
+from guara_perception.simulation.planner import plan_foothold
+from guara_perception.simulation.walk import WalkPause, fresh_reading, simulate_walk
+from guara_perception.simulation.world import World
+from kinematics import RobotModel, Stance, load_robot
+from testbed.journalled_node import Walk, start
+from testbed.random_world import random_world
+from testbed.scanned_walk import map_geometry, scanned_walk
+from testbed.true_ground import TrueGround
+from transport import GroundPatch, PausePhase, StancePause, clock, open_node
+from transport.stance_link import StancePublisher
+
+# [s] Longest wait of the gait for a map where it goes on without one, and where it stands until there is one.
+IMPATIENT_S, PATIENT_S = 2.0, 120.0
+# [s] Rest after HOLD, and the swing; longest time from a BEGIN to a kill.
+REST_S, SWING_S, KILL_S = 1.5, 1.0, 6.0
+# [s] Between two HOLD; longest wait until they have confirmed a map.
+HOLD_S, CONFIRMED_S = 0.2, 10.0
+FIRST_KILL = 3
+CUT_EVERY = 4
+UNSAFE = ("free, unsafe by truth: relief", "free, unsafe by truth: dark", "unknown and free")
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """Scan of a pose.
+
+    Attributes:
+        stance: stance as reported.
+        wide: grid that the map fuses.
+        picture: laser-off picture.
+    """
+
+    stance: Stance
+    wide: gp.TerrainGrid
+    picture: GroundPicture | str
+
+
+class Scanner:
+    """Rangefinder over a world."""
+
+    def __init__(self, robot: RobotModel, world: World, seed: int) -> None:
+        """Build it with the specimen of a seed."""
+        self.robot, self.calibration = robot, specimen(robot, (640, 512), seed)
+        self._rangefinder = SimulatedRangefinder(world, self.calibration, robot, seed)
+
+    def scan(self, pause: WalkPause, step: int, stance: Stance, moved: Float | None = None) -> Scanned:
+        """Scan from a pause, or from its pose (4, 4) multiplied from the left by `moved`."""
+        pose = pause.transform_base_to_world if moved is None else moved @ pause.transform_base_to_world
+        self._rangefinder.set_pose(pose, pause.joint_positions)
+        processor = gp.ScanProcessor(self.calibration, self.robot, stance, "coarse", step=step)
+        for index, on, off in self._rangefinder.frames(Settings.of(self.robot).pattern("coarse")):
+            processor.add(index, on, off)
+        picture = processor.ground_picture
+        return Scanned(stance, processor.finish("wide"), picture)
+
+    def fuse(self, walk_map: WalkMap, pause: WalkPause, step: int, scanned: Scanned) -> gp.TerrainGrid:
+        """Fuse a scan of a pause of the walk "w", whose gait says that all feet have stood since the pause before."""
+        standing = dict.fromkeys(scanned.stance.support_feet, 1)
+        ground = pause.known_ground if step == pause.step else ()
+        fused = walk_map.update(
+            step,
+            scanned.stance,
+            scanned.wide,
+            ground,
+            epoch="w",
+            time=clock.now(),
+            picture=scanned.picture,
+            standing_pauses=standing,
+        )
+        walk_map.keep()
+        return fused
+
+
+def judged(robot: RobotModel, truth: TrueGround, pause: WalkPause, fused: gp.TerrainGrid) -> Counter[str]:
+    """Counts of a map: cells against the oracle, and places for all feet."""
+    to_footprint = np.array(fused.metadata["transform_base_to_footprint"])
+    to_world = pause.transform_base_to_world @ np.linalg.inv(to_footprint)
+    stated = {name: fused.metadata[name] for name in ("stance", "transform_base_to_footprint")}
+    oracle, dark = truth.grid(to_world, map_geometry(robot), robot, **stated)
+    counts: Counter[str] = Counter()
+    cells(counts, robot, fused, oracle, dark)
+    gait = WaveGait.of(robot)
+    for leg in gait.lift_order:
+        counts["footholds"] += plan_foothold(fused, leg, gait.landing(leg), robot=robot) is not None
+    return counts
+
+
+class Gait:
+    """Gait that runs on, and a planner; the node beside it is killed at random instants."""
+
+    def __init__(self, walk: Walk, folder: Path, chance: random.Random) -> None:
+        """Start router and node."""
+        self.walk, self.folder, self.chance = walk, folder, chance
+        self.endpoint, self.epoch = free_endpoint(), uuid.uuid4().hex
+        self.session = open_node(listen=self.endpoint)
+        self.publisher = StancePublisher(self.session)
+        self.client = gp.TerrainClient(self.endpoint)
+        self.noise = np.random.default_rng(walk.seed)
+        self.stood: dict[str, int] = {}
+        self.kills, self.cut, self.waited, self.missed = 0, 0, 0.0, 0
+        walk.save(folder / "walk.pickle")
+        self._start()
+
+    def _start(self) -> None:
+        self.node = start(self.endpoint, self.folder / "state", self.folder / "walk.pickle", self.folder / "log.txt")
+
+    def close(self) -> None:
+        """End all."""
+        self.node.kill()
+        self.node.wait()
+        self.client.close()
+        self.session.close()
+
+    def kill(self, is_cut: bool) -> None:
+        """End the node without notice, perhaps cut its newest journal, and start it again."""
+        self.node.kill()
+        self.node.wait()
+        files = sorted((self.folder / "state").glob("guara-*.journal"), key=lambda path: path.stat().st_mtime)
+        if is_cut and len(files) > 1:
+            content = files[-1].read_bytes()
+            files[-1].write_bytes(content[: self.chance.randrange(len(content))])
+            self.cut += 1
+        self._start()
+
+    def maps_after_kills(self, most: int) -> Iterator[tuple[WalkPause, gp.TerrainGrid]]:
+        """Walk; yields the first map after each restart with its pause."""
+        killer: threading.Timer | None = None
+        run, has_waited = None, True
+        for pause in self.walk.pauses:
+            if killer is None and pause.step >= FIRST_KILL and self.kills < most:
+                self.kills += 1
+                is_cut = self.kills % CUT_EVERY == 0
+                killer = threading.Timer(self.chance.uniform(0.0, KILL_S), self.kill, (is_cut,))
+                killer.start()
+                has_waited = is_cut
+            self.say(pause, PausePhase.BEGIN)
+            patience = PATIENT_S if has_waited or self.chance.random() < 0.5 else IMPATIENT_S
+            begun = time.monotonic()
+            fused = self.map_of(pause, patience)
+            has_waited = fused is None
+            self.missed += fused is None
+            if fused is not None:
+                self.waited = max(self.waited, time.monotonic() - begun)
+                if run not in (None, fused.metadata["run"]):
+                    killer = None
+                    yield pause, fused
+                run = fused.metadata["run"]
+                self._hold_until_confirmed(pause)
+                time.sleep(REST_S)
+            self.say(pause, PausePhase.END)
+            time.sleep(SWING_S)
+
+    def map_of(self, pause: WalkPause, patience: float) -> gp.TerrainGrid | None:
+        """Wait for the map of a pause; None if none came in time [s]."""
+        until = time.monotonic() + patience
+        while (left := until - time.monotonic()) > 0.0:
+            try:
+                return self.client.wait_for_step(pause.step, left, "map")
+            except (gp.StaleTerrain, gp.ScannerUnavailable, gp.ReceiveTimeout, gp.ScannerGone):
+                time.sleep(0.05)
+        return None
+
+    def _hold_until_confirmed(self, pause: WalkPause) -> None:
+        until = time.monotonic() + CONFIRMED_S
+        while time.monotonic() < until:
+            self.say(pause, PausePhase.HOLD)
+            time.sleep(HOLD_S)
+            try:
+                if not self.client.latest(extent="map").is_provisional:
+                    return
+            except (gp.StaleTerrain, gp.ScannerUnavailable):
+                return
+
+    def say(self, pause: WalkPause, phase: PausePhase) -> None:
+        """Announce a pause, with joints read anew."""
+        if phase is PausePhase.BEGIN:
+            self.stood = standing_pauses(pause, self.stood)
+        self.publisher.publish(
+            StancePause(
+                robot="guara",
+                step=pause.step,
+                phase=phase,
+                stamp=time.time_ns(),
+                stance=stance_to_message(fresh_reading(pause.stance, self.noise)),
+                known_ground=tuple(
+                    GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
+                    for ground in pause.known_ground
+                ),
+                epoch=self.epoch,
+                standing_pauses=tuple(self.stood[leg] for leg in pause.stance.support_feet),
+            )
+        )
+
+
+def killed() -> None:
+    """Nodes killed at random instants of walks whose gait runs on."""
+    asked = options(__doc__, kills=(40, "how many"), cycles=(10, "cycles of each walk"), first=(0, "first world"))
+    robot, chance = load_robot("guara"), random.Random(0)
+    total, without, kills, cut, resumed, maps = Counter[str](), Counter[str](), 0, 0, 0, 0
+    seed = asked.first
+    while kills < asked.kills:
+        world, items = scanned_walk(robot, seed, cycles=asked.cycles)
+        pauses, truth, scanner = [item.pause for item in items], TrueGround.of(world), Scanner(robot, world, seed)
+        whole = WalkMap(robot, scanner.calibration)
+        maps_of = [scanner.fuse(whole, p, p.step, scanner.scan(p, p.step, p.stance)) for p in pauses]
+        with tempfile.TemporaryDirectory() as place:
+            gait = Gait(Walk(world, seed, tuple(pauses)), Path(place), chance)
+            try:
+                for pause, fused in gait.maps_after_kills(asked.kills - kills):
+                    now, then = (judged(robot, truth, pause, each) for each in (fused, maps_of[pause.step]))
+                    total, without, maps = total + now, without + then, maps + 1
+                    unsafe = [now[name] - then[name] for name in UNSAFE]
+                    print(
+                        f"world {seed} step {pause.step}: {now['footholds']} of {then['footholds']} footholds, free "
+                        f"and safe {now['free and safe']} of {then['free and safe']}, more unsafe {unsafe} "
+                        f"{fused.metadata['restarts']}",
+                        flush=True,
+                    )
+                    resumed += not fused.metadata["restarts"]
+            finally:
+                gait.close()
+            kills, cut = kills + gait.kills, cut + gait.cut
+        print(f"world {seed}: the gait waited {gait.waited:.1f} s at most, {gait.missed} pauses had no map")
+        seed += 1
+    share = 100 * total["footholds"] / max(without["footholds"], 1)
+    print(f"kills {kills}, journals cut {cut}; maps after restarts {maps}, walks that went on {resumed}")
+    print(f"footholds {total['footholds']} of {without['footholds']} without restarts: {share:.1f} %")
+    for name in ("free and safe", *UNSAFE):
+        print(f"  {name}: {total[name]}, without restarts {without[name]}")
+    more = sum(max(total[name] - without[name], 0) for name in UNSAFE)
+    sys.exit(0 if share >= 95.0 and not more else 1)
+
+
+def carried_by(number: int, chance: np.random.Generator, pause: WalkPause) -> tuple[str, Float]:
+    """What happens to a robot in case `number`: its description, and a motion (4, 4) in the world."""
+    kind = ("carried", "turned", "tilted")[number % 3]
+    about = pause.transform_footprint_to_world[:3, 3]
+    motion = np.eye(4)
+    if kind == "carried":
+        distance, heading = 0.02 * 50.0 ** (number % 18 / 17), chance.uniform(-np.pi, np.pi)
+        motion[:2, 3] = distance * np.cos(heading), distance * np.sin(heading)
+        return f"carried by {1e3 * distance:.0f} mm", motion
+    angle = np.radians(2.0 * (60.0 if kind == "turned" else 5.0) ** (number % 17 / 16)) * chance.choice((-1.0, 1.0))
+    axis = np.array([0.0, 0.0, 1.0])
+    if kind == "tilted":
+        heading = chance.uniform(-np.pi, np.pi)
+        axis = np.array([np.cos(heading), np.sin(heading), 0.0])
+    cross = np.cross(np.eye(3), -axis)
+    motion[:3, :3] = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    motion[:3, 3] = about - motion[:3, :3] @ about
+    return f"{kind} by {np.degrees(abs(angle)):.1f} degrees", motion
+
+
+def carried() -> None:
+    """Robots that were carried between two pauses, and robots that were not."""
+    asked = options(__doc__, cases=(50, "of each"), before=(6, "pauses before"))
+    robot, chance = load_robot("guara"), np.random.default_rng(0)
+    handed_out, refused, reasons = 0, 0, Counter[str]()
+    went_on = 0
+    for number in range(asked.cases):
+        # Level ground with texture is the hardest: no height shows a motion.
+        world = World(seed=number) if number % 2 else random_world(number)
+        scanner = Scanner(robot, world, number)
+        with tempfile.TemporaryDirectory() as place:
+            seal = Seal.of("guara", robot, scanner.calibration)
+            with Journal(Path(place), robot, seal) as journal:
+                walk_map = WalkMap(robot, scanner.calibration, journal)
+                for pause in simulate_walk(world, robot, cycles=asked.before / 4, seed=number):
+                    scanner.fuse(walk_map, pause, pause.step, scanner.scan(pause, pause.step, pause.stance))
+                journal.write(walk_map.claim(clock.now()))
+                journal.confirm()
+            what, motion = carried_by(number, chance, pause)
+            for moved in (None, motion):
+                stance = fresh_reading(pause.stance, chance)
+                gravity = np.array(pause.stance.gravity_in_base) + chance.normal(0.0, robot.noise.imu_sigma, 3)
+                if moved is not None:
+                    base = pause.transform_base_to_world[:3, :3]
+                    gravity = (moved[:3, :3] @ base).T @ base @ gravity
+                stance = Stance(stance.joint_positions, stance.support_feet, tuple(gravity.tolist()))
+                step = pause.step + 1
+                scanned = scanner.scan(pause, step, stance, moved)
+                with Journal(Path(place), robot, seal) as journal:
+                    fused = scanner.fuse(WalkMap(robot, scanner.calibration, journal), pause, step, scanned)
+                    item = journal.item()
+                fresh = scanner.fuse(WalkMap(robot, scanner.calibration), pause, step, scanned)
+                is_new = all(np.array_equal(fused.layer(n), fresh.layer(n), equal_nan=True) for n in fresh.layers)
+                if moved is None:
+                    went_on += item.values["resumed"] == "1" and not is_new
+                    still = item.message
+                    # A refused journal is gone: it is written again for the robot that is carried.
+                    with Journal(Path(place), robot, seal) as journal:
+                        journal.write(walk_map.claim(clock.now()))
+                        journal.confirm()
+                else:
+                    handed_out += not is_new
+                    refused += is_new and item.values["refused"] == "1"
+            reasons[item.message.removeprefix("a new walk begins: ").split(":")[0]] += 1
+            print(f"case {number}: {what}: {item.message}; left alone: {still}", flush=True)
+    print(f"carried: {refused} of {asked.cases} began a new walk, ground of before handed out in {handed_out}")
+    print(f"left alone: {went_on} of {asked.cases} went on")
+    for reason, count in reasons.most_common():
+        print(f"  {count:3d} {reason}")
+    sys.exit(0 if refused == asked.cases and not handed_out and went_on == asked.cases else 1)
+
+
+def main() -> None:
+    """Command line."""
+    run_part("journal", {"killed": killed, "carried": carried})
+
+
+if __name__ == "__main__":
+    main()
