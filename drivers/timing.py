@@ -56,6 +56,11 @@ class EmulatedClock:
         with self._lock:
             return self._now
 
+    def catch_up(self) -> None:
+        """Advance the clock to the machine's, so that its times can be compared with what others stamp from now on."""
+        with self._lock:
+            self._now = max(self._now, time.monotonic())
+
     def sleep(self, seconds: float) -> None:
         """Advance the clock."""
         with self._lock:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from guara_perception.arrays import Image
+from guara_perception.arrays import Float, Image
 from guara_perception.exceptions import InvalidInput
 from guara_perception.settings import MODES
 from guara_perception.stripes.band import FramePair
-from kinematics import Stance
+from kinematics import BodyTrack, RobotModel, Stance
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,8 @@ class ScanStripe:
         off: name of the frame with the laser off (may be shared), or None.
         stamp: time of the frame [ns since the epoch], or None.
         dark: name of the frame of the dark flash that came after the stripe, or None.
+        instant: time of the flash [s], by the clock of the scan's track; NaN where it is not known.
+        instant_sigma: standard deviation of that time [s].
     """
 
     index: int
@@ -32,6 +35,8 @@ class ScanStripe:
     off: str | None
     stamp: int | None = None
     dark: str | None = None
+    instant: float = math.nan
+    instant_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,8 @@ class Scan:
         withdrawn: reason for which the node withdrew the grid of this scan, as recorded; empty when it did not.
         dark_after: indices of the stripes after which the sweep had a dark flash; empty when it had no code.
         camera_identity: maker, model and serial number as the camera told them; empty if unknown.
+        read_track: function that reads where the body was during the scan, from the robot's model and the calibrated
+            transform_camera_to_base, as a stream of its joints tells it; None without a stream.
     """
 
     robot: str
@@ -67,6 +74,7 @@ class Scan:
     withdrawn: str = ""
     dark_after: tuple[int, ...] = ()
     camera_identity: str = ""
+    read_track: Callable[[RobotModel, Float], BodyTrack] | None = None
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -124,4 +132,4 @@ class FrameReader:
                 self._last = (stripe.off, self._read_frame(stripe.off))
             off = self._last[1]
         dark = None if stripe.dark is None else self._read_frame(stripe.dark)
-        return FramePair(stripe.index, self._read_frame(stripe.on), off, dark)
+        return FramePair(stripe.index, self._read_frame(stripe.on), off, dark, stripe.instant, stripe.instant_sigma)

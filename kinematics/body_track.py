@@ -27,6 +27,9 @@ from kinematics.tree import RobotState
 HALF_WINDOW = 0.08
 # [s] Two samples further apart than this, at the instant, tell nothing of it: three of 50 Hz are lost.
 LONGEST_GAP = 0.08
+# [s] Standard deviation of an instant from which it tells no place: the body may turn round meanwhile, and the
+# covariance takes its speed at the instant for constant.
+MOST_TIME_SIGMA = 0.015
 # A parabola and one sample that can contradict it.
 LEAST_SAMPLES = 4
 # Samples that are kept: a minute at 1 kHz; the oldest go first.
@@ -110,10 +113,28 @@ class BodyTrack:
             self._rows[end - len(times) : end] = np.column_stack((times, joints, carry))
             self._end = end
 
+    @property
+    def latest(self) -> float:
+        """Time of the latest sample [s]; -inf without one."""
+        with self._lock:
+            return float(self._rows[self._end - 1, 0]) if self._end else -math.inf
+
     def covers(self, time: float) -> bool:
         """True once no later sample changes the place at a time [s]."""
+        return self.latest >= time + HALF_WINDOW
+
+    def longest_gap(self, start: float, end: float) -> float:
+        """Longest time without a sample between two times, with what their places need before and after [s].
+
+        Infinite if the samples begin too late or end too early.
+        """
         with self._lock:
-            return bool(self._end and self._rows[self._end - 1, 0] >= time + HALF_WINDOW)
+            times = self._rows[: self._end, 0]
+        first = int(np.searchsorted(times, start - HALF_WINDOW, side="right")) - 1
+        last = int(np.searchsorted(times, end + HALF_WINDOW))
+        if first < 0 or last >= len(times):
+            return math.inf
+        return float(np.diff(times[first : last + 1]).max(initial=0.0))
 
     def at(self, time: float, time_sigma: float = 0.0) -> BodyPlace | None:
         """Place of the body at a time.
@@ -124,10 +145,11 @@ class BodyTrack:
 
         Returns:
             The place; None where samples are missing about it, where fewer than three feet of BEGIN stand, where they
-            moved against each other, and where the joints move faster than the samples tell.
+            moved against each other, where the joints move faster than the samples tell, and where the time is not
+            known (`MOST_TIME_SIGMA`).
         """
         samples = self._window(time)
-        if samples is None:
+        if samples is None or not time_sigma <= MOST_TIME_SIGMA:
             return None
         since, joints = samples[:, 0] - time, samples[:, 1 : 1 + len(self._begin.positions)]
         weights = (1.0 - np.abs(since / HALF_WINDOW) ** 3) ** 3

@@ -95,6 +95,11 @@ class GaitClock(RemoteClock):
         bound = self._bound
         return None if bound is None else bound.earliest(stamp * 1e-9)
 
+    def at(self, time: float) -> tuple[float, float] | None:
+        """Reading of the clock at a time of `transport.clock`, and the bound of its error [s]; None if unknown."""
+        bound = self._bound
+        return None if bound is None else bound.at(time)
+
     def _take(self, payload: bytes, asked: float, answered: float) -> bool:
         newer, before = ClockBound(read_time(decode(payload, TIME)) * 1e-9, asked, answered), self._bound
         self._bound = newer if before is None else before.after(newer)

@@ -26,6 +26,8 @@ MEMORY = 9
 PLAINLY_LIT = 0.5
 # A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
 Align = Callable[[Image, Image], Image | None]
+# Verdicts that edges of a scene cause too that is elsewhere than in the reference.
+SCENE_MAY_HAVE_MOVED = (StripeVerdict.LEAK, StripeVerdict.OUT_OF_BAND, StripeVerdict.NOT_MOVED)
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
@@ -107,15 +109,17 @@ class StripeProof:
         rows = 0, len(self._reference_light)
         found = self._compare(mirror_angle, on, rows, background, reference_is_off)
         verdict = self._verdict(*found, background, band)
-        if verdict is StripeVerdict.LEAK and self._align is not None:
+        if verdict in SCENE_MAY_HAVE_MOVED and self._align is not None:
             moved = self._align(reference, on)
             if moved is not None:
                 import cv2
 
                 # A scene that moved is no light: that of a pixel may now be beside it.
-                least = moved.copy()
-                cv2.erode(moved, np.ones((3, 3), np.uint8), least)
-                lights = self._grid.light(moved), self._grid.light(least)
+                near = np.ones((3, 3), np.uint8)
+                most, least = moved.copy(), moved.copy()
+                cv2.dilate(moved, near, most)
+                cv2.erode(moved, near, least)
+                lights = self._grid.light(most), self._grid.light(least)
                 found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights)
                 verdict = self._verdict(*found, background, band)
         self._reference_is_clean = reference_is_off and verdict in PROVED
@@ -139,7 +143,7 @@ class StripeProof:
         reference_is_off: bool,
         lights: tuple[Array, Array] | None = None,
     ) -> tuple[_Seen, StripeEvidence]:
-        """Compare rows with the reference, or with `lights`: of a reference, and the least that may shine there."""
+        """Compare rows with the reference, or with `lights`: the most and the least that may shine there without it."""
         first, end = rows
         difference = self._grid.light(on, rows)
         lowest = None if lights is None else (difference - lights[1][first:end]).min(axis=0)

@@ -18,9 +18,9 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.hazard import check_invariant
 from guara_perception.terrain.layers.record import RECORDS, GridRecord, Health, MapRecord, ScanRecord
-from kinematics import Stance
+from kinematics import BodyTrack, RobotModel, Stance
 from transport import Health as Level
-from transport import ObstacleMessage, StanceMessage, TerrainMessage, TransformMessage
+from transport import ObstacleMessage, StanceMessage, StanceStream, TerrainMessage, TransformMessage
 
 LEVELS = {"ok": Level.OK, "degraded": Level.WARN, "failed": Level.ERROR}
 
@@ -161,3 +161,20 @@ def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
         )
         for item in terrain.obstacles()
     )
+
+
+def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin: int) -> None:
+    """Add a batch of the gait's stream to a track whose times count from a stamp [ns]; samples of the past are dropped.
+
+    Raises:
+        kinematics.KinematicsError: the batch lacks a joint of the robot.
+    """
+    stamps, names = batch.stamps, list(batch.joint_names)
+    times = (stamps - begin) * 1e-9
+    later = times > track.latest
+    order = [names.index(name) for name in robot.tree.joint_names if name in names]
+    carries = np.zeros((len(times), len(robot.legs)), dtype=bool)
+    for column, leg in enumerate(robot.legs):
+        if leg in batch.legs:
+            carries[:, column] = np.asarray(batch.supports)[:, batch.legs.index(leg)]
+    track.add(times[later], np.asarray(batch.joint_positions)[later][:, order], carries[later])

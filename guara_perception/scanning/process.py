@@ -45,8 +45,11 @@ def run_scan(
         See `guara_perception.process_scan`.
     """
     _check_fit(scan, calibration, robot)
-    _check_still(scan, calibration, robot)
+    scan.refuse_withdrawn()
+    if scan.read_track is None:
+        _check_still(scan, calibration, robot)
     try:
+        track = None if scan.read_track is None else scan.read_track(robot, calibration.transform_camera_to_base)
         processor = ScanProcessor(
             calibration,
             robot,
@@ -57,6 +60,7 @@ def run_scan(
             resolution=resolution,
             stamp=scan.end,
             step=scan.step,
+            track=track,
             gravity=gravity,
         )
     except KinematicsError as error:
@@ -93,12 +97,14 @@ def run_scan(
     if not fitting:
         why = "the frames are turned by 90 degrees" if turned else "another camera's calibration?"
         raise CalibrationMismatch(f"{scan.source}: no frame is {width}x{height} px as the calibrated camera's: {why}")
+    if processor.track_fault:
+        _check_still(scan, calibration, robot)
+        processor.leave_track()
     return processor
 
 
 def _check_still(scan: Scan, calibration: Calibration, robot: RobotModel) -> None:
-    """Reject a scan that the node withdrew, or during which the camera moved by more than robot.toml allows."""
-    scan.refuse_withdrawn()
+    """Reject a scan during which the camera moved by more than robot.toml allows."""
     if scan.stance_end is None:
         return
     try:

@@ -145,7 +145,7 @@ class ScanProcessor:
         ends = np.array([(x, y, 0.0) for x in settings.footprint_x for y in settings.footprint_y])
         self._witness = BackgroundWitness(calibration.camera, self._geometry.transform_camera_to_footprint, ends)
         # Result of the last `_prove`, and what had been added by then.
-        self._proved: tuple[tuple[int, ...], _Proved] | None = None
+        self._proved: tuple[tuple[object, ...], _Proved] | None = None
         # Laser-off picture of the stripe with the lowest index, the first that is fired.
         self._off: tuple[int, Grey] | None = None
         self._seconds = {"extract": 0.0, "triangulate": 0.0, "raster": 0.0}
@@ -196,11 +196,28 @@ class ScanProcessor:
             return "the scan has no laser-off picture"
         index, grey = self._off
         proved = self._what_is_proved()
-        places = None if self._places is None else self._places.places
+        places = proved.places
         if proved.proof.refused or proved.profiles[index].is_frame_bad:
             return proved.proof.refused or proved.profiles[index].reason
         pose = self.transform_camera_to_footprint if places is None else places[index].transform_camera_to_footprint
         return GroundPicture(grey, self._calibration.camera, pose)
+
+    @property
+    def track_fault(self) -> str:
+        """Reason why the track does not place the stripes added so far; empty if it does, or there is none."""
+        return "" if self._places is None else self._places.missing
+
+    def leave_track(self) -> None:
+        """Place all stripes as if the body had stood, because of `track_fault`; whether it did must be known otherwise.
+
+        Holds for all copies of this scan too, with the stripes added later.
+        """
+        if self._places is not None:
+            self._places.left = self.track_fault
+
+    def flash(self, index: int) -> tuple[float, float] | None:
+        """Instant of a usable stripe's flash by the clock of the track, and its sigma [s]; None where not known."""
+        return None if self._places is None else self._places.flashes.get(index)
 
     def expect_dark(self, dark_after: Collection[int]) -> None:
         """Expect dark flashes after some stripes. Stripes after the last usable dark flash are not used.
@@ -217,7 +234,7 @@ class ScanProcessor:
     def _what_is_proved(self) -> _Proved:
         """Profiles and surface of the stripes that the dark flashes confirm; cached until something is added."""
         placed = 0 if self._places is None else self._places.update()
-        version = (*self._proof.version, len(self._profiles), placed)
+        version = (*self._proof.version, len(self._profiles), placed, "" if self._places is None else self._places.left)
         if self._proved is None or self._proved[0] != version:
             self._proved = version, self._prove(self._proof.judge())
         return self._proved[1]
@@ -226,7 +243,8 @@ class ScanProcessor:
         width = self._calibration.camera.size[0]
         unproved = f"{OTHER_INSTANT}: no dark flash came after it"
         forbidden = dict.fromkeys(proof.doubled, SECOND_LINE) | dict.fromkeys(proof.unproved, unproved)
-        places = None if self._places is None else self._places.places
+        left = "" if self._places is None else self._places.left
+        places = None if self._places is None or left else dict(self._places.places)
         if places is not None:
             forbidden |= dict.fromkeys(set(self._profiles).difference(places), NO_PLACE)
         claimed = None
@@ -238,6 +256,7 @@ class ScanProcessor:
             ends = tuple((x, y) for x in self.settings.footprint_x for y in self.settings.footprint_y)
             parted = parted_pairs(places, self._pattern.step, ends)
         motion = motion_text(moved, len(parted), len(self._profiles), has_track=places is not None)
+        motion = "; ".join(filter(None, (left, motion)))
         forbidden |= dict.fromkeys(moved, MOVED)
         if proof.refused:
             forbidden = dict.fromkeys(self._profiles, proof.refused)
@@ -249,18 +268,18 @@ class ScanProcessor:
                 changed[index] = bad_frame(width, forbidden[index])
             elif proof.spoilt is not None and (new := without_spoilt(profile, proof.spoilt)) is not profile:
                 changed[index] = new
-        if not changed and places is None:
+        if not changed and self._places is None:
             return _Proved(proof, self._profiles, self._surface, motion)
         profiles = {**self._profiles, **changed}
         good = {index: each for index, each in profiles.items() if not each.is_frame_bad}
-        if places is None:
+        if self._places is None:
             surface = self._new_surface()
             surface.add({index: each for index, each in self._surface.stripes.items() if index not in changed})
             surface.add(self._ranger.points({index: each for index, each in good.items() if index in changed}))
         else:
             surface = self._new_surface(places, parted)
             surface.add(self._ranger.points(good, places))
-        return _Proved(proof, profiles, surface, motion)
+        return _Proved(proof, profiles, surface, motion, places)
 
     def _new_surface(
         self, places: Mapping[int, StripePlace] | None = None, parted: Collection[Key] = ()
@@ -292,9 +311,9 @@ class ScanProcessor:
 
     def _mirrored_points(self) -> dict[int, StripePoints]:
         """Points of the stripes as if every frame had been mirrored left to right."""
-        profiles = self._what_is_proved().profiles
-        usable = {index: each.mirrored() for index, each in profiles.items() if not each.is_frame_bad}
-        return self._ranger.points(usable, None if self._places is None else self._places.places)
+        proved = self._what_is_proved()
+        usable = {index: each.mirrored() for index, each in proved.profiles.items() if not each.is_frame_bad}
+        return self._ranger.points(usable, proved.places)
 
     @property
     def profiles(self) -> Mapping[int, StripeProfile]:
@@ -352,7 +371,7 @@ class ScanProcessor:
         if self._places is None:
             points = self._ranger.points(good)
         else:
-            self._places.expect({pair.index: pair.instant for pair in pairs if pair.index in good})
+            self._places.expect([pair for pair in pairs if pair.index in good])
         triangulated = time.perf_counter()
         self._profiles.update(profiles)
         self._surface.add(points)
@@ -433,9 +452,10 @@ class ScanProcessor:
         """Merge the stripes added so far, so that `finish` only has to merge the columns of those added later.
 
         Affects the run time of `finish` only, and takes about as long as `finish`: call it while waiting for the last
-        few stripes.
+        few stripes. With a track nothing is done: stripes get their places later.
         """
-        self._what_is_proved().surface.layers("footprint")
+        if self._places is None:
+            self._what_is_proved().surface.layers("footprint")
 
     def finish(self, area: str = "footprint", *, record: ScanRecord | None = None) -> TerrainGrid:
         """Terrain of the stripes added so far; may be called at any time, and again after more stripes.
@@ -493,9 +513,13 @@ class ScanProcessor:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class _Proved:
-    """Profiles and surface of a scan that its dark flashes and its background confirm, and what moved, as text."""
+    """What the dark flashes and the background of a scan confirm.
+
+    Profiles and surface, what moved as text, and the places of the stripes; None where all have that of BEGIN.
+    """
 
     proof: Proof
     profiles: Mapping[int, StripeProfile]
     surface: ScanSurface
     motion: str
+    places: Mapping[int, StripePlace] | None = None

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from guara_perception.arrays import Float
 from guara_perception.ranging.scan_geometry import StripePlace
 from guara_perception.ranging.surface import Key
+from guara_perception.stripes.band import FramePair
 from kinematics import BodyTrack, SelfFilter, StancePose
+from kinematics.body_track import LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
 NO_PLACE = "where the body was at its flash is not known: samples are missing, feet moved, or it has no instant"
@@ -25,7 +27,9 @@ class StripePlaces:
     """Places of the stripes by index, found as the samples come.
 
     Attributes:
+        flashes: instants of the flashes by the clock of the track, and their standard deviations [s].
         places: those known so far.
+        left: reason why the track is not followed; empty if it is.
     """
 
     def __init__(self, track: BodyTrack, pose: StancePose, transform_camera_to_base: Float) -> None:
@@ -38,24 +42,39 @@ class StripePlaces:
         """
         self._track, self._pose = track, pose
         self._camera_to_base = transform_camera_to_base
-        self._instants: dict[int, float] = {}
+        self.flashes: dict[int, tuple[float, float]] = {}
         self.places: dict[int, StripePlace] = {}
+        self.left = ""
         # Covered by the samples, and yet without a place: more of them do not help.
         self._lost: set[int] = set()
 
-    def expect(self, instants: Mapping[int, float]) -> None:
-        """Take the instants of stripes by index [s], NaN where one is not known."""
-        self._instants.update({index: instant for index, instant in instants.items() if math.isfinite(instant)})
+    def expect(self, pairs: Collection[FramePair]) -> None:
+        """Take the instants of stripes; one that is not known is left out."""
+        self.flashes.update({p.index: (p.instant, p.instant_sigma) for p in pairs if math.isfinite(p.instant)})
+
+    @property
+    def missing(self) -> str:
+        """What the stream of joints lacks about these flashes; empty if nothing."""
+        if not self.flashes:
+            return ""
+        instants = [instant for instant, _ in self.flashes.values()]
+        gap = self._track.longest_gap(min(instants), max(instants))
+        if gap <= LONGEST_GAP:
+            return ""
+        what = f"has a gap of {gap:.2f} s" if math.isfinite(gap) else "begins or ends"
+        return f"the stream of joints {what} within the scan, which counts as one without a stream: check the gait"
 
     def update(self) -> int:
-        """Find what the samples tell by now; returns the number of places, and of those that are lost."""
-        for index, instant in self._instants.items():
-            if index in self.places or index in self._lost:
+        """Find what the samples tell by now; returns the number of places, and of those that are lost.
+
+        No place is found before its last sample has come, so that a recorded scan has the same.
+        """
+        for index, (instant, sigma) in self.flashes.items():
+            if index in self.places or index in self._lost or not self._track.covers(instant):
                 continue
-            place = self._track.at(instant)
+            place = self._track.at(instant, sigma)
             if place is None:
-                if self._track.covers(instant):
-                    self._lost.add(index)
+                self._lost.add(index)
                 continue
             to_footprint = self._pose.transform_base_to_footprint @ place.transform_base_to_begin
             # The covariance is along the axes of base_link.

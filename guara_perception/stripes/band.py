@@ -41,6 +41,7 @@ class FramePair:
         off: picture with the laser off, or None: earlier frames of the sweep serve instead.
         dark: picture of the dark flash that came after the stripe, None where none did.
         instant: time of the flash [s], by the clock of the body's track; NaN where it is not known.
+        instant_sigma: standard deviation of that time [s].
     """
 
     index: int
@@ -48,6 +49,7 @@ class FramePair:
     off: Image | None = None
     dark: Image | None = None
     instant: float = math.nan
+    instant_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,3 +132,27 @@ def test_what_is_no_track_is_refused(robot: RobotModel) -> None:
     track.add([0.0, 0.1], joints, supports)
     with pytest.raises(ArgumentError, match="must ascend"):
         track.add([0.1, 0.2], joints, supports)
+
+
+def test_a_gap_is_found_between_two_times_and_what_their_places_need(robot: RobotModel) -> None:
+    """Samples every 10 ms from 0 to 2 s without those between 1.0 and 1.3."""
+    times = np.arange(0.0, 2.001, 0.01)
+    times = times[(times <= 1.0) | (times >= 1.3)]
+    readings, begin = stream_of(robot, SWAY, times, np.random.default_rng(0))
+    track = BodyTrack(robot, begin)
+    assert track.latest == -np.inf and track.longest_gap(0.5, 0.6) == np.inf
+    track.add(times, readings, np.ones((len(times), len(robot.legs))))
+    assert track.latest == pytest.approx(2.0)
+    assert track.longest_gap(0.1, 0.9) == pytest.approx(0.01) == track.longest_gap(1.4, 1.9)
+    assert track.longest_gap(0.1, 0.95) == pytest.approx(0.3) == track.longest_gap(1.2, 1.25)
+    assert track.longest_gap(0.05, 0.5) == np.inf == track.longest_gap(1.5, 1.95)
+
+
+def test_an_instant_that_is_not_known_has_no_place(robot: RobotModel) -> None:
+    """Its sigma is in the covariance, by the speed of the body; for too long the speed is not the same."""
+    track = tracked(robot, SWAY, 200.0)
+    sharp, doubtful = track.at(1.0), track.at(1.0, 0.01)
+    assert sharp is not None and doubtful is not None
+    grown = np.linalg.eigvalsh(doubtful.covariance - sharp.covariance)
+    assert grown.max() > 1e-8 and grown.min() > -1e-12
+    assert track.at(1.0, 0.02) is None and track.at(1.0, np.nan) is None

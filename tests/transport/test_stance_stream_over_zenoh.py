@@ -6,8 +6,7 @@ import pytest
 import transport
 from transport import keys
 from transport.links.publisher import Publisher
-from transport.recording.reader import open_recording
-from transport.recording.writer import RecordingWriter
+from transport.recording import FlashRecord, RecordingWriter, ScanRecord, open_recording
 
 LEGS = ("lf", "rf")
 
@@ -17,6 +16,19 @@ def stance(angle: float, feet: tuple[str, ...] = LEGS, gravity: bool = False) ->
         joint_positions={"a": angle, "b": -angle},
         support_feet=feet,
         gravity_in_base=(0.0, 0.0, -9.81) if gravity else None,
+    )
+
+
+def batch(sequence: int = 0) -> transport.StanceStream:
+    return transport.StanceStream(
+        robot="guara",
+        stamp=10**18,
+        sequence=sequence,
+        joint_names=("a",),
+        legs=LEGS,
+        times=[0.0, 0.01],
+        joint_positions=[[0.1], [0.2]],
+        supports=[[1, 1], [1, 1]],
     )
 
 
@@ -56,18 +68,31 @@ def test_every_sample_arrives_in_batches_in_order(endpoint: str, eventually) -> 
 
 @pytest.mark.slow
 def test_a_recording_keeps_the_stream(tmp_path) -> None:
-    batch = transport.StanceStream(
-        robot="guara",
-        stamp=10**18,
-        sequence=0,
-        joint_names=("a",),
-        legs=LEGS,
-        times=[0.0, 0.01],
-        joint_positions=[[0.1], [0.2]],
-        supports=[[1, 1], [1, 1]],
-    )
+    given = batch()
     with RecordingWriter(tmp_path / "s.mcap") as writer:
-        writer.add_stance_stream(batch)
+        writer.add_stance_stream(given)
     with open_recording(tmp_path / "s.mcap") as recording:
         (found,) = recording.stance_stream()
-    assert np.array_equal(found.joint_positions, batch.joint_positions) and found.stamp == batch.stamp
+    assert np.array_equal(found.joint_positions, given.joint_positions) and found.stamp == given.stamp
+
+
+@pytest.mark.slow
+def test_a_recording_keeps_the_instants_of_flashes(tmp_path) -> None:
+    """To the nanosecond, of those stripes that had one; the stream is found by when it was written."""
+    scan = ScanRecord(robot="guara", mode="coarse", stamp=10**18, step=3, stance=stance(0.1))
+    flash = FlashRecord(10**18 + 5, 10**18 + 123_456_789, 2_000_001)
+    with RecordingWriter(tmp_path / "s.mcap") as writer:
+        writer.begin_scan(scan)
+        for index in (0, 2):
+            writer.add_stripe(index, 0.1, None, stamp=10**18)
+        writer.add_flash(2, flash)
+        writer.end_scan()
+        with pytest.raises(transport.RecordingError, match="no scan is open"):
+            writer.add_flash(2, flash)
+        for sequence in range(3):
+            writer.add_stance_stream(batch(sequence))
+    with open_recording(tmp_path / "s.mcap") as recording:
+        assert [stripe.flash for stripe in recording.scans[0].stripes] == [None, flash]
+        written = [time for time, _ in recording.written("stance_stream")]
+        for since, until, kept in ((0, None, 3), (written[1], None, 2), (written[0], written[1], 2), (0, 1, 0)):
+            assert len(list(recording.stance_stream(since, until))) == kept

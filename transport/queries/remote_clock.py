@@ -39,6 +39,11 @@ class ClockBound:
         since = reading - self.reading
         return self.answered + since + DRIFT * abs(since)
 
+    def at(self, time: float) -> tuple[float, float]:
+        """Reading of the other clock at a time of this machine's, and the bound of its error [s]."""
+        middle = (self.asked + self.answered) / 2
+        return self.reading + (time - middle), (self.answered - self.asked) / 2 + DRIFT * abs(time - middle)
+
     def after(self, newer: ClockBound) -> ClockBound:
         """Better of this bound and a newer one: the tighter, or the newer if the clock was set in between."""
         drift = DRIFT * (newer.answered - self.answered)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from transport.recording.reader import Recording as Recording
 from transport.recording.reader import open_recording as open_recording
 from transport.recording.records import CAMERA_FRAME as CAMERA_FRAME
+from transport.recording.records import FlashRecord as FlashRecord
 from transport.recording.records import FrameRecord as FrameRecord
 from transport.recording.records import FrameReference as FrameReference
 from transport.recording.records import ScanRecord as ScanRecord

@@ -14,10 +14,17 @@ from transport.messages.stance_pause import StancePause, decode_stance_pause
 from transport.messages.stance_stream import StanceStream, decode_stance_stream
 from transport.messages.terrain_message import EXTENTS, TerrainMessage, decode_terrain
 from transport.recording.limits import MAXIMUM_CHUNK, BoundedFile, Unpacker
-from transport.recording.records import FrameRecord, FrameReference, ScanRecord, StripeRecord, read_frame
+from transport.recording.records import (
+    FlashRecord,
+    FrameRecord,
+    FrameReference,
+    ScanRecord,
+    StripeRecord,
+    read_frame,
+)
 from transport.recording.topics import CALIBRATION_NAME, TYPES, short_name
 
-SCAN_PARTS = ("scan/start", "scan/stripe", "scan/dark", "scan/end")
+SCAN_PARTS = ("scan/start", "scan/stripe", "scan/dark", "scan/flash", "scan/end")
 CAMERAS = ("camera/on", "camera/off", "camera/on/compressed", "camera/off/compressed")
 
 
@@ -93,9 +100,10 @@ class Recording(AbstractContextManager["Recording"]):
         """Iterate over the announcements of stance pauses, in order; MessageError for a damaged one."""
         return map(decode_stance_pause, self._payloads("stance"))
 
-    def stance_stream(self) -> Iterator[StanceStream]:
-        """The batches of stances, in order; MessageError for a damaged one."""
-        return map(decode_stance_stream, self._payloads("stance_stream"))
+    def stance_stream(self, since: int = 0, until: int | None = None) -> Iterator[StanceStream]:
+        """The batches of stances written between two log times [ns], in order; MessageError for a damaged one."""
+        for found in self._messages(self._topics("stance_stream"), since=since, until=until):
+            yield decode_stance_stream(found.payload)
 
     def messages(self, short: str) -> Iterator[Any]:
         """Iterate over the message objects of a topic, given by its short name (without the robot), in order.
@@ -126,15 +134,21 @@ class Recording(AbstractContextManager["Recording"]):
         for found in self._messages(self._topics(short)):
             yield found.payload
 
-    def _messages(self, topics: list[str], chunk: int | None = None) -> Iterator[StoredMessage]:
-        """Iterate over the messages of some topics, of all chunks or of one by its offset, in the order of writing."""
+    def _messages(
+        self, topics: list[str], chunk: int | None = None, *, since: int = 0, until: int | None = None
+    ) -> Iterator[StoredMessage]:
+        """Iterate over the messages of some topics, of all chunks or of one by its offset, in the order of writing.
+
+        Of those alone that were written between two log times [ns].
+        """
         if not topics:
             return
         summary = cast(Any, self._summary)
         wanted = {number: channel.topic for number, channel in summary.channels.items() if channel.topic in topics}
         try:
-            for at, message in self._stored(summary, set(wanted), chunk):
-                if message.channel_id in wanted:
+            for at, message in self._stored(summary, set(wanted), chunk, since, until):
+                is_timely = since <= message.log_time and (until is None or message.log_time <= until)
+                if message.channel_id in wanted and is_timely:
                     # publish_time is the stamp of a frame; in recordings of earlier versions log_time is too.
                     topic = wanted[message.channel_id]
                     yield StoredMessage(at, topic, message.publish_time, message.log_time, message.data)
@@ -145,8 +159,10 @@ class Recording(AbstractContextManager["Recording"]):
                 f"{self.path} is damaged ({type(error).__name__}: {error}); `guara recover` restores the rest"
             ) from error
 
-    def _stored(self, summary: Any, channels: set[int], chunk: int | None) -> Iterator[tuple[int, Any]]:
-        """Iterate over the messages of chunks that may contain these channels, or of the one at an offset, in order.
+    def _stored(
+        self, summary: Any, channels: set[int], chunk: int | None, since: int, until: int | None
+    ) -> Iterator[tuple[int, Any]]:
+        """Iterate over the messages of chunks that may contain these channels and times, in order, or of one chunk.
 
         Each with the offset of its chunk in the file; 0 in a file without a chunk index.
         """
@@ -163,7 +179,8 @@ class Recording(AbstractContextManager["Recording"]):
         unpacker = Unpacker(self._file.size)
         for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
             at = index.chunk_start_offset
-            is_there = chunk in (None, at)
+            is_there = chunk in (None, at) and since <= index.message_end_time
+            is_there &= until is None or index.message_start_time <= until
             if is_there and (not index.message_index_offsets or channels & index.message_index_offsets.keys()):
                 # After the opcode and the length of the record.
                 self._file.seek(at + 9)
@@ -190,21 +207,26 @@ class Recording(AbstractContextManager["Recording"]):
                 start, stripes = body, []
             elif start is not None and short == "scan/stripe":
                 stripes.append(_make_stripe(body))
-            elif start is not None and short == "scan/dark":
-                dark = FrameReference(body.off_topic, read_time(body.off_stamp))
-                stripes[:] = [
-                    replace(stripe, dark=dark if dark.topic else None, is_dark_due=True)
-                    if stripe.index == body.index
-                    else stripe
-                    for stripe in stripes
+            elif short in ("scan/dark", "scan/flash"):
+                found_of = _dark_of if short == "scan/dark" else _flash_of
+                stripes = [
+                    replace(stripe, **found_of(body)) if stripe.index == body.index else stripe for stripe in stripes
                 ]
-            elif short == "scan/dark":
-                continue
             elif start is not None:
                 yield _make_scan(start, stripes, body)
                 start = None
         if start is not None:
             yield _make_scan(start, stripes, None)
+
+
+def _dark_of(body: Any) -> dict[str, Any]:
+    dark = FrameReference(body.off_topic, read_time(body.off_stamp))
+    return {"dark": dark if dark.topic else None, "is_dark_due": True}
+
+
+def _flash_of(body: Any) -> dict[str, Any]:
+    stamps = read_time(body.header.stamp), read_time(body.on_stamp), read_time(body.off_stamp)
+    return {"flash": FlashRecord(*stamps)}
 
 
 def _make_stripe(body: Any) -> StripeRecord:

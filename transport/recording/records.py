@@ -77,6 +77,21 @@ class FrameReference:
     stamp: int
 
 
+@dataclass(frozen=True, slots=True)
+class FlashRecord:
+    """Instant of a stripe's flash, by the clock that stamps the pauses.
+
+    Attributes:
+        begin: stamp of the BEGIN of its pause [ns].
+        stamp: middle of the flash [ns].
+        sigma: standard deviation of `stamp` [ns].
+    """
+
+    begin: int
+    stamp: int
+    sigma: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripeRecord:
     """Stripe of a recorded scan.
@@ -89,6 +104,7 @@ class StripeRecord:
         stamp: [ns] since the epoch.
         dark: frame of the dark flash after the stripe; None if there was none or it was lost.
         is_dark_due: True if the flash code of the sweep has a dark flash after the stripe.
+        flash: instant of its flash, where a stream of joints placed it.
     """
 
     index: int
@@ -98,6 +114,7 @@ class StripeRecord:
     stamp: int
     dark: FrameReference | None = None
     is_dark_due: bool = False
+    flash: FlashRecord | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

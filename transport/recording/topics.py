@@ -28,6 +28,7 @@ STREAMED = {
     "scan/start": SCAN_START,
     "scan/stripe": STRIPE,
     "scan/dark": STRIPE,
+    "scan/flash": STRIPE,
     "scan/end": SCAN_END,
     "camera/on": IMAGE,
     "camera/off": IMAGE,

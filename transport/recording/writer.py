@@ -14,7 +14,7 @@ from transport.messages.stance_stream import StanceStream, encode_stance_stream
 from transport.messages.submessages import StanceMessage
 from transport.messages.terrain_message import TerrainMessage, encode_terrain
 from transport.messages.typestore import SCAN_END, SCAN_START, STRIPE, make_message
-from transport.recording.records import CAMERA_FRAME, FrameRecord, FrameReference, ScanRecord, make_frame
+from transport.recording.records import CAMERA_FRAME, FlashRecord, FrameRecord, FrameReference, ScanRecord, make_frame
 from transport.recording.topic_file import TopicFile
 from transport.recording.topics import CALIBRATION_NAME, TYPES, full_name
 
@@ -136,6 +136,17 @@ class RecordingWriter(TopicFile):
             scan = self._open_scan()
             at = self.add_frame(frame, laser_on=False) if isinstance(frame, FrameRecord) else frame
             self.add("scan/dark", encode(_stripe_message(scan.step, index, mirror_angle, None, at, stamp)))
+
+    def add_flash(self, index: int, flash: FlashRecord) -> None:
+        """Add the instant of a stripe's flash of the open scan; call it after `add_stripe`.
+
+        Raises:
+            RecordingError: no scan is open.
+        """
+        with self._lock:
+            message = _stripe_message(self._open_scan().step, index, 0.0, None, None, flash.begin)
+            message.on_stamp, message.off_stamp = make_time(flash.stamp), make_time(flash.sigma)
+            self.add("scan/flash", encode(message))
 
     def end_scan(self, *, stance_end: StanceMessage | None = None, stamp: int | None = None) -> None:
         """End the open scan and acknowledge it.

@@ -78,8 +78,13 @@ def _write_recording(
 
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
-    # scan.json has no field for this.
+    # scan.json has no field for this, and none for a stream.
     scan.refuse_withdrawn()
+    if scan.read_track is not None:
+        raise InvalidInput(
+            f"{scan.source}: a stream of joints tells where the body was at each flash, and a scan folder cannot hold "
+            "it: use the recording"
+        )
     with ScanFolderWriter(target) as writer:
         reader = FrameReader(scan)
         for done, stripe in enumerate(scan.stripes, start=1):

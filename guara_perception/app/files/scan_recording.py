@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -9,15 +10,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from guara_perception.app.messages import message_to_stance
+from guara_perception.app.messages import add_samples, message_to_stance
+from guara_perception.arrays import Float
 from guara_perception.calibration.file import parse_calibration
 from guara_perception.exceptions import FileFormatError, InvalidInput, errors_as
 from guara_perception.files import existing_file
 from guara_perception.picture_file import decode_picture
 from guara_perception.scan import Scan, ScanStripe
-from kinematics import KinematicsError
+from kinematics import BodyTrack, KinematicsError, RobotModel
 from transport import TerrainMessage, TransportError
-from transport.recording import FrameReference, Recording, ScanRecord, open_recording
+from transport.recording import FrameReference, Recording, ScanRecord, StripeRecord, open_recording
+
+# [ns] Samples of a scan were written so long before its begin, or after its last stripe, at the most.
+BEFORE_NS, AFTER_NS = 5_000_000_000, 10_000_000_000
 
 
 @contextmanager
@@ -94,19 +99,36 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
     # A stripe whose frame was lost is left out, so that its ground stays unknown.
     stripes = tuple(
         ScanStripe(
-            stripe.index, stripe.mirror_angle, name(stripe.on) or "", name(stripe.off), stripe.stamp, name(stripe.dark)
+            stripe.index,
+            stripe.mirror_angle,
+            name(stripe.on) or "",
+            name(stripe.off),
+            stripe.stamp,
+            name(stripe.dark),
+            *_instant(stripe),
         )
         for stripe in record.stripes
         if stripe.on is not None
     )
+    flashes = [stripe.flash for stripe in record.stripes if stripe.flash is not None]
     with errors_as(FileFormatError, source, InvalidInput, KinematicsError):
+        stance = message_to_stance(record.stance)
+
+        def read_track(robot: RobotModel, transform_camera_to_base: Float) -> BodyTrack:
+            track = BodyTrack(robot, stance, transform_camera_to_base=transform_camera_to_base)
+            until = max(stripe.stamp for stripe in record.stripes) + AFTER_NS
+            with file_errors(f"{source}: "):
+                for batch in recording.stance_stream(record.stamp - BEFORE_NS, until):
+                    add_samples(track, robot, batch, flashes[0].begin)
+            return track
+
         return Scan(
             robot=record.robot,
             mode=record.mode,
             stamp=record.stamp,
             step=record.step,
             stripes=stripes,
-            stance=message_to_stance(record.stance),
+            stance=stance,
             stance_end=None if record.stance_end is None else message_to_stance(record.stance_end),
             calibration_hash=record.calibration_hash or None,
             source=source,
@@ -114,4 +136,12 @@ def _scan(recording: Recording, record: ScanRecord, path: Path, withdrawn: str, 
             withdrawn=withdrawn,
             dark_after=tuple(stripe.index for stripe in record.stripes if stripe.is_dark_due),
             camera_identity=camera_identity,
+            read_track=read_track if flashes else None,
         )
+
+
+def _instant(stripe: StripeRecord) -> tuple[float, float]:
+    """Instant of a stripe's flash since BEGIN and its standard deviation [s]; NaN where it was not recorded."""
+    if stripe.flash is None:
+        return math.nan, 0.0
+    return (stripe.flash.stamp - stripe.flash.begin) * 1e-9, stripe.flash.sigma * 1e-9

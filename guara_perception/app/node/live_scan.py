@@ -48,6 +48,7 @@ def live_scan(
     *,
     should_stop: Callable[[], bool],
     on_stripe: Callable[[StripeCapture], None] | None = None,
+    flash: Callable[[float], tuple[float, float]] | None = None,
 ) -> LiveScan:
     """Take a scan; a device that fails ends it early, and the stripes up to then are kept.
 
@@ -63,6 +64,7 @@ def live_scan(
         firing_order: (index, mirror angle [rad]) in firing order.
         should_stop: True ends the scan, for instance when the pause ends.
         on_stripe: called after each stripe, for recording and progress.
+        flash: returns `FramePair.instant` and its sigma by the stamp of a frame; None = no stripe has an instant.
     """
     start = time.time_ns()
     problems = list(rangefinder.setting_changes())
@@ -76,7 +78,7 @@ def live_scan(
         with stripes:
             for group in stripes.groups():
                 instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
-                _take(group, processor, light, on_stripe)
+                _take(group, processor, light, on_stripe, flash)
                 # Otherwise its frames would stay in memory until the next group is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
@@ -112,6 +114,7 @@ def _take(
     processor: ScanProcessor,
     light: LightCheck,
     on_stripe: Callable[[StripeCapture], None] | None,
+    flash: Callable[[float], tuple[float, float]] | None,
 ) -> None:
     pairs = []
     for capture in group:
@@ -121,7 +124,8 @@ def _take(
             if capture.dark is not None:
                 processor.add_dark(capture.index, capture.dark, off=capture.off)
         else:
-            pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark))
+            instant = (math.nan, 0.0) if flash is None else flash(capture.on_stamp)
+            pairs.append(FramePair(capture.index, capture.on, capture.off, capture.dark, *instant))
     if pairs:
         processor.add_all(pairs)
     if on_stripe is not None:

@@ -13,6 +13,7 @@ from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node_status import NodeStatus, pause_item
 from guara_perception.app.node.pause import Pause, stance_of
 from guara_perception.app.node.pause_scanner import PauseScanner
+from guara_perception.app.node.pause_stream import PauseStream
 from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.stream_watch import StreamWatch
@@ -231,6 +232,17 @@ class PerceptionNode:
             current.end(None)
         if phase is not PausePhase.BEGIN or stance is None:
             return None
+        stream = self._stream.begin(
+            lambda: PauseStream(
+                self._robot,
+                stance,
+                stamp,
+                self._gait_clock,
+                epoch=announcement.epoch,
+                transform_camera_to_base=self._camera,
+            ),
+            announcement.epoch,
+        )
         self._pause = self._to_scan = Pause(
             step=step,
             epoch=self._walks.epoch_of(announcement, self._pause),
@@ -244,6 +256,7 @@ class PerceptionNode:
             standing_pauses=dict(zip(stance.support_feet, announcement.standing_pauses, strict=False)),
             time_available=announcement.time_available,
             stamp=stamp,
+            stream=stream,
         )
         return self._pause
 

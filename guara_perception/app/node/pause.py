@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from guara_perception.app.messages import message_to_stance
+from guara_perception.app.node.pause_stream import PauseStream
 from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import KinematicsError, RobotModel, Stance, StanceError, Stillness
 from kinematics.robot_settings import PauseLimits
@@ -39,6 +40,8 @@ class Pause:
     `still_until`. The stamp of a message counts, not its arrival: it is taken for the earliest instant at which the
     gait's clock can have shown it, and never for later than its arrival.
 
+    With a stream the body may move: its samples tell where each frame was taken, and confirm it.
+
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
@@ -52,6 +55,7 @@ class Pause:
         known_ground: ground declared by the gait, in base_footprint of this pause.
         standing_pauses: number of pauses before it since which each foot never left the ground, as the gait says.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
+        stream: joints during this pause, None if the robot must stand still.
         ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
         end_stance: stance read at the end; None before, and if it was unusable.
         newest_stamp: latest stamp of this pause's announcements.
@@ -71,6 +75,7 @@ class Pause:
     known_ground: tuple[KnownGround, ...] = ()
     standing_pauses: Mapping[str, int] = field(default_factory=dict)
     time_available: float = 0.0
+    stream: PauseStream | None = None
     ended: threading.Event = field(default_factory=threading.Event)
     end_stance: Stance | None = None
     newest_stamp: int = 0
@@ -83,13 +88,18 @@ class Pause:
         self.newest_stamp = self.stamp
         # Stamp up to which the readings show stillness, and arrival of the message that showed it.
         self._still = (self.stamp, self.begun)
+        self._motion = ""
         # Stamp, arrival and length of what was announced last.
         self._plan = (self.stamp, self.begun, self.time_available)
 
     @property
     def still_until(self) -> float:
-        """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known."""
-        stamp, arrival = self._still
+        """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known.
+
+        With a stream, until which is known where its body was.
+        """
+        stream = self.stream
+        stamp, arrival = self._still if stream is None else stream.shown
         earliest = self.earliest(stamp)
         return -math.inf if earliest is None or earliest > arrival + AHEAD_S else min(earliest, arrival)
 
@@ -146,6 +156,13 @@ class Pause:
         self.broken = f"a second BEGIN of step {self.step} came with other joints: {self.broken}"
         return False
 
+    def leave_stream(self) -> None:
+        """Count as a pause without a stream from now on: the readings must show that the robot stood still."""
+        # In this order, since readings are added on another thread.
+        self.stream = None
+        if self._motion:
+            self._break(self._motion, moved=True)
+
     def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
         """Handle joints that arrive after END: those read before it count, later ones belong to the next swing."""
         if stance is not None and not self.broken and stamp < self.newest_stamp:
@@ -165,7 +182,7 @@ class Pause:
         return max(self.planned_end - now, 0.0)
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Test a reading; False if the robot moved, which ends the pause."""
+        """Test a reading; False if the robot moved, which ends the pause unless a stream tells how."""
         is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
@@ -180,6 +197,9 @@ class Pause:
             if is_late:
                 # The test takes readings in the order of their arrival: the start of the motion is not known.
                 self._still = (self.stamp, self.begun)
+            self._motion = self._motion or motion
+            if self.stream is not None:
+                return True
             self._break(motion, moved=True)
         return not motion
 

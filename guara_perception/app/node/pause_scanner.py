@@ -24,6 +24,7 @@ from guara_perception.calibration.calibration import Calibration
 from guara_perception.exceptions import MirrorSlipped
 from guara_perception.progress import Progress
 from guara_perception.scanning.scan_processor import ScanProcessor
+from guara_perception.scanning.stripe_finder import METHODS
 from guara_perception.settings import Settings
 from guara_perception.terrain.scan.policy import ScanPolicy
 from kinematics import RobotModel
@@ -96,6 +97,7 @@ class PauseScanner:
             KinematicsError: the stance does not fit the robot.
         """
         self._published.begin(pause)
+        self._begin_stream(pause)
         self._published.doubts = self._joints.doubts(pause)
         recording = None
         if self._mirror is not None:
@@ -113,6 +115,8 @@ class PauseScanner:
             progress=progress,
             recording=recording,
             on_stripe=self._view.add,
+            stream=lambda: pause.stream,
+            placed=lambda processor, scan: self._await_joints(pause, processor, scan.last_frame),
         )
         self._view.begin()
         try:
@@ -155,6 +159,30 @@ class PauseScanner:
         """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
         self._published.settle()
 
+    def _begin_stream(self, pause: Pause) -> None:
+        """Leave the stream of a pause where it cannot tell the places of stripes, and say why in the status."""
+        why = ""
+        if pause.stream is not None:
+            if METHODS[self._method] is not None:
+                why = f"method {self._method!r} takes one place for all stripes"
+            else:
+                flash = self._rangefinder.flash(0.0)
+                why = pause.stream.doubt(None if flash is None else (clock.now(), flash[1]))
+            if why:
+                pause.leave_stream()
+        self._status.note("stream_use", f"the stream of joints is not used: {why}" if why else "")
+
+    def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
+        """Wait for the joints that tell where the stripes were taken; without them the scan is one of a still body."""
+        stream = pause.stream
+        if stream is None:
+            return
+        stream.wait(lambda: pause.still_until >= last_frame and not processor.track_fault)
+        if fault := processor.track_fault:
+            processor.leave_track()
+            pause.leave_stream()
+            self._status.note("stream_use", fault)
+
     def _processor(self, pause: Pause, mode: str) -> ScanProcessor:
         return ScanProcessor(
             self._calibration,
@@ -165,6 +193,7 @@ class PauseScanner:
             threshold=self._threshold,
             stamp=time.time_ns(),
             step=pause.step,
+            track=None if pause.stream is None else pause.stream.track,
             gravity=self.map.gravity(pause.step, pause.stance, epoch=pause.epoch),
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ from drivers import (
     setting_changes,
     timing,
 )
+from drivers.timing import EmulatedClock
 from guara_perception.calibration.calibration import check_identity
 from guara_perception.scanning.background import aligned
 
@@ -30,6 +32,10 @@ if TYPE_CHECKING:
 
 
 FiringOrder = Sequence[tuple[int, float]]
+
+# [s] Standard deviation of an instant told by a frame's arrival: `measure_lag` tells the lag to a millisecond or two,
+# and transfers vary by about as much.
+LAG_SIGMA = 0.002
 
 # Number of stripes that are processed together. At 30 frames per second that takes a third less processor time than one
 # by one, and memory for all their frames; the last stripe, for which the gait waits, is processed alone.
@@ -115,6 +121,27 @@ class Rangefinder:
         return acquire(
             self.board, self.camera, firing_order, options, band=band, should_stop=should_stop, align=aligned
         )
+
+    def flash(self, stamp: float) -> tuple[float, float] | None:
+        """Middle of the light in a frame with this stamp, by the machine's monotonic clock, and its sigma [s].
+
+        None where the camera's `lag` is not known.
+        """
+        lag = self.camera.lag
+        if not lag:
+            return None
+        exposure = None if self._locked is None else self._locked.exposure
+        if exposure is None:
+            # The light came at any time between the oldest that the frame can show and its stamp.
+            return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
+        if self.options is not None and self.options.sweep is not None:
+            exposure = min(exposure, self.options.sweep.flash)
+        return stamp - lag + min(exposure, lag) / 2, LAG_SIGMA
+
+    def keep_time(self) -> None:
+        """Let an emulated clock show the machine's time, by which flashes are compared with the joints of others."""
+        if isinstance(self.clock, EmulatedClock):
+            self.clock.catch_up()
 
     def lost_steps(self, firing_order: FiringOrder) -> int:
         """Home the mirror, move it to the first stripe, and return the motor steps lost since the last homing.

@@ -33,7 +33,7 @@ from transport import (
     TerrainMessage,
 )
 from transport.exceptions import RecordingError
-from transport.recording import FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
+from transport.recording import FlashRecord, FrameRecord, FrameReference, RecordingWriter, ScanRecord, StripeRecord
 
 if TYPE_CHECKING:
     from drivers import StripeCapture
@@ -304,8 +304,13 @@ class ScanRecording:
         self._stripes: list[StripeRecord] = []
         self._post(0, self._begin)
 
-    def add(self, capture: StripeCapture) -> None:
-        """Record one stripe; an off frame that several stripes share is written once. Returns at once."""
+    def add(self, capture: StripeCapture, flash: FlashRecord | None = None) -> None:
+        """Record one stripe; an off frame that several stripes share is written once. Returns at once.
+
+        Args:
+            capture: the stripe.
+            flash: its instant, where a stream of joints places it.
+        """
         if self._is_full:
             return
         on, dark = (None if image is None else image.copy() for image in (capture.on, capture.dark))
@@ -318,6 +323,7 @@ class ScanRecording:
             off=None,
             stamp=time.time_ns(),
             is_dark_due=capture.is_dark_due or dark is not None,
+            flash=flash,
         )
         if not self._recorder.post(size, lambda: self._guarded(lambda: self._add(bare, on, off, dark))):
             self._is_full = True
@@ -393,6 +399,8 @@ class ScanRecording:
         writer.add_stripe(stripe.index, angle, stripe.on, stripe.off, stamp=stripe.stamp)
         if stripe.is_dark_due:
             writer.add_dark(stripe.index, angle, stripe.dark, stripe.stamp)
+        if stripe.flash is not None:
+            writer.add_flash(stripe.index, stripe.flash)
 
     def _guarded(self, action: Callable[[], None]) -> None:
         if not self._problem:

@@ -70,7 +70,7 @@ class SimulatedRobot:
         )
         self._rig = SimulatedRangefinder(self.world, self.calibration, self.robot, seed)
         self._seed = seed
-        clock = EmulatedClock()
+        clock = EmulatedClock(time.monotonic())
         board = EmulatedBoard(clock=clock.monotonic)
         camera = simulated_camera(self._rig, board, fps=fps, latency=LATENCY_S)
         camera.identity = self.calibration.camera.identity or camera.identity

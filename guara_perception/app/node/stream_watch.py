@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
+from guara_perception.app.node.pause_stream import PauseStream
 from kinematics import KinematicsError, RobotModel
 from kinematics.tree import checked_positions
 from transport import Health, StanceStream, StatusItem, TransportError, clock
@@ -19,6 +21,8 @@ RATE_SLACK = 1.1
 LONGEST_GAP, RATE_TIME = 0.1, 1.0
 # [s] How long trouble stays in the status; a stream that is silent for so long has ended.
 SILENT, FORGOTTEN = 1.0, 10.0
+# [s] A pause follows the stream if a sample came so shortly before its BEGIN.
+FRESH = 0.25
 
 
 class StreamWatch:
@@ -30,7 +34,8 @@ class StreamWatch:
         self._lock = threading.Lock()
         self._last: StanceStream | None = None
         self._heard = -np.inf
-        self._arrivals: deque[tuple[float, int]] = deque()
+        self._arrivals: deque[tuple[float, StanceStream]] = deque()
+        self._pause: PauseStream | None = None
         self._gaps = self._lost = self._flooded = self._refused = 0
         self._trouble = (-np.inf, "")
 
@@ -44,7 +49,7 @@ class StreamWatch:
                 self._trouble = now, problem
                 return False
             self._heard = now
-            self._arrivals.append((now, len(batch.stamps)))
+            self._arrivals.append((now, batch))
             while self._arrivals[0][0] < now - RATE_TIME:
                 self._arrivals.popleft()
             if self._rate() > RATE_SLACK * HIGHEST_RATE:
@@ -57,7 +62,29 @@ class StreamWatch:
                 return False
             self._follow(batch, now)
             self._last = batch
+            if self._pause is not None:
+                self._pause.add(batch)
             return True
+
+    def begin(self, make: Callable[[], PauseStream], epoch: str) -> PauseStream | None:
+        """Stream of a pause that begins, from the samples of the last second on; None without a fresh one of its walk.
+
+        Args:
+            make: makes it, without samples; a KinematicsError says that there can be none.
+            epoch: walk of the pause.
+        """
+        with self._lock:
+            self._pause = None
+            is_slow = self._rate() * RATE_SLACK < LOWEST_RATE
+            if self._last is None or self._last.epoch != epoch or is_slow or clock.now() - self._heard > FRESH:
+                return None
+            try:
+                self._pause = make()
+            except KinematicsError:
+                return None
+            for _, batch in self._arrivals:
+                self._pause.add(batch)
+            return self._pause
 
     def refuse(self, error: TransportError) -> None:
         """Count a batch that cannot be read."""
@@ -110,9 +137,9 @@ class StreamWatch:
         """Samples a second, of those that came within `RATE_TIME`."""
         if len(self._arrivals) < 2:
             return 0.0
-        (first, own), (last, _) = self._arrivals[0], self._arrivals[-1]
+        counts = [len(batch.stamps) for _, batch in self._arrivals]
         # The samples of the first batch came before its arrival.
-        return (sum(count for _, count in self._arrivals) - own) / max(last - first, RATE_TIME / 4)
+        return sum(counts[1:]) / max(self._arrivals[-1][0] - self._arrivals[0][0], RATE_TIME / 4)
 
     def _follow(self, batch: StanceStream, now: float) -> None:
         """Count what is missing between the last batch and this one."""

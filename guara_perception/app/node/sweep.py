@@ -5,13 +5,16 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import logging
+import math
 import secrets
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from guara_perception.app.node.live_scan import LiveScan, live_scan
+from guara_perception.app.node.pause_stream import PauseStream
 from guara_perception.app.node.rangefinder import FiringOrder, Rangefinder
 from guara_perception.app.node.recorder import ScanRecording
 from guara_perception.calibration.calibration import Calibration
@@ -49,6 +52,9 @@ class SweepJob:
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
         on_stripe: called with every stripe, or None.
+        stream: gives the stream that tells where the body is, None where it stands.
+        placed: called after the last stripe, with the processor and the record of the devices: it waits for what tells
+            where they were taken.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -59,6 +65,8 @@ class SweepJob:
     progress: Progress | None = None
     recording: ScanRecording | None = None
     on_stripe: Callable[[StripeCapture], None] | None = None
+    stream: Callable[[], PauseStream | None] = lambda: None
+    placed: Callable[[ScanProcessor, LiveScan], None] = lambda processor, scan: None
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,13 +212,37 @@ class Sweeper:
 
     def _run(self, processor: ScanProcessor, firing_order: FiringOrder, job: SweepJob) -> LiveScan:
         done = len(processor.profiles)
+        stream, flash = job.stream(), None
+        if stream is not None:
+            self._rangefinder.keep_time()
+            flash = partial(self._flash, stream, clock.now() - time.monotonic())
 
         def on_stripe(capture: StripeCapture) -> None:
             if job.progress is not None:
                 job.progress(len(processor.profiles), done + len(firing_order))
             if job.recording is not None:
-                job.recording.add(capture)
+                job.recording.add(capture, None if stream is None else stream.record(processor.flash(capture.index)))
             if job.on_stripe is not None:
                 job.on_stripe(capture)
 
-        return live_scan(self._rangefinder, processor, firing_order, should_stop=job.should_stop, on_stripe=on_stripe)
+        scan = live_scan(
+            self._rangefinder,
+            processor,
+            firing_order,
+            should_stop=job.should_stop,
+            on_stripe=on_stripe,
+            flash=flash,
+        )
+        job.placed(processor, scan)
+        return scan
+
+    def _flash(self, stream: PauseStream, offset: float, stamp: float) -> tuple[float, float]:
+        """Instant of the light in a frame since BEGIN and its sigma [s]; NaN where it is not known.
+
+        Args:
+            stream: joints of the pause.
+            offset: `transport.clock` minus the machine's monotonic clock [s].
+            stamp: of the frame.
+        """
+        found = self._rangefinder.flash(stamp)
+        return (math.nan, 0.0) if found is None else stream.instant(found[0] + offset, found[1])

@@ -1,0 +1,180 @@
+"""`guara run` with a simulated robot whose body sways all the time, and a gait in another process that streams joints.
+
+`python -m testbed.swaying_node node FOLDER ENDPOINT` and `python -m testbed.swaying_node gait ENDPOINT --rate 200`. The
+body moves by the machine's monotonic clock, which both processes read. The gait prints a line of JSON for each pause.
+Joints have a bias, and white noise fresh in every message; so has the gravity of the IMU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import guara_perception as gp
+from drivers import AcquireOptions, CameraSettings, OffFrames
+from drivers.emulator import EmulatedCamera, ExposureView
+from guara_perception.app.main import run
+from guara_perception.app.messages import stance_to_message
+from guara_perception.app.node import simulated
+from guara_perception.app.node.rangefinder import STRIPES_TOGETHER, Rangefinder
+from guara_perception.arrays import Float, Image
+from guara_perception.calibration.file import save_calibration
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, renderer
+from guara_perception.simulation.specimen import specimen
+from kinematics import RobotModel, Stance
+from testbed.swaying_robot import BIAS_RAD, WHITE_RAD, Sway, joints_of
+from transport import PausePhase, StancePause, StancePublisher, StanceStreamPublisher, open_client
+
+SIZE = (320, 256)
+# White noise of a reading of gravity [rad].
+IMU_RAD = np.radians(0.1)
+# [s] Stream before the first pause, longest pause, stream after it, and step of the table of joints.
+BEFORE, LONGEST, AFTER, TABLE_STEP = 1.5, 60.0, 0.3, 0.002
+ENDING_S = 0.02
+
+
+def standing(robot: RobotModel) -> Float:
+    """`base_link` in the world (4, 4) of a body that does not sway."""
+    return robot.stance_pose(Stance(robot.posture("scan"), robot.legs, None)).transform_base_to_footprint
+
+
+def swaying_camera(sway: Sway) -> Callable[..., EmulatedCamera]:
+    """`simulated_camera` whose rangefinder is where the body is in the middle of each exposure."""
+
+    def make(view: SimulatedRangefinder, board: Any, *, fps: float, latency: float) -> EmulatedCamera:
+        draw, still = renderer(view), standing(view.robot)
+
+        def render(seen: ExposureView, settings: CameraSettings) -> Image:
+            view.set_pose(still @ sway.at((seen.start + seen.end) / 2))
+            return draw(seen, settings)
+
+        return EmulatedCamera(board, render, fps=fps, exposure=NOMINAL_EXPOSURE_S, latency=latency)
+
+    return make
+
+
+def serve(folder: Path, endpoint: str, sway: Sway, arguments: list[str]) -> int:
+    """Run the node until it is stopped; `folder` takes the calibration."""
+    save_calibration(specimen(gp.load_robot("guara"), SIZE), folder / "calibration.json")
+    sweep = Rangefinder.sweep
+
+    def in_time(rangefinder: Rangefinder, *given: Any) -> Any:
+        # Also without a stream: the body sways by the machine's clock.
+        rangefinder.keep_time()
+        # As devices.toml says for such a robot: a picture from elsewhere hides part of the line.
+        rangefinder.options = AcquireOptions(off=OffFrames.PER_STRIPE, together=STRIPES_TOGETHER)
+        return sweep(rangefinder, *given)
+
+    for owner, name, changed in (
+        (simulated, "simulated_camera", swaying_camera(sway)),
+        (Rangefinder, "sweep", in_time),
+    ):
+        setattr(owner, name, changed)
+    given = ["--simulated", "--gait", "external", "-c", str(folder / "calibration.json"), "--listen", endpoint]
+    return run(["run", *given, *arguments])
+
+
+class SwayingGait:
+    """Joints of a swaying body, read with noise, for messages and stream."""
+
+    def __init__(self, robot: RobotModel, sway: Sway, seed: int) -> None:
+        """Compute the joints once for the time after which the sway repeats itself."""
+        self.robot, self._sway, self._rng = robot, sway, np.random.default_rng(seed)
+        self._period = 5.0 / sway.frequency
+        self._times = np.arange(0.0, self._period + TABLE_STEP, TABLE_STEP)
+        self._joints = np.array([joints_of(robot, sway.at(time)) for time in self._times.tolist()])
+        self._joints += self._rng.normal(0.0, BIAS_RAD, self._joints.shape[1])
+
+    def read(self, time: float) -> Stance:
+        """Stance at a time of the monotonic clock [s], noise fresh."""
+        at = time % self._period
+        joints = [np.interp(at, self._times, column) for column in self._joints.T]
+        joints += self._rng.normal(0.0, WHITE_RAD, len(joints))
+        noise = Rotation.from_rotvec(self._rng.normal(0.0, IMU_RAD, 3)).as_matrix()
+        down = noise @ self._sway.at(time)[:3, :3].T @ (0.0, 0.0, -1.0)
+        return Stance(dict(zip(self.robot.tree.joint_names, joints, strict=True)), self.robot.legs, tuple(down))
+
+
+def walk(endpoint: str, gait: SwayingGait, rate: float, pauses: int) -> Iterator[tuple[int, float]]:
+    """Announce pauses at one place, each until its grid is there or for `LONGEST`; stream all the time if rate > 0.
+
+    Yields:
+        Step of each pause that is over, and the instant of its BEGIN by the monotonic clock [s].
+    """
+    offset = time.time_ns() - round(time.monotonic() * 1e9)
+    with open_client(endpoint) as session, gp.TerrainClient(endpoint) as client:
+        publisher = StancePublisher(session)
+        streamer = StanceStreamPublisher(session, gait.robot.legs, epoch="walk")
+        streamed = time.monotonic()
+
+        def go_on(seconds: float, is_over: Callable[[], bool] = lambda: False) -> None:
+            """Stream for a time; samples that a busy machine delays come late, with the stamps they should have."""
+            nonlocal streamed
+            until = time.monotonic() + seconds
+            while (now := time.monotonic()) < until and not is_over():
+                while rate and streamed + 1.0 / rate < now:
+                    streamed += 1.0 / rate
+                    streamer.add(offset + round(streamed * 1e9), stance_to_message(gait.read(streamed)))
+                time.sleep(0.2 / rate if rate else ENDING_S)
+
+        def say(step: int, phase: PausePhase) -> float:
+            now = time.monotonic()
+            stance = stance_to_message(gait.read(now))
+            stamp = offset + round(now * 1e9)
+            publisher.publish(
+                StancePause(robot="guara", step=step, phase=phase, stamp=stamp, stance=stance, epoch="walk")
+            )
+            return now
+
+        def is_there(step: int) -> bool:
+            return any(grid.step == step and not grid.record.refinement_follows for grid in seen)
+
+        seen: list[gp.TerrainGrid] = []
+        client.on_terrain(seen.append)
+        for step in range(pauses):
+            go_on(BEFORE)
+            begun = say(step, PausePhase.BEGIN)
+            go_on(LONGEST, partial(is_there, step))
+            go_on(AFTER)
+            say(step, PausePhase.END)
+            go_on(AFTER)
+            yield step, begun
+        streamer.flush(LONGEST)
+        publisher.flush(LONGEST)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m testbed.swaying_node", description=__doc__)
+    parser.add_argument("--degrees", type=float, default=0.5, help="amplitude of the turn")
+    parser.add_argument("--shift", type=float, default=0.005, help="amplitude of the shift [m]")
+    parser.add_argument("--frequency", type=float, default=1.0, help="of the turn [1/s]")
+    commands = parser.add_subparsers(dest="what", required=True)
+    node = commands.add_parser("node", help="the node; further arguments are those of `guara run`")
+    node.add_argument("folder", type=Path, help="where calibration.json is written")
+    node.add_argument("endpoint")
+    gait = commands.add_parser("gait", help="the gait")
+    gait.add_argument("endpoint")
+    gait.add_argument("--rate", type=float, default=200.0, help="samples a second; 0: no stream")
+    gait.add_argument("--pauses", type=int, default=1)
+    gait.add_argument("--seed", type=int, default=0)
+    known, rest = parser.parse_known_args()
+    sway = Sway(float(np.radians(known.degrees)), known.shift, known.frequency)
+    if known.what == "node":
+        raise SystemExit(serve(known.folder, known.endpoint, sway, rest))
+    swaying = SwayingGait(gp.load_robot("guara"), sway, known.seed)
+    for step, begun in walk(known.endpoint, swaying, known.rate, known.pauses):
+        print(json.dumps({"step": step, "begun": begun}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
