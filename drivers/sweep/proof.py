@@ -96,7 +96,7 @@ class StripeProof:
             self._grid = _SampleGrid.of(reference)
             self._reference, self._reference_light = reference, self._grid.light(reference)
             self._reference_is_clean = False
-        background = self._background(on)
+        background = self._background(on, self._reference_light)
         if band is not None and self._reference_is_clean:
             rows = self._grid.sampled(band)
             if rows[1] > rows[0]:
@@ -116,18 +116,19 @@ class StripeProof:
 
                 # A scene that moved is no light: that of a pixel may now be beside it.
                 near = np.ones((3, 3), np.uint8)
-                most, least = moved.copy(), moved.copy()
-                cv2.dilate(moved, near, most)
+                least = moved.copy()
                 cv2.erode(moved, near, least)
-                lights = self._grid.light(most), self._grid.light(least)
-                found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights)
+                lights = self._grid.light(moved), self._grid.light(least)
+                # What is left of its edges may look darker by as much as they differed before.
+                least_leak, background = background.threshold, self._background(on, lights[0])
+                found = self._compare(mirror_angle, on, rows, background, reference_is_off, lights, least_leak)
                 verdict = self._verdict(*found, background, band)
         self._reference_is_clean = reference_is_off and verdict in PROVED
         return verdict, found[1]
 
-    def _background(self, on: Image) -> _Background:
-        """Difference of the whole frame from the reference, from every 128th of the sampled pixels."""
-        sample = self._grid.coarser.light(on) - self._reference_light[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
+    def _background(self, on: Image, reference: Array) -> _Background:
+        """Difference of the whole frame from a reference's light, from every 128th of the sampled pixels."""
+        sample = self._grid.coarser.light(on) - reference[:: COARSE_STRIDES[0], :: COARSE_STRIDES[1]]
         offset = _median(sample)
         noise = 1.4826 * _median(np.abs(sample - offset))
         full = float((1 << 8 * on.dtype.itemsize) - 1)
@@ -142,8 +143,12 @@ class StripeProof:
         background: _Background,
         reference_is_off: bool,
         lights: tuple[Array, Array] | None = None,
+        least_leak: float = 0.0,
     ) -> tuple[_Seen, StripeEvidence]:
-        """Compare rows with the reference, or with `lights`: the most and the least that may shine there without it."""
+        """Compare rows with the reference, or with `lights`: of a reference, and the least that may shine there.
+
+        `least_leak` is the least difference that counts as a leak, if it is above the threshold.
+        """
         first, end = rows
         difference = self._grid.light(on, rows)
         lowest = None if lights is None else (difference - lights[1][first:end]).min(axis=0)
@@ -153,7 +158,7 @@ class StripeProof:
         leaks = 0
         if reference_is_off:
             lowest = difference.min(axis=0) if lowest is None else lowest
-            leaks = int(np.count_nonzero(background.offset - lowest > background.threshold))
+            leaks = int(np.count_nonzero(background.offset - lowest > max(background.threshold, least_leak)))
         at = (first + difference.argmax(axis=0)) * float(self._grid.row_stride)
         seen = _Seen(mirror_angle, at, lit)
         count = int(np.count_nonzero(lit))
