@@ -21,7 +21,8 @@ at each pause, besides C at either end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
@@ -76,6 +77,7 @@ class VisualMotion:
         is_whole: nearly all corners of the view agree: it is the robot that moved, or all of the ground in view.
         inherited: share of the covariance that later pauses inherit.
         refused: reason why it is not used, None if it is.
+        denied: (3,) motion that most corners show and odometry contradicts, zero otherwise.
     """
 
     motion: Float
@@ -84,6 +86,7 @@ class VisualMotion:
     is_whole: bool
     inherited: float
     refused: str | None
+    denied: Float = field(default_factory=partial(np.zeros, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +238,8 @@ def visual_motion(
         believed = believed + slip
     sigmas = float(np.sqrt(motion @ np.linalg.solve(believed, motion)))
     if sigmas > MOST_SIGMAS:
-        return refused(f"texture and odometry contradict each other by {sigmas:.1f} sigma of both", count)
+        reason = f"texture and odometry contradict each other by {sigmas:.1f} sigma of both"
+        return VisualMotion(np.zeros(3), prior, count, False, 1.0, reason, motion)
     gain = np.linalg.solve(before_it + measured, prior[SIDEWAYS]).T
     covariance = prior - gain @ prior[SIDEWAYS]
     covariance = 0.5 * (covariance + covariance.T)

@@ -185,7 +185,8 @@ class TerrainMap:
         rejected = fuse_scan(self._cells, terrain, now, tilt)
         texture = None
         if view is not None and not walk.unseen:
-            texture, is_new = seen_after(view, state.texture, transform, held=walk.visual_refused is None)
+            before = None if walk.is_denied else state.texture
+            texture, is_new = seen_after(view, before, transform, held=walk.visual_refused is None)
             if is_new:
                 walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2), begun=walk.slip)
         for foot in feet:

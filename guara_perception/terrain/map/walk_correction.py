@@ -81,6 +81,7 @@ class WalkCorrection:
             start, less what texture took back [m].
         begun: (2,) `slip` where the texture in view began.
         learned: (2,) slip along the way that texture showed, and that way [m].
+        is_denied: odometry contradicts the texture at the last pause, so texture begins anew.
         corners: number of corners of the texture that moved alike at the last pause, None without pictures.
         visual_refused: reason why the last picture was not used, None if it was or none was given.
     """
@@ -102,6 +103,7 @@ class WalkCorrection:
     off_texture: Float = field(default_factory=partial(np.zeros, (3, 3)))
     off_way: Float = field(default_factory=partial(np.zeros, 2))
     unseen: int = 0
+    is_denied: bool = False
     slip: Float = field(default_factory=partial(np.zeros, 2))
     begun: Float = field(default_factory=partial(np.zeros, 2))
     learned: Float = field(default_factory=partial(np.zeros, 2))
@@ -143,6 +145,7 @@ class WalkCorrection:
             off_texture=fields.array("off_texture", (3, 3)) if fields.has("off_texture") else start.off_texture,
             unseen=fields.integer("unseen", 0, EARLIER_PAUSES) if fields.has("unseen") else 0,
             **{name: fields.array(name, (2,)) for name in WAYS if fields.has(name)},
+            is_denied=False,
             corners=fields.integer("corners", 0) if fields.has("corners") else None,
             visual_refused=fields.text("visual_refused") if fields.has("visual_refused") else None,
         )
@@ -211,6 +214,10 @@ class WalkCorrection:
             view = TEXTURE_IN_DOUBT if self.unseen else view
             visual = visual_motion(view, texture, here, prior, off_texture + noise, shown_slip(off_way))
             here, prior, visual_refused = moved(visual.motion, here) @ here, visual.covariance, visual.refused
+            # Nobody knows whether feet slid or ground: the pose stays in doubt by as much.
+            doubt = np.outer(visual.denied, visual.denied)
+            growth, drift, predicted = growth + doubt, drift + doubt, predicted + doubt
+            prior[np.ix_(SIDEWAYS, SIDEWAYS)] += doubt
             if not visual_refused:
                 unheld, off_way, off_texture = np.zeros(2), np.zeros(2), np.zeros((3, 3))
         shown = float(np.linalg.norm(here[:2, 3] - before[:2, 3])) if visual is not None and visual.is_whole else 0.0
@@ -277,6 +284,7 @@ class WalkCorrection:
             slip=slip,
             begun=self.begun,
             learned=learned,
+            is_denied=visual is not None and bool(visual.denied.any()),
             corners=None if visual is None else visual.corners,
             visual_refused=visual_refused,
         )
