@@ -74,12 +74,13 @@ class Size:
 
 @dataclass(slots=True)
 class Outcome:
-    """Result of a run: faults, counts of the planners, and sizes of processes that live on, once warm."""
+    """Result of a run: faults, counts of the planners, sizes of processes that live on, once warm, and of journals."""
 
     faults: Counter[str] = field(default_factory=Counter)
     counts: Counter[str] = field(default_factory=Counter)
     sizes: dict[str, list[Size]] = field(default_factory=dict)
     recorded: int = 0
+    journals: dict[str, int] = field(default_factory=dict)
 
     def ends(self, name: str) -> tuple[Size, Size]:
         """Median sizes of a process in the first and in the last third of its looks."""
@@ -152,7 +153,7 @@ class Machine:
         folder = self._folder / "recorded"
         folder.mkdir(exist_ok=True)
         options = ["--mode", "coarse", "--connect", self._endpoint, "--record", str(folder), "--record-limit", "2GB"]
-        return self._program(["run", "--simulated", *options])
+        return self._program(["run", "--simulated", *options, "--state", str(self._folder / "state")])
 
     def start_planner(self) -> Child:
         """A planner."""
@@ -215,6 +216,7 @@ def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], N
             outcome.counts += Counter(machine.lasting.last.get("counts", {}))
             outcome.counts += Counter(machine.other.last.get("counts", {}))
             outcome.recorded = len(list((Path(folder) / "recorded").glob("*.mcap")))
+            outcome.journals = {path.name: path.stat().st_size for path in (Path(folder) / "state").iterdir()}
         finally:
             machine.close()
     return outcome
@@ -224,7 +226,7 @@ def main() -> None:
     """Command line."""
     asked = options(__doc__, minutes=(240.0, "how long"), period=(20.0, "[s] between two faults, on average"))
     outcome = endure(asked.minutes, asked.period, tell=lambda line: print(line, flush=True))
-    print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings")
+    print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings; bytes of journals: {outcome.journals}")
     print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
     for name, sizes in outcome.sizes.items():
         most = max(size.memory for size in sizes)

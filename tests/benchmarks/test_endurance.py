@@ -17,6 +17,9 @@ def test_nothing_grows_and_no_grid_is_contradicted() -> None:
     assert outcome.sizes.keys() == {"router", "planner", "viewer", "node"}
     assert outcome.is_flat, outcome.sizes
     assert outcome.recorded > 0
+    # Two journals, and one that is being written or was when the node was killed.
+    assert 0 < len(outcome.journals) <= 3
+    assert max(outcome.journals.values()) < 8e6
 
 
 def test_growth_is_told() -> None:
