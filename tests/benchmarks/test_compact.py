@@ -14,7 +14,7 @@ pytestmark = pytest.mark.heavy
 def test_a_compact_grid_is_an_eighth_of_the_lossless_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Recorded scans and a map: under 60 kB each, and the table has a row for each grid and encoding."""
+    """Recorded scans and a map with its ceiling: under 65 kB each; the table has a row for each grid and encoding."""
     monkeypatch.setattr(compact, "ROUNDS", 1)
     made: list[dict[str, Any]] = []
     measured = compact.measured
@@ -23,7 +23,7 @@ def test_a_compact_grid_is_an_eighth_of_the_lossless_one(
     assert len(capsys.readouterr().out.splitlines()) == 1 + len(made) == 9
     for row in made:
         if row["encoding"] == "compact":
-            assert row["bytes"] < 60_000 and row["share"] < 0.15
+            assert row["bytes"] < 65_000 and row["share"] < 0.15
         else:
             assert row["share"] == 1.0 and row["bytes"] > 350_000
         assert row["make_ms"] > 0.0 and row["read_ms"] > 0.0

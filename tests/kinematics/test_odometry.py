@@ -55,7 +55,11 @@ def test_a_walk_without_noise_is_followed_exactly(
 @pytest.mark.slow
 @pytest.mark.parametrize("gravity", [None, *further((0.0, 0.0, -9.81))])
 def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple | None) -> None:
-    """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of walks is within 1 %."""
+    """Over 48 pauses (1.68 m) with 0.2 degrees and 1 mm of noise the median error of walks is within 1 %.
+
+    Without an IMU it is within 2 %: planes of the feet that do not agree with the carried vertical do not correct it,
+    since on a long slope they would all be wrong alike.
+    """
     walk, errors = list(crawl(12)), []
     for seed in range(8 if IS_THOROUGH else 3):
         rng, odometry = np.random.default_rng(seed), LegOdometry(guara)
@@ -63,7 +67,7 @@ def test_error_of_a_long_crawl(guara: RobotModel, crawl: Crawl, gravity: tuple |
             result = odometry.update(Stance(noisy(guara, joints, rng, 0.001), guara.legs, gravity))
         expected = inverse(footprint(walk[0][0])) @ footprint(walk[-1][0])
         errors.append(np.linalg.norm((result.transform_footprint_to_odom - expected)[:3, 3]))
-    assert np.median(errors) <= 0.01 * 1.68
+    assert np.median(errors) <= (0.02 if gravity is None else 0.01) * 1.68
 
 
 # Pitch of a sole at the pauses after it was set down, as in MuJoCo with stiff ankles [rad].

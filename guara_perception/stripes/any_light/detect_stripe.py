@@ -12,7 +12,7 @@ from guara_perception.stripes.measure import SHIFTS, DetectedStripe
 from guara_perception.stripes.peaks import select
 
 # Columns of a picture of at least this many that become one where a path is looked for in a pair of colour pictures.
-SHRUNK_FROM = ((640, 4), (480, 2))
+SHRUNK_FROM = ((1000, 4), (480, 2))
 
 
 def detect_in_any_light(

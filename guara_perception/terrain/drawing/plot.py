@@ -40,6 +40,7 @@ COLOUR_BARS = {
     "traversability": ("traversability, 0 never ... 1 ideal", 1.0),
     "age": ("pauses since last seen", 1.0),
     "looks": ("scans that saw the cell", 1.0),
+    "ceiling": ("upper bound of unknown ground [mm]", 1e3),
 }
 SHOWN_FLAGS = 4
 # Position of the key of the greys below the axes, as a fraction of their height.
@@ -141,7 +142,8 @@ def _draw_values(axes: Axes, terrain: LayeredGrid, layer: str, hazards: bool) ->
     label, factor = COLOUR_BARS[layer]
     values = factor * terrain.layers[layer].astype(np.float64)
     unknown = (terrain.layers["hazard"] & UNKNOWN_MASK) != 0
-    values[unknown] = np.nan
+    if layer != "ceiling":
+        values[unknown] = np.nan
     colours = {"cmap": TRAVERSABILITY_COLOURS, "vmin": 0, "vmax": 1} if layer == "traversability" else {}
     image = draw_layer(axes, terrain.geometry, values, **colours)
     axes.figure.colorbar(image, ax=axes, label=label, shrink=0.85)

@@ -13,7 +13,7 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK
 
 FLOATS = (
     *("elevation", "variance", "variance_local", "elevation_min", "elevation_max"),
-    *("slope", "step_height", "roughness", "clearance", "traversability"),
+    *("slope", "step_height", "roughness", "clearance", "traversability", "ceiling"),
 )
 LAYERS = {**dict.fromkeys(FLOATS, np.float32), "hazard": np.uint16, "age": np.uint8, "looks": np.uint8}
 
