@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from kinematics.body_track import BodyPlace as BodyPlace
 from kinematics.body_track import BodyTrack as BodyTrack
+from kinematics.clearance import FootholdClearance as FootholdClearance
+from kinematics.clearance import foothold_clearance as foothold_clearance
 from kinematics.exceptions import ArgumentError as ArgumentError
 from kinematics.exceptions import CameraMoved as CameraMoved
 from kinematics.exceptions import JointLimitWarning as JointLimitWarning
