@@ -15,7 +15,6 @@ import sys
 import tempfile
 import threading
 import time
-import uuid
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,10 +26,9 @@ import guara_perception as gp
 from benchmarks.command import options, run_part
 from benchmarks.peers import free_endpoint
 from benchmarks.usable_ground import cells
-from guara_perception.app.messages import stance_to_message
 from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
-from guara_perception.app.node.simulated import standing_pauses
+from guara_perception.app.node.simulated import SimulatedGait
 from guara_perception.app.node.walk_map import WalkMap
 from guara_perception.arrays import Float
 from guara_perception.ground_picture import GroundPicture
@@ -45,7 +43,7 @@ from testbed.journalled_node import Walk, start
 from testbed.random_world import random_world
 from testbed.scanned_walk import map_geometry, scanned_walk
 from testbed.true_ground import TrueGround
-from transport import GroundPatch, PausePhase, StancePause, clock, open_node
+from transport import clock, open_node
 from transport.stance_link import StancePublisher
 
 # [s] Longest wait of the gait for a map where it goes on without one, and where it stands until there is one.
@@ -130,12 +128,10 @@ class Gait:
     def __init__(self, walk: Walk, folder: Path, chance: random.Random) -> None:
         """Start router and node."""
         self.walk, self.folder, self.chance = walk, folder, chance
-        self.endpoint, self.epoch = free_endpoint(), uuid.uuid4().hex
+        self.endpoint = free_endpoint()
         self.session = open_node(listen=self.endpoint)
-        self.publisher = StancePublisher(self.session)
+        self.gait = SimulatedGait(StancePublisher(self.session), "guara", seed=walk.seed)
         self.client = gp.TerrainClient(self.endpoint)
-        self.noise = np.random.default_rng(walk.seed)
-        self.stood: dict[str, int] = {}
         self.kills, self.cut, self.waited, self.missed = 0, 0, 0.0, 0
         walk.save(folder / "walk.pickle")
         self._start()
@@ -172,7 +168,7 @@ class Gait:
                 killer = threading.Timer(self.chance.uniform(0.0, KILL_S), self.kill, (is_cut,))
                 killer.start()
                 has_waited = is_cut
-            self.say(pause, PausePhase.BEGIN)
+            self.gait.begin(pause)
             patience = PATIENT_S if has_waited or self.chance.random() < 0.5 else IMPATIENT_S
             begun = time.monotonic()
             fused = self.map_of(pause, patience)
@@ -186,7 +182,7 @@ class Gait:
                 run = fused.metadata["run"]
                 self._hold_until_confirmed(pause)
                 time.sleep(REST_S)
-            self.say(pause, PausePhase.END)
+            self.gait.end(pause)
             time.sleep(SWING_S)
 
     def map_of(self, pause: WalkPause, patience: float) -> gp.TerrainGrid | None:
@@ -202,33 +198,13 @@ class Gait:
     def _hold_until_confirmed(self, pause: WalkPause) -> None:
         until = time.monotonic() + CONFIRMED_S
         while time.monotonic() < until:
-            self.say(pause, PausePhase.HOLD)
+            self.gait.hold(pause)
             time.sleep(HOLD_S)
             try:
                 if not self.client.latest(extent="map").is_provisional:
                     return
             except (gp.StaleTerrain, gp.ScannerUnavailable):
                 return
-
-    def say(self, pause: WalkPause, phase: PausePhase) -> None:
-        """Announce a pause, with joints read anew."""
-        if phase is PausePhase.BEGIN:
-            self.stood = standing_pauses(pause, self.stood)
-        self.publisher.publish(
-            StancePause(
-                robot="guara",
-                step=pause.step,
-                phase=phase,
-                stamp=time.time_ns(),
-                stance=stance_to_message(fresh_reading(pause.stance, self.noise)),
-                known_ground=tuple(
-                    GroundPatch(outline=ground.outline, height=ground.height, sigma=ground.sigma)
-                    for ground in pause.known_ground
-                ),
-                epoch=self.epoch,
-                standing_pauses=tuple(self.stood[leg] for leg in pause.stance.support_feet),
-            )
-        )
 
 
 def killed() -> None:

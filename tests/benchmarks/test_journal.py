@@ -12,7 +12,6 @@ from guara_perception.simulation.walk import simulate_walk
 from kinematics import RobotModel
 from testbed.journalled_node import Walk
 from tests.guara_perception.app.node.live_bench import wait_until
-from transport import PausePhase
 
 
 @pytest.mark.heavy
@@ -30,15 +29,15 @@ def test_a_walk_goes_on_after_kill_9(robot: RobotModel, tmp_path: Path) -> None:
     try:
         # Of the journal that is cut, the scan of its pause is lost.
         for pause, scans in zip(pauses, (1, 2, 3, 3), strict=True):
-            gait.say(pause, PausePhase.BEGIN)
+            gait.gait.begin(pause)
             fused = gait.map_of(pause, PATIENT_S)
             assert fused is not None
             assert (fused.metadata["restarts"], fused.metadata["scans"]) == ([], scans)
             assert np.isfinite(fused.elevation).mean() > 0.8
-            gait.say(pause, PausePhase.HOLD)
+            gait.gait.hold(pause)
             assert wait_until(lambda: bool(written()))
             journals.update(written())
-            gait.say(pause, PausePhase.END)
+            gait.gait.end(pause)
             if pause.step in (1, 2):
                 gait.kill(is_cut=pause.step == 2)
     finally:
