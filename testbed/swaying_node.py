@@ -30,8 +30,8 @@ from guara_perception.calibration.file import save_calibration
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.simulated_camera import NOMINAL_EXPOSURE_S, renderer
 from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.sway import BIAS_RAD, WHITE_RAD, Sway, joints_of
 from kinematics import RobotModel, Stance
-from testbed.swaying_robot import BIAS_RAD, WHITE_RAD, Sway, joints_of
 from transport import PausePhase, StancePause, StancePublisher, StanceStreamPublisher, open_client
 
 SIZE = (320, 256)

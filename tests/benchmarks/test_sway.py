@@ -9,10 +9,10 @@ import guara_perception as gp
 from benchmarks.sway import MUST, P95_M, STILL, figures, scan
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.sway import stream_of
 from guara_perception.simulation.world import load_world
 from guara_perception.stripes.band import FramePair
 from kinematics import BodyTrack, RobotModel
-from testbed.swaying_robot import stream_of
 
 SIZE = (320, 256)
 

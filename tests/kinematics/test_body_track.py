@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guara_perception.simulation.sway import Sway, stream_of
 from kinematics import ArgumentError, BodyTrack, RobotModel, Stance, StanceError, body_track
-from testbed.swaying_robot import Sway, stream_of
 
 GROUND = np.array([(x, y, -0.36) for x in (0.5, 0.95) for y in (-0.27, 0.27)])
 SWAY = Sway(turn=np.radians(0.5), shift=0.005, frequency=1.0)

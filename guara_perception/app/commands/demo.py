@@ -22,17 +22,26 @@ if TYPE_CHECKING:
 @click.option("--cycles", type=click.FloatRange(1, 12), default=10, help="gait cycles of 140 mm")
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--world", default="demo", help="terrain and light: demo, sunlit or a world file")
+@click.option(
+    "--sway", type=click.FloatRange(0.05, 2.0), help="instead of a walk: scans of a body that sways [degrees]"
+)
 @click.pass_context
-def command(context: click.Context, out: Path, view: bool, cycles: float, robot: str, world: str) -> None:
+def command(
+    context: click.Context, out: Path, view: bool, cycles: float, robot: str, world: str, sway: float | None
+) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
     in the folder --out. Exit 1 when the demo's own check fails.
 
+    With --sway a robot whose body sways by so much is scanned beside a still one, with a stream of its joints and
+    without.
+
     \b
     Example:
       guara demo --out out/demo
       guara demo --world sunlit --cycles 2 --out out/sunlit
+      guara demo --sway 0.5 --out out/sway
     """
     from guara_perception.app.demo.check import DemoCheck
     from guara_perception.app.demo.pictures import draw_demo
@@ -40,6 +49,9 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
 
     check_folder(out)
     out.mkdir(parents=True, exist_ok=True)
+    if sway is not None:
+        show_sway(context, out, robot, world, sway)
+        return
     recording = out / "walk.mcap"
     recording.unlink(missing_ok=True)
     check = DemoCheck()
@@ -55,17 +67,35 @@ def command(context: click.Context, out: Path, view: bool, cycles: float, robot:
     size, first = recording.stat().st_size / 1e6, first_recorded(cycles)
     part = f"the last {pauses - first} of {pauses} pauses" if first else "every pause"
     click.echo(f"recording: {recording}, {size:.0f} MB, {part}")
-    for text in check.lines():
-        click.echo(text)
-    failures = check.failures(pauses)
-    if failures:
-        click.echo("the demo's check failed: " + "; ".join(failures), err=True)
-        context.exit(1)
-    click.echo("the demo's check passed")
+    judge(context, check.lines(), check.failures(pauses))
     if view:
         from guara_perception.app.commands.view import command as view_command
 
         context.invoke(view_command, file=recording)
+
+
+def show_sway(context: click.Context, out: Path, robot: str, world: str, degrees: float) -> None:
+    """Scan a still and a swaying body, and leave their picture in a folder."""
+    from guara_perception.app.demo.sway import draw_sway, scans_beside, sway_failures, sway_lines
+
+    scans = []
+    with progress("Scanning") as show:
+        for each in scans_beside(robot, world, degrees):
+            scans.append(each)
+            show(len(scans), 3)
+    draw_sway(out / "sway.png", scans)
+    click.echo(f"picture: {out / 'sway.png'}")
+    judge(context, sway_lines(scans), sway_failures(scans))
+
+
+def judge(context: click.Context, lines: list[str], failures: list[str]) -> None:
+    """Print the figures and the verdict; exit 1 when a condition failed."""
+    for text in lines:
+        click.echo(text)
+    if failures:
+        click.echo("the demo's check failed: " + "; ".join(failures), err=True)
+        context.exit(1)
+    click.echo("the demo's check passed")
 
 
 def line(item: DemoPause) -> str:

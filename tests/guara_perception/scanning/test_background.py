@@ -17,11 +17,11 @@ from guara_perception.scanning.background import CAMERA_MOVED, BackgroundWitness
 from guara_perception.scanning.flash_proof import FlashProof
 from guara_perception.simulation.rangefinder import SimulatedRangefinder
 from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.sway import Sway, stream_of
 from guara_perception.simulation.world import load_world
 from guara_perception.stripes.band import FramePair, bad_frame
 from kinematics import BodyTrack, RobotModel, Stance
 from kinematics.transforms import inverse, transform_points
-from testbed.swaying_robot import Sway, stream_of
 
 SIZE = (320, 256)
 PERIOD = 0.035

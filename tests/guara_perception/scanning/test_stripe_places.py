@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
+from guara_perception.simulation.sway import Sway, stream_of
 from guara_perception.stripes.band import FramePair
 from kinematics import BodyTrack, RobotModel
-from testbed.swaying_robot import Sway, stream_of
 
 pytestmark = pytest.mark.slow
 STILL = Sway(0.0, 0.0, 1.0)

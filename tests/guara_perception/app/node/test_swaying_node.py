@@ -16,10 +16,10 @@ from guara_perception.app.files.open_scan import open_scans
 from guara_perception.app.messages import message_to_terrain
 from guara_perception.app.node.simulated import DEMO_WORLD
 from guara_perception.scanning.process import run_scan
+from guara_perception.simulation.sway import Sway
 from guara_perception.simulation.world import load_world
 from kinematics import RobotModel
 from testbed.swaying_node import standing
-from testbed.swaying_robot import Sway
 from tests.forked import ForkedProcess
 from transport.recording import open_recording
 

@@ -1,4 +1,4 @@
-"""A robot that sways over its feet: where its body is, and what a stream of its joints says of it."""
+"""Robot that sways over its feet: where its body is, and what a stream of its joints says of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from guara_perception.arrays import Float
+from guara_perception.exceptions import InvalidInput
 from kinematics import RobotModel, Stance
 
 # Noise of a joint: white of one reading, and constant bias, per reading and per pause [rad].
@@ -38,9 +39,9 @@ class Sway:
         return transform
 
 
-def joints_of(robot: RobotModel, transform_base_to_begin: Float, posture: str = "scan") -> Float:
-    """True joints (j,), in the robot's order, of a body that moved while all soles stay where the posture has them."""
-    state = robot.state(robot.posture(posture))
+def joints_of(robot: RobotModel, transform_base_to_begin: Float) -> Float:
+    """True joints (j,) [rad] of a body that moved while its soles stay as in scan posture."""
+    state = robot.state(robot.posture(robot.config.scan_posture))
     joints = np.array(state.positions)
     soles = state.soles_in_base(robot.legs)
     moved = (soles - transform_base_to_begin[:3, 3]) @ transform_base_to_begin[:3, :3]
@@ -49,7 +50,8 @@ def joints_of(robot: RobotModel, transform_base_to_begin: Float, posture: str = 
     for leg, sole in zip(robot.legs, moved, strict=True):
         reach = robot.reach(leg, sole, pitch)
         if not np.all(reach.is_reachable):
-            raise ValueError(f"leg {leg} does not reach its sole after a motion of {transform_base_to_begin[:3, 3]} m")
+            shift = np.round(transform_base_to_begin[:3, 3], 4).tolist()
+            raise InvalidInput(f"the body sways by {shift} m, leg {leg!r} does not reach so far; allowed: less sway")
         for name, angle in zip(robot.tree.leg(leg).joints, np.ravel(reach.joint_positions).tolist(), strict=True):
             joints[robot.tree.joint_index(name)] = angle
     return joints

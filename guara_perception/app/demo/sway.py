@@ -1,0 +1,170 @@
+"""Scans of a body that sways, rendered from where it is at each flash, and their picture beside that of a still one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.calibration.calibration import Calibration
+from guara_perception.scanning.scan_processor import ScanProcessor
+from guara_perception.settings import Settings
+from guara_perception.simulation.light import Light
+from guara_perception.simulation.rangefinder import SimulatedRangefinder
+from guara_perception.simulation.specimen import specimen
+from guara_perception.simulation.sway import Sway, stream_of
+from guara_perception.simulation.world import World, load_world
+from guara_perception.stripes.band import FramePair
+from guara_perception.terrain.drawing.style import draw_hazards, draw_layer, new_figure, save_figure, styled
+from guara_perception.terrain.grid import TerrainGrid
+from kinematics import BodyTrack, RobotModel, Stance, load_robot
+
+# [s] From one stripe to the next of a stepped scan, by how much an instant is off, and stream before and after.
+STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
+# [s] Without a stream the gait still reads joints for BEGIN; with one, samples a second.
+NO_STREAM, STREAM_HZ = 0.0, 200.0
+# [m], [1/s] of the demo's sway, beside its turn.
+SHIFT, FREQUENCY = 0.005, 1.0
+# Free cells that are wrong by more are counted [m].
+WRONG_M = 0.005
+# Least share of the cells of the still scan that a stream keeps, and size of the demo's pictures [px].
+KEPT, SIZE = 0.9, (640, 512)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwayingScan:
+    """A scan of a body that sways.
+
+    Attributes:
+        terrain: its grid.
+        x, y, errors: place of each cell in the world, and its height less the world's [m], (ny, nx), as if the body
+            had stood where it was at BEGIN: without the tilt that the joints of BEGIN give the whole grid.
+    """
+
+    terrain: TerrainGrid
+    x: Float
+    y: Float
+    errors: Float
+
+    @property
+    def wrong(self) -> int:
+        """Number of free cells that are wrong by more than `WRONG_M`."""
+        return int(((self.terrain.hazard == 0) & (np.abs(self.errors) > WRONG_M)).sum())
+
+
+def swaying_scan(
+    robot: RobotModel,
+    world: World,
+    calibration: Calibration,
+    sway: Sway,
+    rate: float,
+    seed: int,
+    *,
+    mode: str = "coarse",
+    light: Light | None = None,
+    clock_sigma: float = 0.0,
+) -> SwayingScan:
+    """Scan once.
+
+    Args:
+        robot, world, calibration: what scans, and what is scanned.
+        sway: motion of the body; its phase at BEGIN is random.
+        rate: samples of its joints a second, `NO_STREAM` for none.
+        seed: of all noise.
+        mode: pattern of the stripes.
+        light: None = that of the world.
+        clock_sigma: standard deviation of an error that all instants share, known to the scan [s].
+    """
+    rng = np.random.default_rng(seed)
+    view = SimulatedRangefinder(world, calibration, robot, seed, light=light)
+    posture = robot.posture(robot.config.scan_posture)
+    standing = robot.stance_pose(Stance(posture, robot.legs, None)).transform_base_to_footprint
+    phase = rng.uniform(0.0, 1.0 / sway.frequency)
+    wanted = set(Settings.of(robot).pattern(mode))
+    stripes = [stripe for stripe in calibration.stripes if stripe.index in wanted]
+    times = np.arange(-AROUND, len(stripes) * STRIPE_PERIOD + AROUND, 1.0 / (rate or STREAM_HZ))
+    readings, stance = stream_of(robot, sway, times + phase, rng, begin=phase)
+    track = None
+    if rate:
+        track = BodyTrack(robot, stance, transform_camera_to_base=calibration.transform_camera_to_base)
+        track.add(times, readings, np.ones((len(times), len(robot.legs)), dtype=bool))
+    processor = ScanProcessor(calibration, robot, stance, mode, track=track)
+    late = clock_sigma * math.sqrt(3.0) * rng.uniform(-1.0, 1.0)
+    for number, stripe in enumerate(stripes):
+        time = (number + 0.5) * STRIPE_PERIOD
+        view.set_pose(standing @ sway.at(phase + time))
+        on = view.frame(mirror_angle=stripe.mirror_angle)
+        told = time + late + rng.uniform(-INSTANT_ERROR, INSTANT_ERROR)
+        pair = FramePair(stripe.index, on, view.frame(laser=0.0), instant=told, instant_sigma=clock_sigma)
+        processor.add_all([pair])
+    grid = processor.finish()
+    to_world = standing @ sway.at(phase) @ np.linalg.inv(processor.pose.transform_base_to_footprint)
+    x, y = np.meshgrid(*grid.geometry.centres())
+    points = np.stack((x, y, grid.elevation), axis=-1) @ to_world[:3, :3].T + to_world[:3, 3]
+    across, along, heights = (np.asarray(points[..., axis], np.float64) for axis in range(3))
+    return SwayingScan(grid, across, along, heights - world.height(across, along))
+
+
+def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> Iterator[tuple[str, SwayingScan]]:
+    """Scan one place three times: body still, swaying with a stream of its joints, and swaying without.
+
+    Args:
+        robot_name: name or folder of the robot.
+        world: name of a world of the package, or a world file.
+        degrees: amplitude of the turn; the shift is `SHIFT`.
+
+    Yields:
+        What moved, and the scan.
+
+    Raises:
+        InvalidInput: the legs do not reach so far.
+        MissingFile, FileFormatError: no such world, or not a valid one.
+    """
+    robot, ground = load_robot(robot_name), load_world(world)
+    calibration, sways = specimen(robot, SIZE), Sway(math.radians(degrees), SHIFT, FREQUENCY)
+    for title, sway, rate in (
+        ("body still", Sway(0.0, 0.0, FREQUENCY), NO_STREAM),
+        ("body sways, joints streamed", sways, STREAM_HZ),
+        ("body sways, no stream", sways, NO_STREAM),
+    ):
+        yield title, swaying_scan(robot, ground, calibration, sway, rate, seed=0)
+
+
+def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
+    """Figures of the scans as lines of text."""
+    lines = []
+    for title, scan in scans:
+        known, health = int(np.isfinite(scan.errors).sum()), scan.terrain.record.health
+        p95 = f"95 % below {1e3 * np.nanpercentile(np.abs(scan.errors), 95):.2f} mm" if known else "none"
+        told = "" if health is None or not health.reasons else f"; health: {health.reasons[0]}"
+        lines.append(
+            f"{title}: {known:,} cells known, height error {p95}, {scan.wrong} free cells wrong by more than 5 mm{told}"
+        )
+    return lines
+
+
+def sway_failures(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
+    """Failed conditions as text; empty if none is wrong, and a stream keeps the ground of the still scan."""
+    failures = [f"{title}: {scan.wrong} free cells are wrong" for title, scan in scans if scan.wrong]
+    still, streamed = (int(np.isfinite(scan.errors).sum()) for _, scan in scans[:2])
+    if streamed < KEPT * still:
+        failures.append(f"with a stream {streamed:,} cells are known, at least {KEPT:.0%} of {still:,} required")
+    return failures
+
+
+def draw_sway(path: Path, scans: Sequence[tuple[str, SwayingScan]]) -> None:
+    """Draw height errors and hazards of scans side by side, each below its title."""
+    with styled():
+        figure, axes = new_figure(2, len(scans), size=(3.1 * len(scans), 5.0), sharey=True)
+        for column, (title, scan) in enumerate(scans):
+            above, below = axes[:, column]
+            errors = {"cmap": "RdBu_r", "vmin": -1e3 * WRONG_M, "vmax": 1e3 * WRONG_M}
+            image = draw_layer(above, scan.terrain.geometry, 1e3 * scan.errors, **errors)
+            above.set_title(title)
+            draw_hazards(below, scan.terrain.geometry, scan.terrain.hazard, legend=column == len(scans) - 1)
+        figure.colorbar(image, ax=axes[0], label="height error [mm]", shrink=0.8)
+        save_figure(figure, path)
