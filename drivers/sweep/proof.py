@@ -27,7 +27,7 @@ PLAINLY_LIT = 0.5
 # A picture as the camera would have taken it from where it took another; None if it did not move, as far as seen.
 Align = Callable[[Image, Image], Image | None]
 # Verdicts that edges of a scene cause too that is elsewhere than in the reference.
-SCENE_MAY_HAVE_MOVED = (StripeVerdict.LEAK, StripeVerdict.OUT_OF_BAND, StripeVerdict.NOT_MOVED)
+SCENE_MAY_HAVE_MOVED = (StripeVerdict.LEAK, StripeVerdict.DARK, StripeVerdict.OUT_OF_BAND, StripeVerdict.NOT_MOVED)
 PROVED = (StripeVerdict.OK, StripeVerdict.AMBIENT_CHANGED)
 
 
@@ -65,6 +65,7 @@ class StripeProof:
         """Start a scan; see `acquire` for `align`."""
         self._limits, self._align = limits or ProofLimits(), align
         self._before: _Seen | None = None
+        self._plain: _Seen | None = None
         self._slopes: deque[float] = deque(maxlen=MEMORY)
         self._grid = _SampleGrid(1, 1)
         self._reference: Image | None = None
@@ -169,7 +170,7 @@ class StripeProof:
             offset=background.offset,
             noise=background.noise,
             row=_median(at if count == lit.size else at[lit]) if count else math.nan,
-            row_shift=seen.shift_from(self._before),
+            row_shift=seen.shift_from(self._earlier(seen)),
         )
 
     def _verdict(
@@ -188,12 +189,25 @@ class StripeProof:
         if not self._moved(seen, evidence.row_shift):
             return StripeVerdict.NOT_MOVED
         self._before = seen
+        if evidence.lit_fraction >= PLAINLY_LIT:
+            self._plain = seen
         if abs(evidence.offset) > limits.max_offset * background.full_scale:
             return StripeVerdict.AMBIENT_CHANGED
         return StripeVerdict.OK
 
-    def _moved(self, seen: _Seen, shift: float) -> bool:
+    def _earlier(self, seen: _Seen) -> _Seen | None:
+        """Stripe before, or, where few of the lit columns were lit there, the last one that was plainly lit.
+
+        What few columns show may be the edges of a scene that moved: it must not make later stripes look stuck.
+        """
         before = self._before
+        if before is None or self._plain is None or before.lit.shape != seen.lit.shape:
+            return before
+        shared = np.count_nonzero(seen.lit & before.lit)
+        return before if 2 * shared >= np.count_nonzero(seen.lit) else self._plain
+
+    def _moved(self, seen: _Seen, shift: float) -> bool:
+        before = self._earlier(seen)
         if before is None or math.isnan(shift) or seen.mirror_angle == before.mirror_angle:
             return True
         turn = seen.mirror_angle - before.mirror_angle

@@ -115,6 +115,31 @@ def test_a_mirror_that_stops_stays_found() -> None:
     assert names == ["OK"] * 4 + ["NOT_MOVED"] * 4
 
 
+@pytest.mark.parametrize("edges", [(30, 33), (170, 40)])
+def test_a_few_columns_that_are_no_stripe_make_no_later_one_look_stuck(edges: tuple[int, int]) -> None:
+    """Edges of a scene that moved, in a stripe that shows nowhere else; a mirror that stops afterwards is found."""
+    proof, rows = StripeProof(), range(60, 180, 10)
+    for number, row in enumerate(rows):
+        on = scene(row, seed=number)
+        if row == 110:
+            on = scene(edges[0], columns=slice(0, 12), seed=number)
+            on[edges[1], 12:20] = 255
+        verdict = judge(proof, 0.01 * number, on)[0]
+        assert row == 110 or verdict is StripeVerdict.OK, row
+    assert judge(proof, 0.01 * len(rows), scene(rows[-1]))[0] is StripeVerdict.NOT_MOVED
+
+
+@pytest.mark.parametrize("columns", [slice(0, 32), slice(None)])
+def test_a_mirror_that_stops_on_dark_ground_is_found(columns: slice) -> None:
+    """Stripes in a tenth of the columns are compared with one another, not with the last one in all of them."""
+    proof = StripeProof()
+    for number in range(4):
+        assert judge(proof, 0.01 * number, scene(60 + 10 * number))[0] is StripeVerdict.OK
+    for number in range(4, 12):
+        assert judge(proof, 0.01 * number, scene(60 + 10 * number, columns=columns))[0] is StripeVerdict.OK
+    assert judge(proof, 0.12, scene(170, columns=columns))[0] is StripeVerdict.NOT_MOVED
+
+
 def test_the_sweep_back_to_the_stripes_between_is_in_step() -> None:
     """A jump back of the mirror moves the stripe back; that is no fault."""
     proof = StripeProof()
