@@ -10,6 +10,7 @@ PROGRAMS = {
     "all": "speed and accuracy beside what a user would pick instead (make bench)",
     "accuracy": "errors of recorded scans against their truth, also in the paper's own terms",
     "calibration": "errors, drift, crosses, mount, truth: calibrations against the truth, and what harms them",
+    "crossing": "a Go2 in MuJoCo crosses trenches, stones, stairs by what it sees (extras sim, robots-test)",
     "endurance": "hours of a recording node, planners and a viewer with faults at random: memory, handles, threads",
     "journal": "killed, carried: walks that go on after a restart, and robots that were carried meanwhile",
     "joints": "joints that read wrong: jumps and zeros that are told, alarms on clean walks (extra robots-test)",

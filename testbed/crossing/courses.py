@@ -1,0 +1,154 @@
+"""Courses for a Go2: ground of a kind, drawn from a seed, that begins before its front feet and ends at a goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from guara_perception.arrays import Float, Mask
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.features import Feature, Pit
+from guara_perception.simulation.world import World
+
+# Level ground ends here; the body starts at x = 0.
+START_M, FIELD_M = 0.65, 0.90
+WORLD_X, WORLD_Y = (-0.9, 3.2), (-0.8, 0.8)
+# Border of the world, against rounding.
+RIM_M = 0.01
+# Depth of trenches, and of the ground between stones: out of reach of any foot.
+DEEP_M = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block(Feature):
+    """A box whose top is at a height of the world, whatever lies below [m]."""
+
+    top: float
+
+    def shape(self, x: Float, y: Float, ground: Float, base: float) -> tuple[Float, Mask]:
+        """See `Feature.shape`."""
+        mask = self.covers(x, y) & (ground < self.top)
+        return np.where(mask, self.top, ground), mask
+
+
+@dataclass(frozen=True)
+class Course:
+    """Ground to cross.
+
+    Attributes:
+        kind, seed: what it was made of.
+        world: the ground; `Pit` and `Block` are solid, other features have no height.
+        goal: all feet must stand beyond this x [m].
+    """
+
+    kind: str
+    seed: int
+    world: World
+    goal: float
+
+
+def course(kind: str, seed: int) -> Course:
+    """A course of one of the `KINDS`.
+
+    Raises:
+        InvalidInput: no such kind.
+    """
+    if kind not in KINDS:
+        raise InvalidInput(f"no course is called {kind!r}; allowed: {', '.join(KINDS)}")
+    rng = np.random.default_rng([seed, *kind.encode()])
+    features = tuple(KINDS[kind](seed, rng))
+    goal = max([each.bounds[0] for each in features if each.bounds[1] > WORLD_X[1] - RIM_M], default=START_M + FIELD_M)
+    x, y = ((low - RIM_M, high + RIM_M) for low, high in (WORLD_X, WORLD_Y))
+    return Course(kind, seed, World(x, y, features, seed=seed), goal)
+
+
+def _slab(start: float, end: float, top: float = 0.0) -> Block:
+    """A block across the whole world."""
+    width = WORLD_Y[1] - WORLD_Y[0]
+    return Block(x=(start + end) / 2, y=0.0, size=(end - start, width), top=top, material="concrete")
+
+
+def _pool() -> Iterator[Feature]:
+    """A hole as long as the world, and the banks before and after the field."""
+    size = WORLD_X[1] - WORLD_X[0], WORLD_Y[1] - WORLD_Y[0]
+    yield Pit(x=sum(WORLD_X) / 2, y=0.0, size=size, depth=DEEP_M)
+    yield _slab(WORLD_X[0], START_M)
+
+
+def _trenches(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+    """Gaps of 40, 60, 80 or 100 mm across the way, from one to the next 0.3 to 0.5 m."""
+    yield from _pool()
+    gap, x = (0.04, 0.06, 0.08, 0.10)[seed % 4], START_M
+    while x < START_M + FIELD_M - 0.3:
+        end = x + rng.uniform(0.3, 0.5)
+        yield _slab(x + gap, end)
+        x = end
+    yield _slab(x + gap, WORLD_X[1])
+
+
+def _stones(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+    """Rows of stones 160 to 240 mm long and wide, 40 to 60 mm apart, tops within 10 mm."""
+    yield from _pool()
+    end, count, y = START_M + 1.0, 4, -0.72 + rng.uniform(0.0, 0.1)
+    yield _slab(end, WORLD_X[1])
+    while y + 0.24 < WORLD_Y[1]:
+        width = rng.uniform(0.16, 0.24)
+        x = START_M
+        for left in range(count, 0, -1):
+            # What is left of the field must be left for stones of allowed lengths.
+            gap = rng.uniform(0.04, 0.06)
+            least, most = (end - x - gap - (left - 1) * each - left * 0.05 for each in (0.24, 0.16))
+            length = np.clip(rng.uniform(0.16, 0.24), max(0.16, least), min(0.24, most))
+            top = rng.uniform(-0.005, 0.005)
+            yield Block(x=x + gap + length / 2, y=y + width / 2, size=(length, width), top=top, material="concrete")
+            x += gap + length
+        y += width + rng.uniform(0.04, 0.06)
+
+
+def _stairs(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+    """Two steps up and two down, 40 to 60 mm high and 230 to 270 mm deep."""
+    rise, x = rng.uniform(0.04, 0.06), START_M
+    for level in (1, 2, 1):
+        end = x + rng.uniform(0.23, 0.27) + (0.1 if level == 2 else 0.0)
+        yield _slab(x, end, level * rise)
+        x = end
+
+
+def _rubble(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+    """Blocks 80 to 200 mm long and wide and 20 to 60 mm high, turned at random, on most of a level floor."""
+    for x in np.arange(START_M + 0.08, START_M + FIELD_M - 0.05, 0.17):
+        for y in np.arange(-0.51, 0.52, 0.17):
+            if rng.random() < 0.6:
+                dx, dy = rng.uniform(-0.04, 0.04, 2)
+                size = tuple(rng.uniform(0.08, 0.20, 2).tolist())
+                yaw, top = rng.uniform(0, np.pi), rng.uniform(0.02, 0.06)
+                yield Block(x=x + dx, y=y + dy, size=size, yaw=yaw, top=top)
+
+
+def _mixed(seed: int, rng: np.random.Generator) -> Iterator[Feature]:
+    """Boxes 30 to 60 mm high, pits 90 mm deep and dark mats on level ground, a thing in each lane every 0.25 m."""
+    xs = START_M + 0.10 + 0.25 * np.arange(4)
+    for before, x in pairwise([START_M, *xs]):
+        for side in (-1, 1):
+            place = {"x": x + rng.uniform(-0.02, 0.02), "y": side * rng.uniform(0.08, 0.22)}
+            size = float(rng.uniform(0.06, 0.10)), float(rng.uniform(0.12, 0.24))
+            kind = rng.integers(3) if before > START_M else 1
+            if kind == 0:
+                yield Block(**place, size=size, top=float(rng.uniform(0.03, 0.06)))
+            elif kind == 1:
+                yield Pit(**place, size=size, depth=0.09)
+            else:
+                yield Feature(**place, size=size, material="dark")
+
+
+KINDS: dict[str, Callable[[int, np.random.Generator], Iterator[Feature]]] = {
+    "trenches": _trenches,
+    "stones": _stones,
+    "stairs": _stairs,
+    "rubble": _rubble,
+    "mixed": _mixed,
+    "flat": lambda seed, rng: iter(()),
+}

@@ -1,0 +1,218 @@
+"""A statically stable crawl by forces: standing feet carry and steer the body, a swinging foot has its own force.
+
+No joint is held by its position, so that feet never push against each other: of all forces that give the body its
+wrench, the smallest inside the friction cones are taken, and torques are those forces through the legs' Jacobians.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from scipy.optimize import nnls
+
+from guara_perception.arrays import Float
+from testbed.crossing.robot import LEGS, Robot
+from testbed.physics.mujoco_robot import STEP_S
+
+GRAVITY = 9.81
+# Steps of the physics from one command to the next.
+HELD_STEPS = 2
+TICK_S = HELD_STEPS * STEP_S
+# Pull of the body to its pose: acceleration per metre, per metre a second; moment per radian, per radian a second.
+PULL, BRAKE = 80.0, 18.0
+TURN_PULL, TURN_BRAKE = np.array([120.0, 160.0, 100.0]), np.array([10.0, 12.0, 8.0])
+# Weights of an error of force and moment, and costs of forces along the normal and across it.
+WRENCH_WEIGHT = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 20.0])
+COST = np.array([0.032, 0.032, 0.010])
+FRICTION_USED, LEAST_LOAD_N = 0.5, 5.0
+# Edges of the friction cone of a foot.
+EDGES = np.array([[1.0, -1, 0, 0], [0, 0, 1, -1], [1, 1, 1, 1]]) * np.array([[FRICTION_USED], [FRICTION_USED], [1.0]])
+SWING_PULL, SWING_BRAKE = 1200.0, 60.0
+FROZEN_PULL, FROZEN_BRAKE = 200.0, 8.0
+CLEARANCE_M, NEAR_M, DEEPER_M = 0.05, 0.015, 0.04
+SWING_M_S, LOWER_M_S, BODY_M_S = 0.30, 0.10, 0.12
+SHIFT_S, UNLOAD_S, LOAD_S, SETTLE_S, SCAN_S = 0.7, 0.15, 0.25, 0.20, 0.20
+TOUCH_N, BUMP_N = 6.0, 15.0
+FALLEN_UP, FALLEN_M = 0.7, 0.10
+# Leg, position, speed and acceleration of a foot in the air.
+Swing = tuple[int, Float, Float, Float]
+
+
+class Fell(Exception):
+    """The robot is down."""
+
+
+class NoGround(Exception):
+    """A foot was lowered and found nothing; it is back where it was."""
+
+
+def turned(pitch: float, roll: float = 0.0, yaw: float = 0.0) -> Float:
+    """Rotation (3, 3) by roll, then pitch, then yaw [rad]."""
+    (cp, cr, cy), (sp, sr, sy) = np.cos([pitch, roll, yaw]), np.sin([pitch, roll, yaw])
+    z, y = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]]), np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    return np.asarray(z @ y @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]]))
+
+
+def turn_to(wanted: Float, actual: Float) -> Float:
+    """Small rotation (3,) in the world that turns one attitude into the wanted one [rad]."""
+    e = wanted @ actual.T
+    return 0.5 * np.array([e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]])
+
+
+def shared(arms: Float, wrench: Float, shares: Float) -> Float:
+    """The smallest forces (n, 3) on feet that give a wrench (6,) about the centre of mass.
+
+    Args:
+        arms: feet from the centre of mass (n, 3).
+        wrench: force and moment.
+        shares: readiness of each foot to carry, 0 ... 1.
+    """
+    n = len(arms)
+    to_wrench, to_force = np.zeros((6, 3 * n)), np.kron(np.eye(n), EDGES)
+    for i, (x, y, z) in enumerate(arms):
+        to_wrench[:3, 3 * i : 3 * i + 3] = np.eye(3)
+        to_wrench[3:, 3 * i : 3 * i + 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    least = np.zeros(3 * n)
+    least[2::3] = np.minimum(LEAST_LOAD_N, 10 * LEAST_LOAD_N * shares)
+    costs = (COST / np.maximum(shares, 1e-3)[:, None]).ravel()
+    rows = np.concatenate((WRENCH_WEIGHT[:, None] * (to_wrench @ to_force), costs[:, None] * to_force))
+    wanted = np.concatenate((WRENCH_WEIGHT * (wrench - to_wrench @ least), np.zeros(3 * n)))
+    return np.asarray((least + to_force @ nnls(rows, wanted)[0]).reshape(n, 3))
+
+
+class Crawl:
+    """Moves a robot, one step at a time."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Take a robot that stands, and let it settle."""
+        self.robot = robot
+        self._com, self._rotation, self._shares = robot.com, np.eye(3), np.ones(4)
+        self._hold(0.5)
+
+    def freeze(self) -> None:
+        """Hold still for a scan: joints stay where they are, the torques that carry the body go on beneath."""
+        robot, carried = self.robot, self._torques(np.array([0, 0, self.robot.mass * GRAVITY, 0, 0, 0]), range(4))
+        positions = robot.joint_positions
+        for _ in range(round(SCAN_S / TICK_S)):
+            error = positions - robot.joint_positions
+            robot.advance(carried + FROZEN_PULL * error - FROZEN_BRAKE * robot.joint_speeds, HELD_STEPS)
+
+    def step(self, leg: int, target: Float, com: Float, rotation: Float, top: float) -> None:
+        """Shift the body, swing a foot over the highest ground of its way until it touches, and load it.
+
+        Args:
+            leg: index of the leg.
+            target: place (3,) of its lowest point [m].
+            com: centre of mass (3,) while the foot is in the air [m].
+            rotation: attitude of the body then.
+            top: highest ground on the way [m].
+
+        Raises:
+            NoGround: nothing bears the foot there.
+            Fell: the robot is down.
+        """
+        self._shift(com, rotation)
+        self._ramp(leg, 1.0, 0.0, UNLOAD_S)
+        start = self.robot.feet[leg]
+        height = max(top, start[2], target[2]) + CLEARANCE_M
+        try:
+            self._lower(leg, self._carry(leg, start, target, height), target)
+        except NoGround:
+            # Back to where it stood, as it came.
+            self._lower(leg, self._carry(leg, self.robot.feet[leg], start, height), start)
+            self._ramp(leg, 0.0, 1.0, LOAD_S)
+            raise
+        self._ramp(leg, 0.0, 1.0, LOAD_S)
+        self._hold(SETTLE_S)
+
+    def _tick(
+        self, com: Float, speed: Float, rotation: Float, turn: Float, swing: tuple[int, Float, Float, Float] | None
+    ) -> None:
+        """One command: the body, and leg, position, speed and acceleration of a foot in the air."""
+        robot = self.robot
+        actual = robot.rotation
+        force = PULL * (com - robot.com) + BRAKE * (speed - robot.data.subtree_linvel[robot.body])
+        moment = TURN_PULL * turn_to(rotation, actual) + TURN_BRAKE * (turn - robot.turn_rate)
+        wrench = np.concatenate((robot.mass * (force + (0, 0, GRAVITY)), moment))
+        torques = self._torques(wrench, [i for i in range(4) if swing is None or i != swing[0]])
+        if swing is not None:
+            leg, place, velocity, acceleration = swing
+            jacobian, dofs = robot.jacobian(leg), robot.dofs[3 * leg : 3 * leg + 3]
+            slow = velocity - jacobian @ robot.data.qvel
+            wanted = acceleration + SWING_PULL * (place - robot.feet[leg]) + SWING_BRAKE * slow
+            inertia = robot.mass_matrix()[np.ix_(dofs, dofs)]
+            torques[3 * leg : 3 * leg + 3] += inertia @ np.linalg.solve(jacobian[:, dofs], wanted)
+        robot.advance(torques, HELD_STEPS)
+        if actual[2, 2] < FALLEN_UP or robot.base[2] - robot.feet[:, 2].mean() < FALLEN_M:
+            raise Fell("the body tipped over or lies on the ground")
+
+    def _torques(self, wrench: Float, standing: Iterable[int]) -> Float:
+        """Torques (12,) by which standing feet give the body a wrench."""
+        robot, legs = self.robot, list(standing)
+        torques = np.array(robot.data.qfrc_bias[robot.dofs])
+        for leg, force in zip(legs, shared(robot.feet[legs] - robot.com, wrench, self._shares[legs]), strict=True):
+            torques -= robot.jacobian(leg)[:, robot.dofs].T @ force
+        return torques
+
+    def _hold(self, seconds: float, swing: Swing | None = None) -> None:
+        for _ in range(max(round(seconds / TICK_S), 1)):
+            self._tick(self._com, np.zeros(3), self._rotation, np.zeros(3), swing)
+
+    def _ramp(self, leg: int, first: float, last: float, seconds: float) -> None:
+        """Load or unload a foot."""
+        count = round(seconds / TICK_S)
+        for share in first + (last - first) * (np.arange(count) + 1) / count:
+            self._shares[leg] = share
+            self._hold(TICK_S)
+
+    def _shift(self, com: Float, rotation: Float) -> None:
+        """Move the body, four feet down."""
+        start, first, turn = self._com, self._rotation, turn_to(rotation, self._rotation)
+        seconds = max(SHIFT_S, 0.95 * float(np.linalg.norm(com - start)) / BODY_M_S)
+        for share, rate, _ in _smooth(seconds):
+            partly = turned(turn[1] * share, turn[0] * share, turn[2] * share) @ first
+            self._tick(start + share * (com - start), rate * (com - start), partly, rate * turn, None)
+        self._com, self._rotation = com, rotation
+
+    def _carry(self, leg: int, start: Float, target: Float, height: float) -> Float:
+        """Up, and across to above the target; higher where something is in the way. The place that is reached."""
+        above = np.array([*start[:2], height])
+        self._move(leg, start, above)
+        over = np.array([*target[:2], height])
+        for _ in range(3):
+            bumped = self._move(leg, above, over, stops=True)
+            if bumped is None:
+                break
+            above, over = bumped + (0, 0, CLEARANCE_M), over + (0, 0, CLEARANCE_M)
+            self._move(leg, bumped, above)
+        return over
+
+    def _move(self, leg: int, begin: Float, end: Float, stops: bool = False) -> Float | None:
+        """Move a foot on a straight line; if it stops at what it touches, where that was."""
+        way = end - begin
+        for share, rate, change in _smooth(max(1.5 * float(np.linalg.norm(way)) / SWING_M_S, 0.1)):
+            place = begin + share * way
+            self._hold(TICK_S, (leg, place, rate * way, change * way))
+            if stops and self.robot.load(leg) > BUMP_N:
+                return self.robot.feet[leg]
+        return None
+
+    def _lower(self, leg: int, above: Float, target: Float) -> None:
+        """Down, fast at first, until the foot carries something."""
+        near = np.array([*target[:2], target[2] + NEAR_M])
+        if above[2] > near[2]:
+            self._move(leg, above, near)
+        for z in np.arange(near[2], target[2] - DEEPER_M, -LOWER_M_S * TICK_S):
+            self._hold(TICK_S, (leg, np.array([*target[:2], z]), np.array([0, 0, -LOWER_M_S]), np.zeros(3)))
+            if self.robot.load(leg) > TOUCH_N:
+                return
+        raise NoGround(f"{LEGS[leg]} found no ground")
+
+
+def _smooth(seconds: float) -> Iterator[tuple[float, float, float]]:
+    """Share of a motion of least jerk at each tick, with its first and second derivative by time."""
+    count = max(round(seconds / TICK_S), 1)
+    for s in (np.arange(count) + 1) / count:
+        rate, change = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+        yield s**3 * (10 - 15 * s + 6 * s * s), rate / seconds, change / seconds**2

@@ -1,0 +1,114 @@
+"""What a robot knows of the ground before it: all, nothing, or what a depth camera sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy import ndimage
+
+from guara_perception.arrays import Float, Mask
+from testbed.crossing import ground
+from testbed.crossing.courses import Course
+from testbed.crossing.ground import CELL_M, SOLE_M, KnownGround
+from testbed.crossing.robot import Robot
+
+# A depth camera of the D4xx class: cells, noise of their heights and blur of edges (standard deviations), reach ahead
+# of the body, and the largest step between neighbouring cells that its filter allows [m].
+DEPTH_CELL_M, DEPTH_NOISE_M, DEPTH_BLUR_M, DEPTH_X_M, DEPTH_STEP_M = 0.02, 0.005, 0.010, (0.30, 1.00), 0.030
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the robot knows at a pause, in a frame of its own.
+
+    Attributes:
+        ground: what is known of the ground.
+        feet: (4, 3) where its feet stand.
+        to_world: (4, 4) where that frame truly is.
+        foot_errors: (4, 3) how far each foot truly is from where its joints say, in the world [m].
+    """
+
+    ground: KnownGround
+    feet: Float
+    to_world: Float = field(default_factory=lambda: np.eye(4))
+    foot_errors: Float = field(default_factory=lambda: np.zeros((4, 3)))
+
+
+class Eye(Protocol):
+    """Looks at the ground at each pause."""
+
+    # Time for which the robot stands still for each look [s].
+    standing_s: float
+
+    def look(self, robot: Robot) -> Sight:
+        """Look, with the robot standing still."""
+
+
+class AllKnowing:
+    """Knows the true ground."""
+
+    standing_s = 0.0
+
+    def __init__(self, course: Course) -> None:
+        """Take the ground."""
+        self._world = course.world
+
+    def look(self, robot: Robot) -> Sight:
+        """See `Eye`."""
+        return Sight(ground.of_heights(robot.base, self._world.height), robot.feet)
+
+
+class Blind:
+    """Takes the ground for the plane along its feet."""
+
+    standing_s = 0.0
+
+    def __init__(self, course: Course) -> None:
+        """Take no notice of the ground."""
+
+    def look(self, robot: Robot) -> Sight:
+        """See `Eye`."""
+        return Sight(ground.of_plane(robot.base, robot.feet), robot.feet)
+
+
+class DepthCamera:
+    """A depth camera's elevation map with a step filter; its pose is true, cells are means of all looks."""
+
+    standing_s = 0.0
+
+    def __init__(self, course: Course) -> None:
+        """Blur the true ground as the camera does; the ground before the field is known."""
+        self._random = np.random.default_rng([course.seed, 23])
+        world, ratio = course.world, round(DEPTH_CELL_M / CELL_M)
+        self._x, self._y = (np.arange(low, high, DEPTH_CELL_M) + DEPTH_CELL_M / 2 for low, high in (world.x, world.y))
+        heights, _ = world.raster(world.x, world.y, CELL_M)
+        whole = ndimage.gaussian_filter(heights, DEPTH_BLUR_M / CELL_M).T[
+            : len(self._x) * ratio, : len(self._y) * ratio
+        ]
+        self._true = whole.reshape(len(self._x), ratio, len(self._y), ratio).mean(axis=(1, 3))
+        self._sum, self._looks = np.zeros(self._true.shape), np.zeros((len(self._x), 1))
+        self._see(self._x < DEPTH_X_M[0] + DEPTH_CELL_M)
+
+    def _see(self, rows: Mask) -> None:
+        noise = DEPTH_NOISE_M * self._random.standard_normal((int(rows.sum()), len(self._y)))
+        self._sum[rows] += self._true[rows] + noise
+        self._looks[rows] += 1
+
+    def look(self, robot: Robot) -> Sight:
+        """See `Eye`."""
+        body = robot.base
+        self._see((self._x > body[0] + DEPTH_X_M[0]) & (self._x < body[0] + DEPTH_X_M[1]))
+        seen = np.broadcast_to(self._looks > 0, self._sum.shape)
+        heights = np.where(seen, self._sum / np.maximum(self._looks, 1), 0.0)
+        step = ndimage.maximum_filter(heights, size=3) - ndimage.minimum_filter(heights, size=3)
+        passed = seen & (step <= DEPTH_STEP_M)
+        x, y = ground.around(body)
+        nearest = (np.rint((at - own[0]) / DEPTH_CELL_M).astype(np.intp) for at, own in ((x, self._x), (y, self._y)))
+        cells = np.ix_(*nearest)
+        safe, near = passed[cells], np.where(seen, heights, np.inf)[cells]
+        return Sight(
+            KnownGround(x, y, heights[cells], safe, SOLE_M + ground.room(safe), *(ground.widened(near),) * 2),
+            robot.feet,
+        )

@@ -1,0 +1,106 @@
+"""The laser: the product as a user has it, on simulated frames with real stripes, each pause in the map of the walk."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import guara_perception as gp
+from guara_perception.arrays import Float
+from guara_perception.simulation import SimulatedRangefinder, specimen
+from kinematics import LegOdometry, Stance
+from testbed.crossing.courses import START_M, Course
+from testbed.crossing.eyes import Sight
+from testbed.crossing.ground import AMPLE_M, CELL_M, KnownGround, around, widened
+from testbed.crossing.robot import FOOT_RADIUS_M, Robot, go2
+
+PICTURE = (640, 512)
+MODE, EVERY = "coarse", 2
+# Bias of a joint, noise of a reading, noise of gravity [rad]; those of the robot's own robot.toml.
+BIAS, NOISE, GRAVITY_NOISE = 0.0035, 0.00035, 0.00175
+# Ground that the gait vouches for at the start, from the body; it ends well before the field [m].
+DECLARED_X, DECLARED_Y = (-0.49, START_M - 0.15), 0.35
+SIGMAS = 2.0
+# A coarse sweep, camera at 120 frames a second (`benchmarks sweeps`) [s].
+SWEEP_S = 0.59
+
+
+class Laser:
+    """Scans, odometry and map; a frame of the walk is `odom`."""
+
+    standing_s = SWEEP_S
+
+    def __init__(self, course: Course) -> None:
+        """Begin a walk on a course."""
+        self._course, self._pause = course, 0
+        self._random = np.random.default_rng([course.seed, 17])
+        self._bias = BIAS * self._random.standard_normal(12)
+        product = go2()
+        self._calibration = specimen(product, PICTURE, course.seed)
+        self._rangefinder = SimulatedRangefinder(course.world, self._calibration, product, course.seed)
+        self._odometry, self._map = LegOdometry(product), gp.TerrainMap(product)
+
+    def look(self, robot: Robot) -> Sight:
+        """Scan, fuse, and ask the map."""
+        base_to_world = np.eye(4)
+        base_to_world[:3, :3], base_to_world[:3, 3] = robot.rotation, robot.base
+        stance = self._stance(robot)
+        true_joints = dict(zip(robot.joint_names, robot.joint_positions.tolist(), strict=True))
+        self._rangefinder.set_pose(base_to_world, true_joints)
+        processor = gp.ScanProcessor(self._calibration, robot.product, stance, MODE, step=self._pause)
+        pairs = [gp.FramePair(*each) for each in self._rangefinder.frames(range(0, 70, EVERY))]
+        processor.add_all(pairs)
+        scan, pose = processor.finish("wide"), self._odometry.update(stance)
+        fused = self._map.update(
+            scan, pose, known_ground=() if self._pause else (declared(),), picture=processor.ground_picture
+        )
+        self._pause += 1
+        to_footprint = np.array(scan.metadata["transform_base_to_footprint"])
+        footprint_to_odom = np.array(fused.metadata["transform_footprint_to_odom"])
+        base_to_odom = footprint_to_odom @ to_footprint
+        joints = np.array([stance.joint_positions[name] for name in robot.joint_names])
+        balls = robot.legs.balls(joints) @ base_to_odom[:3, :3].T + base_to_odom[:3, 3]
+        feet = balls - (0, 0, FOOT_RADIUS_M)
+        errors = [
+            -robot.jacobian(leg)[:, robot.dofs[3 * leg : 3 * leg + 3]] @ self._bias[3 * leg : 3 * leg + 3]
+            for leg in range(4)
+        ]
+        to_world = base_to_world @ np.linalg.inv(base_to_odom)
+        return Sight(asked(fused, footprint_to_odom, base_to_odom[:3, 3], feet), feet, to_world, np.array(errors))
+
+    def _stance(self, robot: Robot) -> Stance:
+        """What the robot reads of itself."""
+        read = robot.joint_positions + self._bias + NOISE * self._random.standard_normal(12)
+        down = -robot.rotation[2] + GRAVITY_NOISE * self._random.standard_normal(3)
+        positions = dict(zip(robot.joint_names, read.tolist(), strict=True))
+        return Stance(positions, robot.product.legs, tuple((down / np.linalg.norm(down)).tolist()))
+
+
+def declared() -> gp.KnownGround:
+    """The level ground on which the walk begins."""
+    (x0, x1), y = DECLARED_X, DECLARED_Y
+    return gp.KnownGround(np.array([(x0, -y), (x1, -y), (x1, y), (x0, y)]), height=0.0, sigma=0.001)
+
+
+def asked(fused: gp.TerrainGrid, footprint_to_odom: Float, body: Float, feet: Float) -> KnownGround:
+    """The map's answers around the body, in `odom`.
+
+    A foot stands where the map allows it, with the map's own margins. It passes below the highest of a known cell, and
+    an unknown one's ceiling; where there is none, nothing passes.
+    """
+    x, y = around(body)
+    at = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((x.size, y.size))], axis=-1)
+    px, py, _ = np.moveaxis((at - footprint_to_odom[:3, 3] * (1, 1, 0)) @ footprint_to_odom[:3, :3], -1, 0)
+    rise = footprint_to_odom[2, 3]
+    heights, safe = fused.height_at(px, py), fused.is_traversable(px, py)
+    iy, ix = fused.geometry.indices(px, py)
+    inside = fused.geometry.contains(iy, ix)
+    cells = np.where(inside, iy, 0), np.where(inside, ix, 0)
+    highest = (fused.elevation_max + SIGMAS * np.sqrt(fused.variance))[cells]
+    ceiling = fused.ceiling[cells]
+    known = np.where(inside & np.isfinite(highest), highest, -1.0) + rise
+    highest = np.where(np.isfinite(highest), highest, np.where(np.isfinite(ceiling), ceiling, np.inf))
+    highest = np.where(inside, highest, np.inf) + rise
+    for foot in feet:  # Below a sole that stands the ground is no higher than the sole.
+        under = np.hypot(x[:, None] - foot[0], y - foot[1]) < FOOT_RADIUS_M + CELL_M
+        highest[under] = np.minimum(highest[under], foot[2])
+    return KnownGround(x, y, heights + rise, safe, np.where(safe, AMPLE_M, 0.0), widened(highest), widened(known))

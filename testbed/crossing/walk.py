@@ -1,0 +1,179 @@
+"""One crossing: the steps that a robot takes by what it knows of the ground, and what the truth says of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from guara_perception.arrays import Float
+from guara_perception.simulation.world import World
+from testbed.crossing.courses import Course, course
+from testbed.crossing.crawl import Crawl, Fell, NoGround
+from testbed.crossing.eyes import AllKnowing, Blind, DepthCamera, Eye, Sight
+from testbed.crossing.laser import Laser
+from testbed.crossing.planner import BODY_HEIGHTS_M, Planner, Step
+from testbed.crossing.robot import LEGS, Robot
+
+MOST_STEPS = 140
+# So many steps without so much way: stopped.
+STUCK_STEPS, STUCK_M = 12, 0.03
+# Beyond the goal, and tries for a foot that finds nothing, each so far from the ones before.
+BEYOND_M, MOST_TRIES, ELSEWHERE_M = 0.02, 3, 0.04
+# Ground that differs by this much begins an edge; so far is looked for one.
+EDGE_RELIEF_M, EDGE_REACH_M, EDGE_CELL_M = 0.010, 0.08, 0.001
+# A target is over a gap where the ground is this much below it.
+GAP_M = 0.025
+# A sole is badly supported below this share; a fall is the ground's if one of the swings before was so, or at an edge.
+SUPPORT, AT_EDGE_M, SWINGS_BEFORE = 0.8, 0.010, 6
+
+
+@dataclass
+class Crossing:
+    """What came of a walk; lengths in metres.
+
+    Attributes:
+        course, seed, robot, arm: what walked where.
+        result: crossed, stopped or fell.
+        why: what ended it, if it did not cross.
+        worst_edge_m: least true distance of a target from an edge, below 0 over a gap.
+        targets_over_gap: targets with no ground below them.
+        soles_badly_supported: soles with less than `SUPPORT` of their area on the ground.
+        standing_s: time stood still to look.
+        fell_by_ground: whether a sole among the last swings was at an edge or badly supported.
+        steps, way_m: swings, and how far the body came.
+        trace: of the last swings leg, target, distance from an edge and support.
+        cpu_s: processor time.
+    """
+
+    course: str
+    seed: int
+    robot: str
+    arm: str
+    result: str = "stopped"
+    why: str = ""
+    worst_edge_m: float = EDGE_REACH_M
+    targets_over_gap: int = 0
+    soles_badly_supported: int = 0
+    standing_s: float = 0.0
+    fell_by_ground: bool = False
+    steps: int = 0
+    way_m: float = 0.0
+    trace: list[tuple[str, float, float, float, float]] = field(default_factory=list)
+    cpu_s: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; the trace of falls alone."""
+        values = asdict(self)
+        if self.result != "fell":
+            del values["trace"]
+        return {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
+
+
+def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot], None] | None = None) -> Crossing:
+    """Walk over a course.
+
+    Args:
+        kind, seed: the course.
+        arm: one of the `ARMS`.
+        report: called after each swing.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+        StockRobotsMissing: the Go2 is not installed.
+    """
+    began, way = time.process_time(), course(kind, seed)
+    robot = Robot(way, np.array([0.0, 0.0, BODY_HEIGHTS_M[0]]))
+    crawl, eye, planner = Crawl(robot), ARMS[arm](way), Planner(robot.legs, robot.com_in_base)
+    done, start, xs = Crossing(kind, seed, "go2", arm), robot.base[0], [-np.inf] * STUCK_STEPS
+    try:
+        while done.steps < MOST_STEPS:
+            if robot.feet[:, 0].min() > way.goal + BEYOND_M:
+                done.result = "crossed"
+                break
+            xs.append(robot.feet[:, 0].mean())
+            if xs[-1] - xs[-1 - STUCK_STEPS] < STUCK_M:
+                done.why = "no progress"
+                break
+            crawl.freeze()
+            done.standing_s += eye.standing_s
+            _step(done, robot, crawl, planner, eye.look(robot), way.world)
+            if report:
+                report(done, robot)
+        else:
+            done.why = "steps ran out"
+    except NoGround as error:
+        done.why = str(error)
+    except Fell as error:
+        done.result, done.why = "fell", str(error)
+        done.fell_by_ground = any(edge < AT_EDGE_M or support < SUPPORT for *_, edge, support in done.trace)
+    done.way_m, done.cpu_s = float(robot.base[0] - start), time.process_time() - began
+    return done
+
+
+def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: Sight, world: World) -> None:
+    """One step; where a foot finds no ground, another one near it.
+
+    Raises:
+        NoGround: the planner finds no step, or the foot no ground.
+        Fell: the robot is down.
+    """
+    known, turn, shift = sight.ground, sight.to_world[:3, :3], sight.to_world[:3, 3]
+    for tried in range(MOST_TRIES):
+        step = planner.next_step(known, sight.feet)
+        if step is None:
+            raise NoGround("no step was found")
+        target = turn @ step.target + shift + sight.foot_errors[step.leg]
+        com = turn @ (step.base + step.rotation @ robot.com_in_base) + shift
+        edge, gap = edge_distance(world, target)
+        done.worst_edge_m, done.targets_over_gap = min(done.worst_edge_m, edge), done.targets_over_gap + gap
+        done.trace = done.trace[1 - SWINGS_BEFORE :]
+        done.trace.append((LEGS[step.leg], *target[:2].round(3).tolist(), edge, 1.0))
+        try:
+            crawl.step(step.leg, target, com, turn @ step.rotation, _top(step, turn, shift))
+            break
+        except NoGround:
+            if tried == MOST_TRIES - 1:
+                raise
+            known = known.without(step.target, ELSEWHERE_M)
+    assert step is not None
+    foot = robot.feet[step.leg]
+    share, distance = support(world, foot, robot.product.config.sole), edge_distance(world, foot)[0]
+    done.trace[-1] = (LEGS[step.leg], *target[:2].round(3).tolist(), distance, share)
+    done.steps += 1
+    done.soles_badly_supported += int(share < SUPPORT)
+
+
+def _top(step: Step, turn: Float, shift: Float) -> float:
+    return float((turn @ np.array([*step.target[:2], step.top]) + shift)[2])
+
+
+def edge_distance(world: World, place: Float) -> tuple[float, bool]:
+    """Distance [m] of a place from the nearest edge, below 0 over a gap, and whether it is over one."""
+    d = np.arange(-EDGE_REACH_M, EDGE_REACH_M + EDGE_CELL_M / 2, EDGE_CELL_M)
+    dx, dy = np.meshgrid(d, d)
+    here = float(world.height(place[0], place[1]))
+    other = np.abs(world.height(place[0] + dx, place[1] + dy) - here) > EDGE_RELIEF_M
+    distance = float(np.hypot(dx, dy)[other].min(initial=EDGE_REACH_M))
+    over = bool(here < place[2] - GAP_M)
+    return (-distance if over else distance), over
+
+
+def support(world: World, foot: Float, sole: tuple[float, float]) -> float:
+    """Share of a round sole that the ground bears [0 ... 1]."""
+    radius = max(sole) / 2
+    dx, dy = np.meshgrid(*(np.linspace(-radius, radius, 13),) * 2)
+    inside = np.hypot(dx, dy) <= radius
+    heights = world.height(foot[0] + dx[inside], foot[1] + dy[inside])
+    return float((np.abs(heights - foot[2]) < EDGE_RELIEF_M).mean())
+
+
+ARMS: dict[str, Callable[[Course], Eye]] = {
+    "blind": Blind,
+    "depth": DepthCamera,
+    "laser": Laser,
+    "all_knowing": AllKnowing,
+}

@@ -1,0 +1,84 @@
+"""Tests of crossings: the courses, the sharing of forces, and walks that end as they must."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from guara_perception.exceptions import InvalidInput
+from guara_perception.simulation.features import Pit
+from guara_perception.simulation.world import World
+from testbed.crossing.courses import KINDS, START_M, course
+from testbed.crossing.crawl import FRICTION_USED, shared
+from testbed.crossing.robot import LEGS
+from testbed.crossing.walk import cross, edge_distance, support
+from testbed.stock_robots import StockRobotsMissing, stock_urdf
+
+
+def go2_is_missing() -> bool:
+    """Whether MuJoCo or the Go2 is not installed."""
+    try:
+        return find_spec("mujoco") is None or not stock_urdf("go2").is_file()
+    except StockRobotsMissing:
+        return True
+
+
+needs_go2 = pytest.mark.skipif(go2_is_missing(), reason="MuJoCo or the Go2 is not installed (sim, robots-test)")
+GAP = World(features=(Pit(x=0.5, y=0.0, size=(0.10, 1.0), depth=0.2),))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_courses_are_fixed_by_their_seed(kind: str) -> None:
+    """The same seed gives the same ground, level before the field and beyond the goal; another one differs."""
+    made = course(kind, 3)
+    assert made == course(kind, 3)
+    assert made.world != course(kind, 4).world
+    x, y = np.meshgrid(
+        np.r_[np.linspace(-0.8, START_M - 0.01, 50), np.linspace(made.goal + 0.01, 3.0, 50)], [-0.2, 0.2]
+    )
+    np.testing.assert_array_equal(made.world.height(x, y), 0.0)
+
+
+def test_an_unknown_course_is_refused() -> None:
+    """The message says what there is."""
+    with pytest.raises(InvalidInput, match="no course is called 'lava'; allowed: trenches, stones"):
+        course("lava", 0)
+
+
+def test_shared_forces_give_the_wrench() -> None:
+    """Inside the friction cones, and a foot that is not ready carries next to nothing."""
+    arms = np.array([[0.2, 0.14, -0.3], [0.2, -0.14, -0.3], [-0.2, 0.14, -0.3], [-0.2, -0.14, -0.3]])
+    # On three feet the wrench presses on the middle of their triangle.
+    on_four, on_three = np.array([5.0, -3.0, 150.0, 2.0, 1.0, 0.5]), np.array([0.0, 0.0, 150.0, 7.0, -10.0, 0.0])
+    for wrench, shares in ((on_four, np.ones(4)), (on_three, np.array([1.0, 1.0, 1.0, 0.0]))):
+        forces = shared(arms, wrench, shares)
+        np.testing.assert_allclose(forces.sum(axis=0), wrench[:3], atol=1.0)
+        np.testing.assert_allclose(np.cross(arms, forces).sum(axis=0), wrench[3:], atol=0.1)
+        assert (np.abs(forces[:, :2]).sum(axis=1) <= FRICTION_USED * forces[:, 2] + 1e-9).all()
+    assert np.linalg.norm(forces[3]) < 1.0
+
+
+def test_edges_and_support_are_by_the_true_ground() -> None:
+    """A target over a gap has its distance below zero; a sole half over an edge has half of its support."""
+    distance, is_over = edge_distance(GAP, np.array([0.42, 0.0, 0.0]))
+    assert distance == pytest.approx(0.030, abs=0.0015) and not is_over
+    distance, is_over = edge_distance(GAP, np.array([0.47, 0.0, 0.0]))
+    assert distance == pytest.approx(-0.020, abs=0.0015) and is_over
+    assert support(GAP, np.array([0.3, 0.0, 0.0]), (0.04, 0.04)) == 1.0
+    assert support(GAP, np.array([0.45, 0.0, 0.0]), (0.04, 0.04)) == pytest.approx(0.5, abs=0.1)
+
+
+@needs_go2
+@pytest.mark.sim
+@pytest.mark.heavy
+@pytest.mark.robots
+def test_who_knows_the_ground_crosses_and_who_is_blind_does_not() -> None:
+    """Over trenches of 60 mm; the blind robot is told as what it is: fallen, stopped, or badly supported."""
+    done = cross("trenches", 1, "all_knowing")
+    assert (done.result, done.targets_over_gap, done.soles_badly_supported) == ("crossed", 0, 0)
+    assert done.worst_edge_m > 0.02 and done.way_m > 1.4
+    blind = cross("trenches", 1, "blind")
+    assert blind.result != "crossed" or blind.soles_badly_supported
+    assert {leg for leg, *_ in blind.trace} <= set(LEGS)
