@@ -123,7 +123,9 @@ class Footholds:
             covariance=read_only(self.covariance - cross_covariance @ residual_weight @ cross_covariance.T),
         )
         cross = pose_covariance @ by_pose.T @ inverse @ cross_covariance.T
-        return fit, posterior._with(fit, cross, stayed, legs, readings, covariances)
+        # Feet that do not fit have slipped, all of them perhaps: they stand where they are now.
+        standing = stayed if misfit == 1.0 else ()
+        return fit, posterior._with(fit, cross, standing, legs, readings, covariances)
 
     def _with(
         self,

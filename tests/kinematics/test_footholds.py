@@ -81,6 +81,20 @@ def test_a_foot_that_crept_pulls_less() -> None:
     assert fit.misfit > 3.0
 
 
+def test_feet_that_slipped_stand_where_they_are_now() -> None:
+    """Footholds that no longer fit do not draw the next pause, where nothing moves."""
+    now = READINGS.copy()
+    now[0, 0] -= 0.030
+    now[3, 1] += 0.025
+    slipped, footholds = FIRST.after_pause(LEGS, LEGS, now, NOISE)
+    assert slipped.misfit > 3.0
+    still, _ = footholds.after_pause(("lf", "rf", "lh"), LEGS, now, NOISE)
+    before, after = slipped.transform_footprint_to_odom, still.transform_footprint_to_odom
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    assert still.misfit == 1.0
+    assert (np.diag(still.covariance) > 0.9 * np.diag(slipped.covariance)).all()
+
+
 def test_the_pitch_of_a_standing_sole_shows_the_noise_of_its_position() -> None:
     """Where noise moves position and pitch of a sole together, a pitch that changed corrects the position."""
     noise = np.tile(np.diag([1e-7, 1e-6, 1e-6, 1e-7]), (4, 1, 1))

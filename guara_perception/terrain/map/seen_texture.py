@@ -297,18 +297,24 @@ def _found_again(now: Grey, before: Grey) -> tuple[Float, Float]:
 
 def _agreed(about: Float, shifts: Float) -> tuple[Float, float, Mask]:
     """Motion (3,) on which most corners agree, the sigma of a corner per axis [m], and the mask (n,) of those."""
-    motion, jacobian = np.append(np.median(shifts, axis=0), 0.0), _jacobian(about).reshape(-1, 2, 3)
+    # From shifts alone, a turn of 20 mrad would leave only the corners near one another.
+    limit = AGREEING_SIGMAS * MOST_SPREAD_M
+    start, _ = cv2.estimateAffinePartial2D(about, about + shifts, method=cv2.RANSAC, ransacReprojThreshold=limit)
+    motion = np.zeros(3) if start is None else np.append(start[:, 2], np.arctan2(start[1, 0], start[0, 0]))
     agreeing = np.ones(len(about), dtype=bool)
     for _ in range(ROUNDS):
-        off = np.linalg.norm(shifts - jacobian @ motion, axis=1)
+        cosine, sine = np.cos(motion[2]), np.sin(motion[2])
+        turned = about @ np.array([[cosine, sine], [-sine, cosine]])
+        left = about + shifts - turned - motion[:2]
+        off = np.linalg.norm(left, axis=1)
         # The median of the length of two normal errors is 1.18 sigma.
         spread = float(np.clip(np.median(off) / 1.18, LEAST_SPREAD_M, MOST_SPREAD_M))
         agreeing = off < AGREEING_SIGMAS * spread
         if agreeing.sum() < LEAST_CORNERS:
             break
-        motion = np.linalg.lstsq(jacobian[agreeing].reshape(-1, 3), shifts[agreeing].ravel(), rcond=None)[0]
-    left = (shifts - jacobian @ motion)[agreeing]
-    return motion, max(float(np.sqrt(np.mean(left**2))) if left.size else 0.0, LEAST_SIGMA_M), agreeing
+        motion += np.linalg.lstsq(_jacobian(turned[agreeing]), left[agreeing].ravel(), rcond=None)[0]
+    rms = float(np.sqrt(np.mean(left[agreeing] ** 2))) if agreeing.any() else 0.0
+    return motion, max(rms, LEAST_SIGMA_M), agreeing
 
 
 def _jacobian(about: Float) -> Float:
