@@ -109,7 +109,7 @@ class Footholds:
         transform[:3, :3], transform[:3, 3] = _turn(angle)[:3, :3], shift[:3]
         fit = Fit(
             transform_footprint_to_odom=read_only(transform),
-            covariance=read_only(pose_covariance * misfit),
+            covariance=read_only(0.5 * misfit * (pose_covariance + pose_covariance.T)),
             residual=float(np.sqrt(np.mean(np.sum(errors.reshape(-1, 4)[:, :2] ** 2, axis=1)))),
             misfit=misfit,
             last_covariance=self.of_footprint,
@@ -157,10 +157,11 @@ class Footholds:
         joint = np.empty((4 + 4 * size, 4 + 4 * size))
         joint[:4, :4], joint[:4, 4:] = fit.covariance, cross
         joint[4:, :4], joint[4:, 4:] = cross.T, self.covariance
+        covariance = source @ joint @ source.T + _blocks(fresh)
         return Footholds(
             legs,
             read_only(positions),
-            read_only(source @ joint @ source.T + _blocks(fresh)),
+            read_only(0.5 * (covariance + covariance.T)),
             read_only(joint[:4] @ source.T),
             fit.covariance,
         )

@@ -92,6 +92,7 @@ def test_feet_that_slipped_stand_where_they_are_now() -> None:
     before, after = slipped.transform_footprint_to_odom, still.transform_footprint_to_odom
     np.testing.assert_allclose(after, before, atol=1e-9)
     assert still.misfit == 1.0
+    np.testing.assert_array_equal(still.covariance, still.covariance.T)
     assert (np.diag(still.covariance) > 0.9 * np.diag(slipped.covariance)).all()
 
 
