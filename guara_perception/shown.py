@@ -1,4 +1,4 @@
-"""Camera pictures as screens show them."""
+"""Camera pictures reduced for display."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from guara_perception.arrays import Image
 
 
 def eight_bits(picture: Image) -> Image:
-    """The upper eight bits of a picture of 16; one of 8 bits is returned as it is."""
+    """The upper eight bits of a 16-bit picture; an 8-bit picture is returned unchanged."""
     return (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
 
 

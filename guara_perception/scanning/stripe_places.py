@@ -54,7 +54,7 @@ class StripePlaces:
 
     @property
     def missing(self) -> str:
-        """What the stream of joints lacks about these flashes; empty if nothing."""
+        """Gap or end of the stream of joints at these flashes; empty if it covers them."""
         if not self.flashes:
             return ""
         instants = [instant for instant, _ in self.flashes.values()]
@@ -65,7 +65,7 @@ class StripePlaces:
         return f"the stream of joints {what} within the scan, which counts as one without a stream: check the gait"
 
     def update(self) -> int:
-        """Find what the samples tell by now; returns the number of places, and of those that are lost.
+        """Place the stripes that the samples cover by now; return how many are placed or lost.
 
         No place is found before its last sample has come, so that a recorded scan has the same.
         """

@@ -48,7 +48,7 @@ def extract_paper(bands: Sequence[Band], threshold: float | None = None) -> list
 
 
 def check_threshold(threshold: float | None, method: str, *, has_threshold: bool) -> None:
-    """Reject a threshold of the binarisation that is none, or that is given to a method without one.
+    """Reject an invalid binarisation threshold, or one for a method that has none.
 
     Raises:
         InvalidInput: the message says what is allowed.

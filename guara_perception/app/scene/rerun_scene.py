@@ -61,8 +61,8 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
     Raises:
         MissingExtra: rerun-sdk is not installed.
         MissingFile: no such recording.
-        FileFormatError: it is no recording, was cut or is damaged.
-        InvalidInput: it holds no scene; `out` is no .rrd file.
+        FileFormatError: it is not a recording, or is truncated or damaged.
+        InvalidInput: it holds no scene, or `out` is not an .rrd file.
     """
     rerun = optional_library("rerun", "rerun", PURPOSE)
     check_target(out, ".rrd")

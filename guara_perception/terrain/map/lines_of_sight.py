@@ -49,8 +49,8 @@ class LinesOfSight:
         seen: highest sample of each known cell, NaN elsewhere.
         geometry: cells of both.
         transform_footprint_to_odom: (4, 4) pose of the scan.
-        step, pause, stamp: when it was, as the map counts.
-        rise: variance of z that the walk had gained then [m^2].
+        step, pause, stamp: time of the scan as the map counts it.
+        rise: variance of z accumulated by the walk up to the scan [m^2].
     """
 
     bounds: Float32
