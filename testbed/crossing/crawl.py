@@ -98,12 +98,12 @@ class Crawl:
             error = positions - robot.joint_positions
             robot.advance(carried + FROZEN_PULL * error - FROZEN_BRAKE * robot.joint_speeds, HELD_STEPS)
 
-    def step(self, leg: int, target: Float, com: Float, rotation: Float, top: float) -> None:
+    def step(self, leg: int, way: Float, com: Float, rotation: Float, top: float) -> None:
         """Shift the body, swing a foot over the highest ground of its way until it touches, and load it.
 
         Args:
             leg: index of the leg.
-            target: place (3,) of its lowest point [m].
+            way: (n, 3) places of its lowest point; only x and y count before the last, its target [m].
             com: centre of mass (3,) while the foot is in the air [m].
             rotation: attitude of the body then.
             top: highest ground on the way [m].
@@ -114,13 +114,13 @@ class Crawl:
         """
         self._shift(com, rotation)
         self._ramp(leg, 1.0, 0.0, UNLOAD_S)
-        start = self.robot.feet[leg]
+        start, target = self.robot.feet[leg], way[-1]
         height = max(top, start[2], target[2]) + CLEARANCE_M
         try:
-            self._lower(leg, self._carry(leg, start, target, height), target)
+            self._lower(leg, self._carry(leg, way[1:], height), target)
         except NoGround:
             # Back to where it stood, as it came.
-            self._lower(leg, self._carry(leg, self.robot.feet[leg], start, height), start)
+            self._lower(leg, self._carry(leg, np.array([*way[-2:0:-1], start]), height), start)
             self._ramp(leg, 0.0, 1.0, LOAD_S)
             raise
         self._ramp(leg, 0.0, 1.0, LOAD_S)
@@ -175,18 +175,21 @@ class Crawl:
             self._tick(start + share * (com - start), rate * (com - start), partly, rate * turn, None)
         self._com, self._rotation = com, rotation
 
-    def _carry(self, leg: int, start: Float, target: Float, height: float) -> Float:
-        """Up, and across to above the target; higher where something is in the way. The place that is reached."""
+    def _carry(self, leg: int, way: Float, height: float) -> Float:
+        """Up, and across to above the end of a way; higher where something stops it. The place that is reached."""
+        start = self.robot.feet[leg]
         above = np.array([*start[:2], height])
         self._move(leg, start, above)
-        over = np.array([*target[:2], height])
-        for _ in range(3):
-            bumped = self._move(leg, above, over, stops=True)
-            if bumped is None:
-                break
-            above, over = bumped + (0, 0, CLEARANCE_M), over + (0, 0, CLEARANCE_M)
-            self._move(leg, bumped, above)
-        return over
+        for place in way:
+            over = np.array([*place[:2], above[2]])
+            for _ in range(3):
+                bumped = self._move(leg, above, over, stops=True)
+                if bumped is None:
+                    break
+                above, over = bumped + (0, 0, CLEARANCE_M), over + (0, 0, CLEARANCE_M)
+                self._move(leg, bumped, above)
+            above = over
+        return above
 
     def _move(self, leg: int, begin: Float, end: Float, stops: bool = False) -> Float | None:
         """Move a foot on a straight line; if it stops at what it touches, where that was."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +26,7 @@ LEG_M = (0.16, 0.36)
 CALF_CLEARANCE_M, LARGEST_ROLL = 0.010, 0.8
 CALF_SHARES = np.array([0.12, 0.25, 0.4, 0.6, 0.8, 1.0])
 DEPTHS, WIDTH = (5, 3, 1), 6
+DETOURS_M = (0.0, 0.04, -0.04, 0.08, -0.08)
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Step:
         base: position (3,) of the body while the foot is in the air [m].
         rotation: its attitude.
         margin: of the centre of mass inside the triangle of standing feet [m].
-        top: highest ground on the foot's way [m].
+        way: (n, 2) where the foot passes, from its present place to the target [m].
+        top: highest ground on its way [m].
     """
 
     leg: int
@@ -45,6 +48,7 @@ class Step:
     base: Float
     rotation: Float
     margin: float
+    way: Float
     top: float
 
 
@@ -112,8 +116,7 @@ class Planner:
 
     def _with_body(self, ground: KnownGround, feet: Float, leg: int, target: Float) -> Step | None:
         """The step with a body that balances on the other feet and reaches all four, or None."""
-        way = np.linspace(feet[leg], target, 20)
-        top = float(ground.highest[ground.indices(way[:, 0], way[:, 1])].max())
+        way, top = _way(ground, feet[leg], target)
         if not np.isfinite(top):
             return None
         after = feet.copy()
@@ -132,7 +135,7 @@ class Planner:
         if not fits.any():
             return None
         best = int(np.argmax(fits))  # They come in order of preference.
-        return Step(leg, target, bodies[best], rotation, places[best // len(BODY_HEIGHTS_M)][1], top)
+        return Step(leg, target, bodies[best], rotation, places[best // len(BODY_HEIGHTS_M)][1], way, top)
 
     def _reaches(self, ground: KnownGround, feet: Float, bodies: Float, rotation: Float) -> Mask:
         """Whether all feet can stand there under each body (n,), calves clear of the ground."""
@@ -147,6 +150,18 @@ class Planner:
         highest = ground.shins[ground.indices(points[..., 0], points[..., 1])]
         fits &= (points[..., 2] - highest > CALF_CLEARANCE_M).all(0)
         return np.asarray(fits.all(-1))
+
+
+def _way(ground: KnownGround, start: Float, target: Float) -> tuple[Float, float]:
+    """Where a foot passes, straight or around a corner beside what nothing may pass, and the highest ground there."""
+    for aside in DETOURS_M:
+        corner = (start + target)[:2] / 2 + (0.0, aside)
+        corners = np.array([start[:2], corner, target[:2]])
+        points = np.concatenate([np.linspace(*ends, 15) for ends in pairwise(corners)])
+        top = float(ground.highest[ground.indices(points[:, 0], points[:, 1])].max())
+        if np.isfinite(top):
+            return corners, top
+    return corners, top
 
 
 def _along(feet: Float) -> Float:

@@ -73,13 +73,13 @@ class Crossing:
         return {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
 
 
-def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot], None] | None = None) -> Crossing:
+def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot, Sight], None] | None = None) -> Crossing:
     """Walk over a course.
 
     Args:
         kind, seed: the course.
         arm: one of the `ARMS`.
-        report: called after each swing.
+        report: called after each swing with what has come so far, the robot, and what it knew before.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -100,9 +100,10 @@ def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot], No
                 break
             crawl.freeze()
             done.standing_s += eye.standing_s
-            _step(done, robot, crawl, planner, eye.look(robot), way.world)
+            sight = eye.look(robot)
+            _step(done, robot, crawl, planner, sight, way.world)
             if report:
-                report(done, robot)
+                report(done, robot, sight)
         else:
             done.why = "steps ran out"
     except NoGround as error:
@@ -133,7 +134,9 @@ def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: S
         done.trace = done.trace[1 - SWINGS_BEFORE :]
         done.trace.append((LEGS[step.leg], *target[:2].round(3).tolist(), edge, 1.0))
         try:
-            crawl.step(step.leg, target, com, turn @ step.rotation, _top(step, turn, shift))
+            crawl.step(
+                step.leg, _in_world(step, target, turn, shift), com, turn @ step.rotation, _top(step, turn, shift)
+            )
             break
         except NoGround:
             if tried == MOST_TRIES - 1:
@@ -145,6 +148,11 @@ def _step(done: Crossing, robot: Robot, crawl: Crawl, planner: Planner, sight: S
     done.trace[-1] = (LEGS[step.leg], *target[:2].round(3).tolist(), distance, share)
     done.steps += 1
     done.soles_badly_supported += int(share < SUPPORT)
+
+
+def _in_world(step: Step, target: Float, turn: Float, shift: Float) -> Float:
+    """Places (n, 3) that the foot passes."""
+    return np.array([*(turn @ np.array([*place, step.top]) + shift for place in step.way[:-1]), target])
 
 
 def _top(step: Step, turn: Float, shift: Float) -> float:
