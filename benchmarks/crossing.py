@@ -27,6 +27,7 @@ def main() -> None:
         first=(0, "first seed"),
         kinds=([*KINDS], "kinds of ground"),
         arms=([*ARMS], "what is known of the ground"),
+        stiff=(False, "the worse robot, moved by position servos"),
         json=(False, "all walks as JSON in the last line"),
     )
     cv2.setNumThreads(1)
@@ -34,7 +35,7 @@ def main() -> None:
     for seed in range(asked.first, asked.first + asked.courses):
         for kind in asked.kinds:
             for arm in asked.arms:
-                done.append(cross(kind, seed, arm))
+                done.append(cross(kind, seed, arm, is_stiff=asked.stiff))
                 print(_line(done[-1]), flush=True)
     table(done)
     if asked.json:

@@ -32,7 +32,7 @@ SWING_PULL, SWING_BRAKE = 1200.0, 60.0
 FROZEN_PULL, FROZEN_BRAKE = 200.0, 8.0
 CLEARANCE_M, NEAR_M, DEEPER_M = 0.05, 0.015, 0.04
 SWING_M_S, LOWER_M_S, BODY_M_S = 0.30, 0.10, 0.12
-SHIFT_S, UNLOAD_S, LOAD_S, SETTLE_S, SCAN_S = 0.7, 0.15, 0.25, 0.20, 0.20
+SHIFT_S, UNLOAD_S, LOAD_S, SETTLE_S, FROZEN_S = 0.7, 0.15, 0.25, 0.20, 0.20
 TOUCH_N, BUMP_N = 6.0, 15.0
 FALLEN_UP, FALLEN_M = 0.7, 0.10
 # Leg, position, speed and acceleration of a foot in the air.
@@ -94,7 +94,7 @@ class Crawl:
         """Hold still for a scan: joints stay where they are, the torques that carry the body go on beneath."""
         robot, carried = self.robot, self._torques(np.array([0, 0, self.robot.mass * GRAVITY, 0, 0, 0]), range(4))
         positions = robot.joint_positions
-        for _ in range(round(SCAN_S / TICK_S)):
+        for _ in range(round(FROZEN_S / TICK_S)):
             error = positions - robot.joint_positions
             robot.advance(carried + FROZEN_PULL * error - FROZEN_BRAKE * robot.joint_speeds, HELD_STEPS)
 

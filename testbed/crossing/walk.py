@@ -17,6 +17,7 @@ from testbed.crossing.eyes import AllKnowing, Blind, DepthCamera, Eye, Sight
 from testbed.crossing.laser import Laser
 from testbed.crossing.planner import BODY_HEIGHTS_M, Planner, Step
 from testbed.crossing.robot import LEGS, Robot
+from testbed.crossing.stiff_crawl import StiffCrawl
 
 MOST_STEPS = 140
 # So many steps without so much way: stopped.
@@ -73,13 +74,21 @@ class Crossing:
         return {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
 
 
-def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot, Sight], None] | None = None) -> Crossing:
+def cross(
+    kind: str,
+    seed: int,
+    arm: str,
+    report: Callable[[Crossing, Robot, Sight], None] | None = None,
+    *,
+    is_stiff: bool = False,
+) -> Crossing:
     """Walk over a course.
 
     Args:
         kind, seed: the course.
         arm: one of the `ARMS`.
         report: called after each swing with what has come so far, the robot, and what it knew before.
+        is_stiff: whether position servos move the robot, not forces.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -87,8 +96,10 @@ def cross(kind: str, seed: int, arm: str, report: Callable[[Crossing, Robot, Sig
     """
     began, way = time.process_time(), course(kind, seed)
     robot = Robot(way, np.array([0.0, 0.0, BODY_HEIGHTS_M[0]]))
-    crawl, eye, planner = Crawl(robot), ARMS[arm](way), Planner(robot.legs, robot.com_in_base)
-    done, start, xs = Crossing(kind, seed, "go2", arm), robot.base[0], [-np.inf] * STUCK_STEPS
+    crawl, eye = (StiffCrawl if is_stiff else Crawl)(robot), ARMS[arm](way)
+    planner = Planner(robot.legs, robot.com_in_base)
+    done = Crossing(kind, seed, "go2 stiff" if is_stiff else "go2", arm)
+    start, xs = robot.base[0], [-np.inf] * STUCK_STEPS
     try:
         while done.steps < MOST_STEPS:
             if robot.feet[:, 0].min() > way.goal + BEYOND_M:
