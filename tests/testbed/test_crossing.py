@@ -82,3 +82,27 @@ def test_who_knows_the_ground_crosses_and_who_is_blind_does_not() -> None:
     blind = cross("trenches", 1, "blind")
     assert blind.result != "crossed" or blind.soles_badly_supported
     assert {leg for leg, *_ in blind.trace} <= set(LEGS)
+
+
+# Kind, seed and whether position servos move the robot, of walks by the laser that cross.
+BY_LASER = (
+    ("trenches", 1, False),
+    ("trenches", 2, False),
+    ("stones", 2, False),
+    ("mixed", 2, False),
+    ("rubble", 2, False),
+)
+
+
+@needs_go2
+@pytest.mark.sim
+@pytest.mark.heavy
+@pytest.mark.robots
+@pytest.mark.parametrize(("kind", "seed", "is_stiff"), BY_LASER)
+def test_with_the_laser_no_foot_is_sent_over_a_gap(kind: str, seed: int, is_stiff: bool) -> None:
+    """The robot crosses, and no target was over a gap or nearer to an edge than 20 mm."""
+    done = cross(kind, seed, "laser", is_stiff=is_stiff)
+    assert (done.result, done.targets_over_gap) == ("crossed", 0), done
+    assert done.worst_edge_m > 0.02
+    if not is_stiff:
+        assert done.soles_badly_supported == 0
