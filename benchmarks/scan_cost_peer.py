@@ -35,7 +35,8 @@ def sorted_by_path(precise: Any) -> tuple[list[float], list[float]]:
     # Older revisions detect, then measure.
     whole = "detect" if hasattr(precise, "detect") else "_extract"
     of_band = getattr(precise, whole)
-    precise.detect_in_any_light = clocked(in_any_light, precise.detect_in_any_light)
+    strongest = "extract_in_any_light" if hasattr(precise, "extract_in_any_light") else "detect_in_any_light"
+    setattr(precise, strongest, clocked(in_any_light, getattr(precise, strongest)))
 
     def sort(band: Any) -> Any:
         before, start = len(in_any_light), time.process_time()

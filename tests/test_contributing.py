@@ -48,7 +48,7 @@ def test_each_form_is_made_by_the_files_beside_its_arrow():
         forms += made if makers else []
     # A recorded scan has Scan and ScanStripe in place of a StripeCapture; layers, the object of guara_msgs and bytes
     # have no class here.
-    assert len(forms) - 2 + 3 == 15 and "fifteen from a picture to bytes" in section, forms
+    assert len(forms) - 2 + 3 == 14 and "fourteen from a picture to bytes" in section, forms
 
 
 def source(path: str) -> str:

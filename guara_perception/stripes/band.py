@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Codes, Float, Float32, Image, Index, Mask
-from guara_perception.stripes.kernel.library import Picture, address, addresses, kernel
+from guara_perception.arrays import Codes, Float, Float32, Image, Mask
+from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 from kinematics.arrays import FrozenArrays
 
 # A band is checked for white in every eighth row, and in 40 to 79 columns of a wide picture.
@@ -205,6 +205,21 @@ class StripeProfile(FrozenArrays):
 PROFILE_ARRAYS = StripeProfile.__slots__[:5]
 
 
+def profile_of(profile: Float32, status: Codes, doubtful: Float32 | None = None, remark: str = "") -> StripeProfile:
+    """Profile of a measured stripe; the arrays become read-only, so that it keeps them without a copy.
+
+    Args:
+        profile: (3, columns) position, its sigma, and the peak [grey levels].
+        status, doubtful: (columns,), None where no return is doubtful.
+        remark: as in a StripeProfile.
+    """
+    doubtful = nothing(status.size) if doubtful is None else doubtful
+    for array in (profile, status, doubtful):
+        array.setflags(write=False)
+    position, sigma, peak = profile
+    return StripeProfile(position, sigma, status, peak, doubtful, remark=remark)
+
+
 def bad_frame(n: int, reason: str) -> StripeProfile:
     """The profile of a frame that cannot be used: nothing is known but the reason."""
     status = np.full(n, StripeStatus.FRAME_BAD, dtype=np.uint8)
@@ -267,18 +282,3 @@ def opening(picture: Image) -> Image:
     """Vertical grey opening: the picture without anything as narrow as a stripe."""
     column = np.ones((2 * BACKGROUND_HALF_HEIGHT_PX + 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(picture, cv2.MORPH_OPEN, column))
-
-
-def clipped_columns(on: Image, top: Index, sigma: float, channel: int, *, is_fused: bool) -> tuple[Mask, Mask]:
-    """Columns whose core is clipped in one channel, and those whose core is lost.
-
-    Args:
-        on: (rows, columns[, channels]) laser on.
-        top: (columns,) rows of the stripe.
-        sigma: width of the stripe [px].
-        channel: channel that the laser lights most.
-        is_fused: whether light of all channels was used: then the core is lost only where all are clipped.
-    """
-    top, masks = np.ascontiguousarray(top, np.int64), np.empty((2, on.shape[1]), np.bool_)
-    kernel().clipped_columns(Picture(on), address(top), sigma, channel, is_fused, *addresses(*masks))
-    return masks[0], masks[1]

@@ -21,7 +21,6 @@ from guara_perception.stripes.band import (
     has_colour,
     opening,
 )
-from guara_perception.stripes.measure import NAN
 from guara_perception.stripes.peaks import upper_median
 
 # Red-enhanced grey of a BGR picture: the paper names no numbers; red carries the laser, the rest steadies the grey.
@@ -32,6 +31,7 @@ OTSU_SHARE = 0.4
 # It splits the noise where there is no stripe: below this many sigmas of it nothing counts.
 THRESHOLD_SIGMAS = 5.0
 UPPER_QUARTILE = 0.674
+NAN = np.float32(np.nan)
 # A skeleton is right to about half a pixel.
 SIGMA_PX = 0.5
 # Skeleton pixels of one column that extend over more rows belong to two lines.

@@ -1,26 +1,26 @@
-// The path of a stripe in any light, searched in a pair of colour pictures of 8 bits: what its files share.
+// The path of a stripe in any light, searched in a pair of pictures or in one alone: what its files share.
 #ifndef GUARA_ANY_LIGHT_H
 #define GUARA_ANY_LIGHT_H
 #include "kernel.h"
 
 #define CHANNELS 3
-// Largest pictures. Numbers of one row or column lie on the stack.
-#define MOST_ROWS 1536
-#define MOST_COLUMNS 1024
 #define WIDTHS 3
 #define NONE (-1)
+// Levels of planes: LEVEL to a grey level, 255 of which are full scale.
+#define LEVEL 256
 // Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
-#define LEVEL_CLIPPED 245
+#define LEVEL_CLIPPED (245 * LEVEL)
 // Columns of a strip: a row of one is in one or a few registers.
 #define STRIP 16
 enum { USED = 0, OTHER_EXPOSURE, OTHER_SCENE };
-// Widths of ridges [px], the distance of their sides, and how far their weights reach, as in laser_colour.py.
+// Widths of ridges [px], the distance of their sides, and how far their weights reach.
 static const double SIGMAS[WIDTHS] = {1.2, 2.4, 4.8};
 static const int SIDES[WIDTHS] = {3, 6, 12}, REACHES[WIDTHS] = {3, 5, 10};
 
+// (width,) row of the stripe, and whether there is one.
 typedef struct {
-    int32_t row[MOST_COLUMNS];
-    uint8_t is_stripe[MOST_COLUMNS];
+    int32_t *row;
+    uint8_t *is_stripe;
 } Path;
 
 // Path in one channel, from some columns.
@@ -32,89 +32,101 @@ typedef struct {
 // What was found: row, and whether there is a stripe beyond doubt, may be one, and it is clipped.
 typedef struct {
     Path path;
-    uint8_t is_path[MOST_COLUMNS], is_core[MOST_COLUMNS];
-    float sigma[MOST_COLUMNS], height[MOST_COLUMNS];
+    uint8_t *is_path, *is_core;
+    float *sigma, *height;
     int channel;
     double weights[CHANNELS];
 } Found;
 
-// Paths that are made on the way.
+// A pair of pictures as planes (channels, rows, width). `gain` times the laser-off picture and an offset are subtracted,
+// channel by channel, of exposures unlike no more than `most`; light: what is left. shrunk: columns of the camera's
+// pictures that became one. remark: what is wrong with the laser-off picture, and its numbers.
 typedef struct {
-    First firsts[CHANNELS];
-    Found found[2];
-    Path peaks[CHANNELS], paths[CHANNELS], second, own, kept;
-    uint8_t twin[MOST_COLUMNS];
-    float ends[2][3 * (MOST_COLUMNS / 2 + 1)];
-} Paths;
-
-// Work memory: planes of (rows, width) float32 and what is smaller.
-typedef struct {
-    float *laser, *best_laser, *heights[WIDTHS], *evidence, *samples; // (rows, width)
-    float *paths;                                                     // (width + 4, rows)
-    float *thin_light, *thin_detail, *some_detail; // (CHANNELS, rows, thin), (CHANNELS, rows, some)
-    uint8_t *thin_frame;                           // (CHANNELS, rows, thin)
-    uint8_t *core, *best_core;                     // (rows, width)
-    float *line;                                   // MAX(32 * width, 80 * (rows + 24))
-    Paths *of;
-} Any;
-
-// A pair of pictures (rows, width, CHANNELS) in one piece. `gain` times the laser-off picture and an offset are
-// subtracted, channel by channel, of exposures unlike no more than `most`. shrunk: columns of the camera's pictures that became one.
-typedef struct {
-    const uint8_t *on, *off;
-    int rows, width, shrunk;
+    uint16_t *on, *off;
+    float *light;
+    int64_t rows, width, channels, shrunk;
     float gain[CHANNELS], offset[CHANNELS], most, across[3], down[9]; // the last two: weights of details
-    int has_dark, remark;
-    double remark_number;
+    int64_t has_dark, remark;
+    double remark_numbers[2];
 } Scene;
 
-// A picture in which paths are followed: the whole pair, or every fourth column of it.
+// A picture in which paths are followed: the whole pair, or some columns of it.
 typedef struct {
     const Scene *scene;
-    int rows, width, first, step; // column c of it is column first + step * c of the pair
-    const float *light;           // (CHANNELS, rows, width), or NULL: from the pair
-    const uint8_t *frame;
-    const float *detail; // (CHANNELS, rows, detail_width) of every detail_step-th column
-    int detail_width, detail_step;
+    int64_t rows, width, first, step; // column c of it is column first + step * c of the pair
+    const float *light;               // (channels, rows, width)
+    const uint16_t *on;
+    const uint8_t *level; // (rows, width) of the scene without the laser, where it is known of a mono camera, or NULL
+    const float *detail;  // (channels, rows, detail_width): of every column, or of some
+    int64_t detail_width, detail_first, detail_step;
 } View;
 
-static inline const uint8_t *row_of(const Scene *s, const uint8_t *picture, int64_t r) { return picture + r * 3 * s->width; }
-// What the laser-on picture shows without the laser, up to `most`: where that is clipped, light cannot be seen.
-static inline float expected(float gain, uint8_t dark, float offset, float most) { return MIN(gain * (float)dark + offset, most); }
-static inline float light_at(const Scene *s, int64_t r, int64_t c, int k) {
-    const float on = row_of(s, s->on, r)[3 * c + k];
-    return s->has_dark ? on - expected(s->gain[k], row_of(s, s->off, r)[3 * c + k], s->offset[k], s->most) : on;
-}
-static inline float view_light(const View *v, int64_t r, int64_t c, int k) {
-    return v->light ? v->light[((int64_t)k * v->rows + r) * v->width + c] : light_at(v->scene, r, c, k);
-}
-static inline uint8_t view_frame(const View *v, int64_t r, int64_t c, int k) {
-    return v->frame ? v->frame[((int64_t)k * v->rows + r) * v->width + c] : row_of(v->scene, v->scene->on, r)[3 * c + k];
-}
+// Work memory: planes of (rows, width) and what is smaller.
+typedef struct {
+    float *laser, *closed, *evidence, *samples; // (rows, width)
+    float *paths;                               // (width + 4, rows)
+    float *thin_light, *thin_detail;            // (channels, rows, thin)
+    uint16_t *thin_on;
+    uint8_t *core, *level, *thin_level; // (rows, width)
+    float *line;                        // 80 * (rows + 24), or 8 * width
+    float *ends[2];                     // (3, width / 2 + 1)
+    First firsts[CHANNELS];
+    Found found[2];
+    Path peaks[CHANNELS], paths_of[CHANNELS], second, own, kept;
+    uint8_t *twin;
+} Any;
+
+#define TAKE(PART, SIZE) w->PART = (void *)(memory + at), at += ((SIZE) + 63) / 64 * 64
+
+static inline int64_t at_row(const Scene *s, int64_t k, int64_t r) { return (k * s->rows + r) * s->width; }
+static inline int64_t at_pixel(const View *v, int64_t k, int64_t r, int64_t c) { return (k * v->rows + r) * v->width + c; }
 static inline float median_f(float *v, int64_t n) { return (float)median(v, n); }
-static inline void channel_rows(const Scene *s, const uint8_t *row, uint8_t *planes) {
-    for (int k = 0; k < CHANNELS; k++) every_third(row + k, s->width, planes + k * s->width);
-}
 // Weights of a Gaussian.
 static inline void gaussian(int size, double sigma, float *taps) {
     double sum = 0, t[64];
     for (int i = 0; i < size; i++) t[i] = exp(-0.5 * (i - size / 2) * (i - size / 2) / (sigma * sigma)), sum += t[i];
     for (int i = 0; i < size; i++) taps[i] = (float)(t[i] / sum);
 }
+static inline void taps_of_ridges(float taps[WIDTHS][32]) {
+    for (int k = 0; k < WIDTHS; k++) gaussian(2 * REACHES[k] + 1, SIGMAS[k], taps[k]);
+}
 
-void fit_exposure(Scene *s, int is_changed, Any *w);
-void look(const Scene *s, Any *w, int thin, int some);
-float detail_at(const Scene *s, int row, int column, int k);
+// planes.c
+void planes(const Picture *p, int64_t factor, char *line, uint16_t *out);
+void fit_exposure(Scene *s, int64_t is_changed, Any *w);
+void subtract(Scene *s);
+void look(const Scene *s, int64_t first, int64_t step, int64_t thin, Any *w);
+float detail_at(const Scene *s, int64_t row, int64_t column, int64_t k);
+void brightness(const Scene *s, uint16_t *sums, uint8_t *level);
+// colour.c
 void covariance(const View *v, const Path *near, int reach, double scene[CHANNELS][CHANNELS]);
-void laser_weights(double scene[CHANNELS][CHANNELS], const double *colour, double *weights);
+void laser_weights(int64_t channels, double scene[CHANNELS][CHANNELS], const double *colour, double *weights);
 void rim_colour(const View *v, const Path *p, int channel, double added[CHANNELS]);
 void relative_colour(const double *added, int channel, double *colour);
 double purity(const View *v, const Path *p, int channel);
 void in_laser_colour(const View *v, const double *weights, int channel, float *mixed, uint8_t *core, Any *w);
-void noises_of_ridges(const float *laser, int rows, int width, const Path *away, int reach, double *noises, float *line,
-    float *samples);
-void strengths(const float *laser, const double *noises, int rows, int width, float *strength, float *evidence, float *line);
-float ridge_at(const float *laser, int rows, int width, int row, int c, const double *noises, float taps[WIDTHS][32],
-    float *sigma);
-double follow_columns(const float *evidence, int columns, int rows, float *work, Paths *of, Path *found);
+// ridges.c
+// Rows on either side of a pixel that its ridges reach.
+enum { FAR_PX = 22 };
+typedef struct { double noises[WIDTHS]; float quiet[256]; } Noises; // of ridges, and by the level of the scene: 1 or less
+void noises_of_ridges(const View *v, const float *laser, const Path *away, int reach, Noises *found, Any *w);
+void strengths(const View *v, const float *laser, const Noises *noises, float *strength, float *evidence, float *line);
+float ridge_at(const float *laser, int64_t rows, int64_t width, int64_t row, int64_t c, const Noises *noises,
+    float taps[WIDTHS][32], float *sigma);
+float ridge_of_column(const float *mean, int64_t row, int64_t rows, int k, const float *taps);
+// follow.c
+double follow_columns(const float *evidence, int64_t columns, int64_t rows, Any *w, Path *found);
+// pieces.c
+int64_t end_of_piece(const Path *p, int64_t begin, int64_t width);
+void strong_pieces(const float *height, const Path *p, const uint8_t *is_core, int64_t width, int64_t shrunk, double least,
+    uint8_t *good, float *work);
+void of_laser_colour(const Scene *s, const Path *p, const double *colour, int channel, uint8_t *good, Path *kept);
+void of_laser_speckle(const float *light, int64_t rows, int64_t width, const Path *p, const uint8_t *is_core,
+    const float *sigma, uint8_t *good, Path *kept, float *work);
+void has_twin(const float *strength, const uint8_t *core, const Path *p, int64_t rows, int64_t width, uint8_t *twin,
+    float *high);
+void without_moved_edges(const Scene *s, Found *f, uint8_t *work);
+// path.c
+int64_t carve_any(Any *w, char *memory, int64_t channels, int64_t rows, int64_t width);
+int64_t find_path(Scene *s, int64_t is_changed, Any *w, Found **found);
 #endif

@@ -1,112 +1,105 @@
-// The best path of a stripe through the columns of a picture: the Viterbi algorithm (Forney: The Viterbi algorithm,
-// Proc. IEEE 61, 1973), run from both ends until the two runs meet: the sum of the best paths up to a pixel from
-// either side is the best path through it.
-#include "kernel.h"
+// The best path of a stripe through the columns of a picture, "no stripe here" included: the Viterbi algorithm (Forney: The
+// Viterbi algorithm, Proc. IEEE 61, 1973), run from both ends until the two runs meet: the sum of the best paths up to a
+// pixel from either side is the best path through it.
+#include "any_light.h"
 
-// In units of evidence: a path pays for every row that it moves by from one column to the next, but never more than
-// for a jump, and for every end.
-#define COST_PER_ROW 0.7
-#define COST_OF_JUMP 6.0f
-#define COST_OF_END 4.0f
-// Rows that a path may move by from one column to the next without jumping.
-#define REACH 3
-// Instead of a row: there is no stripe.
-#define NONE (-1)
+// In units of evidence: a path pays for every row that it moves by from one column to the next, but never more than for a
+// jump, and for every end.
+#define PRICE_OF_ROW 0.7
+#define PRICE_OF_JUMP 6.0
+#define PRICE_OF_END 4.0
+enum { ELSEWHERE, WITHOUT, TOP };
 
-// Of the paths up to a column: the best that comes from elsewhere, the best without and the best with a stripe there.
-typedef struct { float elsewhere, none, top; } Ends;
-
-static float highest(const float *restrict values, int64_t n) {
-    float lanes[LANES], most = -INFINITY;
-    int64_t i = 0;
-    for (int k = 0; k < LANES; k++) lanes[k] = -INFINITY;
-    for (; i + LANES <= n; i += LANES) for (int k = 0; k < LANES; k++) lanes[k] = MAX(lanes[k], values[i + k]);
-    for (; i < n; i++) most = MAX(most, values[i]);
-    for (int k = 0; k < LANES; k++) most = MAX(most, lanes[k]);
-    return most;
+static float highest_of(const float *v, int64_t n) {
+    float lanes[16];
+    int64_t i = 16;
+    if (n < 16) { float m = v[0]; for (i = 1; i < n; i++) m = MAX(m, v[i]); return m; }
+    memcpy(lanes, v, sizeof lanes);
+    for (; i + 16 <= n; i += 16) for (int k = 0; k < 16; k++) lanes[k] = MAX(lanes[k], v[i + k]);
+    for (; i < n; i++) lanes[0] = MAX(lanes[0], v[i]);
+    for (int k = 1; k < 16; k++) lanes[0] = MAX(lanes[0], lanes[k]);
+    return lanes[0];
 }
 
-// Scores (columns, rows + 2 REACH) of the best paths up to every pixel; from one column of `seen` to the next it is
-// `step` numbers. `here` and `near` hold one column each.
-static void sweep(const float *seen, int64_t step, int64_t columns, int64_t rows, float *best, Ends *ends,
-    float *restrict here, float *restrict near) {
-    const int64_t length = rows + 2 * REACH;
-    const float one = (float)COST_PER_ROW, two = (float)(2 * COST_PER_ROW);
-    for (int64_t i = 0; i < length; i++) best[i] = here[i] = near[i] = -INFINITY;
-    for (int64_t r = REACH; r < rows + REACH; r++) best[r] = seen[r] - COST_OF_END;
-    ends[0] = (Ends){0, 0, 0};
-    for (int64_t c = 1; c < columns; c++) {
-        const float *restrict before = best + (c - 1) * length, *restrict own = seen + c * step;
-        float *restrict now = best + c * length;
-        const Ends last = ends[c - 1];
-        const float top = ends[c - 1].top = highest(before + REACH, rows);
-        const float elsewhere = MAX(last.none - COST_OF_END, top - COST_OF_JUMP);
-        ends[c] = (Ends){elsewhere, MAX(last.none, top - COST_OF_END), 0};
-        // Moves by one row, and after these by two, are all up to REACH, each at its price.
-        for (int64_t r = REACH; r < rows + REACH; r++) here[r] = MAX(before[r], elsewhere);
-        for (int64_t r = REACH; r < rows + REACH; r++) near[r] = MAX(here[r], MAX(here[r - 1], here[r + 1]) - one);
-        near[REACH - 1] = here[REACH] - one, near[rows + REACH] = here[rows + REACH - 1] - one;
-        for (int64_t r = REACH; r < rows + REACH; r++)
-            now[r] = MAX(near[r], MAX(near[r - 2], near[r + 2]) - two) + own[r];
-        for (int64_t r = 0; r < REACH; r++) now[r] = now[rows + REACH + r] = -INFINITY;
+// Scores of the best paths up to every pixel of `count` columns: (count, rows), and of the ends (count, 3).
+static void best_paths(const float *evidence, int64_t step, int64_t count, int64_t rows, float *best, float *ends, float *line) {
+    float *start = line + 4, *near = start + rows + 8;
+    for (int64_t i = 1; i <= 4; i++) start[-i] = start[rows + i - 1] = near[-i] = near[rows + i - 1] = -INFINITY;
+    const float one = (float)PRICE_OF_ROW, two = (float)(2 * PRICE_OF_ROW), end = (float)PRICE_OF_END, jump = (float)PRICE_OF_JUMP;
+    for (int64_t r = 0; r < rows; r++) best[r] = evidence[r] - end;
+    ends[ELSEWHERE] = ends[WITHOUT] = 0;
+    for (int64_t column = 1; column < count; column++) {
+        const float *restrict own = evidence + column * step, *restrict before = best + (column - 1) * rows;
+        float *restrict now = best + column * rows, *here = ends + 3 * column, *last = here - 3;
+        last[TOP] = highest_of(before, rows);
+        const float a = last[WITHOUT] - end, b = last[TOP] - jump, c = last[TOP] - end;
+        here[ELSEWHERE] = MAX(a, b), here[WITHOUT] = MAX(last[WITHOUT], c);
+        const float elsewhere = here[ELSEWHERE];
+        for (int64_t r = 0; r < rows; r++) start[r] = MAX(before[r], elsewhere);
+        for (int64_t r = 0; r < rows; r++) {
+            const float beside_it = MAX(start[r - 1], start[r + 1]) - one;
+            near[r] = MAX(start[r], beside_it);
+        }
+        for (int64_t r = 0; r < rows; r++) {
+            const float beside_it = MAX(near[r - 2], near[r + 2]) - two;
+            now[r] = MAX(near[r], beside_it) + own[r];
+        }
     }
 }
 
-// Follows the best path back from a row (or NONE) of column `last`; `path` is that of this column, of the one before
-// `path + step`.
-static void trace(const float *best, const Ends *ends, int64_t rows, int64_t last, int32_t row, int32_t *path,
-    int64_t step) {
-    *path = row;
-    for (int64_t c = last - 1; c >= 0; c--) {
-        const float *scores = best + c * (rows + 2 * REACH) + REACH;
-        double extra = COST_OF_END;
+static int64_t argmax(const float *v, int64_t n) {
+    const float high = highest_of(v, n);
+    int64_t i = 0;
+    while (v[i] != high) i++;
+    return i;
+}
+
+// Follows the best path back from a row, or NONE, of column `last` to the first column.
+static void trace(const float *best, const float *ends, int64_t rows, int64_t last, int64_t row, int32_t *path, int step) {
+    path[0] = (int32_t)row;
+    for (int64_t column = last - 1; column >= 0; column--) {
+        const float *scores = best + column * rows;
+        double extra = PRICE_OF_END;
         path += step;
         if (row != NONE) {
-            double most = -INFINITY;
-            int32_t move = 0;
-            for (int32_t m = -REACH; m <= REACH; m++) {
-                const double score = (double)scores[row + m] - COST_PER_ROW * abs(m);
-                if (score > most) most = score, move = m;
+            double high = -INFINITY;
+            int move = -3;
+            for (int m = -3; m <= 3; m++) {
+                const double v = row + m < 0 || row + m >= rows ? -INFINITY : (double)scores[row + m] - PRICE_OF_ROW * abs(m);
+                if (v > high) high = v, move = m;
             }
-            if (most >= (double)ends[c + 1].elsewhere) {
-                *path = row += move;
+            if (high >= (double)ends[3 * (column + 1) + ELSEWHERE]) {
+                *path = (int32_t)(row += move);
                 continue;
             }
-            extra = (double)COST_OF_JUMP - COST_OF_END;
+            extra = PRICE_OF_JUMP - PRICE_OF_END;
         }
-        row = NONE;
-        if ((double)ends[c].top - extra > (double)ends[c].none)
-            for (row = 0; row < rows - 1 && scores[row] < ends[c].top;) row++;
-        *path = row;
+        const int is_stripe = (double)ends[3 * column + TOP] - extra > (double)ends[3 * column + WITHOUT];
+        *path = (int32_t)(row = is_stripe ? argmax(scores, rows) : NONE);
     }
 }
 
-// evidence: (rows, columns) of the stripe at each pixel, negative where none is likely. path: (columns,) rows, NONE
-// where there is no stripe. work: (2 columns + 4, rows + 2 REACH) and (columns + 1, 3)
-// float. Returns the evidence
-// of the whole path minus its costs.
-double follow(const float *evidence, int64_t rows, int64_t columns, float *work, int32_t *path) {
-    const int64_t length = rows + 2 * REACH, centre = columns / 2, met = columns - 1 - centre;
-    float *seen = work, *first = seen + columns * length, *second = first + (centre + 1) * length;
-    float *here = second + (met + 1) * length, *near = here + length;
-    Ends *ends = (Ends *)(near + length), *ends_2 = ends + centre + 1;
-    for (int64_t begin = 0; begin < columns; begin += LANES) {
-        const int64_t end = MIN(begin + LANES, columns);
-        for (int64_t r = 0; r < rows; r++)
-            for (int64_t c = begin; c < end; c++) seen[c * length + REACH + r] = evidence[r * columns + c];
+// The stripe's path, and the evidence along it minus its costs. Where there is no stripe the path has the row of the nearest.
+double follow_columns(const float *evidence, int64_t columns, int64_t rows, Any *w, Path *found) {
+    const int64_t centre = columns / 2, met = columns - 1 - centre;
+    float *first = w->paths, *second = first + (centre + 1) * rows, *through = w->line;
+    best_paths(evidence, rows, centre + 1, rows, first, w->ends[0], w->line);
+    best_paths(evidence + (columns - 1) * rows, -rows, met + 1, rows, second, w->ends[1], w->line);
+    const float *a = first + centre * rows, *b = second + met * rows, *own = evidence + centre * rows;
+    for (int64_t r = 0; r < rows; r++) through[r] = a[r] + b[r] - own[r];
+    const int64_t row = argmax(through, rows);
+    const float most = through[row], without = w->ends[0][3 * centre + WITHOUT] + w->ends[1][3 * met + WITHOUT];
+    const int64_t start = most > without ? row : NONE;
+    trace(first, w->ends[0], rows, centre, start, found->row + centre, -1);
+    trace(second, w->ends[1], rows, met, start, found->row + centre, 1);
+    int64_t before = NONE; // the last column with a stripe
+    for (int64_t c = 0; c < columns; c++) {
+        found->is_stripe[c] = found->row[c] != NONE;
+        if (!found->is_stripe[c]) continue;
+        const int64_t middle = before == NONE ? 0 : (before + c) / 2 + 1;
+        for (int64_t i = before + 1; i < c; i++) found->row[i] = found->row[i < middle ? before : c];
+        before = c;
     }
-    sweep(seen, length, centre + 1, rows, first, ends, here, near);
-    sweep(seen + (columns - 1) * length, -length, met + 1, rows, second, ends_2, here, near);
-    const float *a = first + centre * length + REACH, *b = second + met * length + REACH;
-    const float *own = seen + centre * length + REACH, without = ends[centre].none + ends_2[met].none;
-    float most = -INFINITY;
-    int32_t row = 0;
-    for (int64_t r = 0; r < rows; r++) {
-        const float through = a[r] + b[r] - own[r];
-        if (through > most) most = through, row = (int32_t)r;
-    }
-    if (!(most > without)) row = NONE;
-    trace(first, ends, rows, centre, row, path + centre, -1);
-    trace(second, ends_2, rows, met, row, path + centre, 1);
+    for (int64_t i = before + 1; i < columns; i++) found->row[i] = before == NONE ? 0 : found->row[before];
     return (double)MAX(most, without);
 }

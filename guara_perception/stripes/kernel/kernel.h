@@ -64,7 +64,7 @@ int64_t measure(const int64_t *top, const float *height, const uint8_t *is_peak,
     const uint8_t *is_unsure, const float *responses, const Picture *background, int64_t channel, int64_t n, int64_t rows,
     int64_t first_row, double sigma, double noise, float *work, float *position, float *deviation, uint8_t *status,
     float *doubtful);
-void every_third(const uint8_t *from, int64_t n, uint8_t *to);
+const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line);
 void clipped_columns(const Picture *on, const int64_t *top, double sigma, int64_t channel, int64_t is_fused,
     uint8_t *is_clipped, uint8_t *is_lost);
 float upper_median(float *v, int64_t n);

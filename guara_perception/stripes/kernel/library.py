@@ -39,17 +39,12 @@ class Picture(ctypes.Structure):
 P, D, F, PICTURE = ctypes.c_void_p, ctypes.c_double, ctypes.c_float, ctypes.POINTER(Picture)
 # Function -> types of its arguments and of its result. The interpreter's lock is released while one runs.
 FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
-    "details": ([P, N, N, N, P, P, N, N, P, P], None),
     "centres": ([P, N, P, P], None),
-    "evidence": ([P, N, D, D, D, P], None),
-    "exposure": ([P, P, N, D, P, P], None),
-    "find_path": ([P, P] + [N] * 4 + [P] * 5, N),
-    "path_size": ([N] * 2, N),
-    "expand": ([P] * 2 + [N] * 2 + [P] * 2, None),
-    "follow": ([P, N, N, P, P], D),
     "clipped_columns": ([PICTURE, P, D, N, N, P, P], None),
+    "any_light_size": ([N] * 5, N),
     "clean_size": ([N] * 3, N),
     "extract_clean": ([PICTURE, PICTURE, N, D, P, P, P], N),
+    "extract_any_light": ([PICTURE, PICTURE] + [N] * 3 + [P] * 6, N),
     "follow_candidates": ([P, P, N, N, P, P, P], None),
     "judge": ([PICTURE, PICTURE, P, P], None),
     "judge_size": ([N] * 3, N),
@@ -57,13 +52,9 @@ FUNCTIONS: dict[str, tuple[list[Any], Any]] = {
     "measure_window": ([PICTURE, PICTURE] + [P] * 5 + [N, D] + [P] * 5, None),
     "window_size": ([N], N),
     "responses": ([P, N, N, N, P, P, N, P], None),
-    "ridges": ([P, N, N, P, N, N, P, P], None),
     "select_value": ([P, N, N], F),
     "stripe_sigma": ([P, N, N, N, P, P, P, N, D, P], D),
-    "shrink": ([PICTURE, N, P, P], None),
     "smooth_line": ([P, P, N, P, P], None),
-    "strongest": ([P, P, P, N, D, D, D, P], None),
-    "subtract": ([P, P, N, N, P, P, P], None),
 }
 
 
@@ -94,10 +85,6 @@ def processor() -> str:
         return {"aarch64": "armv8-a"}.get(machine, machine)
     flags = Path("/proc/cpuinfo").read_text().partition("\nflags")[2].partition("\n")[0].split()
     return "x86-64-v3" if set(flags) >= V3_FLAGS else "x86-64-v2"
-
-
-# Columns that the kernel handles at a time, as in kernel.h and ridges.c.
-LANES, STRIP = 16, 64
 
 
 class _Memory(threading.local):

@@ -16,7 +16,7 @@ typedef uint8_t Bytes __attribute__((vector_size(16)));
     memcpy(&A##1, FROM, 16), memcpy(&A##2, (FROM) + 48, 16);                                                           \
     const Pair A = __builtin_shufflevector(A##1, A##2, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17,   \
         18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31)
-void every_third(const uint8_t *restrict from, int64_t n, uint8_t *restrict to) {
+static void every_third(const uint8_t *restrict from, int64_t n, uint8_t *restrict to) {
     int64_t i = 0;
     for (; i + 32 < n; i += 32) {
         BOTH(a, from + 3 * i);
@@ -32,7 +32,7 @@ void every_third(const uint8_t *restrict from, int64_t n, uint8_t *restrict to) 
 }
 
 // One channel of a row, side by side; `line` is used where they do not lie so already.
-static const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line) {
+const void *samples_of(const Picture *p, int64_t row, int64_t channel, void *line) {
     const char *restrict from = p->data + row * p->row_step + channel * p->channel_step;
     const int64_t step = p->column_step, n = p->columns;
     uint8_t *restrict to = line;
@@ -41,21 +41,6 @@ static const void *samples_of(const Picture *p, int64_t row, int64_t channel, vo
     else if (step == 3) every_third((const uint8_t *)from, n, to);
     else for (int64_t c = 0; c < n; c++) to[c] = (uint8_t)from[c * step];
     return line;
-}
-
-// Means of `factor` (2 or 4) columns of a colour picture of 8 bits, (rows, columns / factor, 3) in one piece.
-// lines: 3 columns of bytes.
-void shrink(const Picture *p, int64_t factor, uint8_t *lines, uint8_t *out) {
-    const int64_t n = p->columns, count = n / factor;
-    for (int64_t r = 0; r < p->rows; r++, out += 3 * count)
-        for (int64_t k = 0; k < 3; k++) {
-            const uint8_t *restrict x = samples_of(p, r, k, lines);
-            uint8_t *restrict mean = lines + n;
-            if (factor == 4) for (int64_t c = 0; c < count; c++)
-                mean[c] = (uint8_t)((x[4 * c] + x[4 * c + 1] + x[4 * c + 2] + x[4 * c + 3] + 2) >> 2);
-            else for (int64_t c = 0; c < count; c++) mean[c] = (uint8_t)((x[2 * c] + x[2 * c + 1] + 1) >> 1);
-            for (int64_t c = 0; c < count; c++) out[3 * c + k] = mean[c];
-        }
 }
 
 #define LIGHT_OF_ROW(NAME, SAMPLE, TYPE)                                                                               \

@@ -1,97 +1,199 @@
-// What stands out across the columns of a picture: its details, and its ridges of some widths.
-#include "kernel.h"
+// Ridges of some widths: light above the higher of its two sides. An edge between dark and bright, which a second
+// derivative takes for a line, has a higher side: it is no ridge here.
+#include "any_light.h"
 
-// Columns that are handled at a time, so that all their rows stay in the cache.
-#define STRIP (4 * LANES)
+// Evidence is ZERO less than the strength, and from LINEAR on its logarithm grows by GAIN_OF_LOG.
+#define ZERO 3.2f
+#define LINEAR 8.0f
+#define GAIN_OF_LOG 3.0f
+// Noise of fewer grey levels than this cannot be separated from quantisation. Texture counts as noise whose strongest
+// hundredth begins at this number of sigmas.
+#define LEAST_NOISE 0.15
+#define TEXTURE_QUANTILE 0.99
+#define TEXTURE_SIGMAS 3.0
+// A pair with at least this many columns is sampled in every sixth of them.
+#define LEAST_THINNED 160
+// Number of parts of equal size into which a scene is divided by brightness, to measure the noise of each.
+#define PARTS 8
+// A strip of columns stays in the nearest cache. Its rows above and below the picture are those at its edge.
+#define BEYOND 12
 
-// Numbers in a vector register, anywhere in memory.
-typedef float Eight __attribute__((vector_size(32), aligned(4), may_alias));
-
-// Means of three pixels beside each other, of weights (side, centre, side), in a strip of numbers of a row (size,) whose
-// neighbours are `apart` numbers away; pixels beyond the ends are those at the ends, or mirrored at them.
-static void across(const float *restrict row, int64_t size, int64_t apart, int64_t first, float side, float centre,
-    int is_mirrored, float *restrict out) {
-    if (first >= apart && first + STRIP + apart <= size) {
-        const float *restrict x = row + first;
-        for (int i = 0; i < STRIP; i++) out[i] = centre * x[i] + side * (x[i - apart] + x[i + apart]);
-        return;
+// Light smoothed to one width over the rows of a strip (rows, STRIP), then its height above the higher side. Loops of
+// constant length: all of them become vector instructions.
+#define RIDGE(K, REACH, SIDE)                                                                                          \
+    static void ridge##K(const float *restrict strip, float *restrict smooth, int64_t rows, const float *restrict taps, \
+        float *restrict out) {                                                                                         \
+        strip += BEYOND * STRIP, smooth += BEYOND * STRIP;                                                             \
+        for (int64_t i = 0; i < rows * STRIP; i++) {                                                                   \
+            float sum = taps[REACH] * strip[i];                                                                        \
+            _Pragma("GCC unroll 10") for (int t = 1; t <= REACH; t++)                                                  \
+                sum += taps[REACH + t] * (strip[i - t * STRIP] + strip[i + t * STRIP]);                                \
+            smooth[i] = sum;                                                                                           \
+        }                                                                                                              \
+        extend(smooth - BEYOND * STRIP, rows);                                                                         \
+        for (int64_t i = 0; i < rows * STRIP; i++)                                                                     \
+            out[i] = smooth[i] - MAX(smooth[i - SIDE * STRIP], smooth[i + SIDE * STRIP]);                              \
     }
-    for (int64_t i = first; i < first + STRIP; i++) {
-        if (i >= size) { out[i - first] = 0; continue; }
-        const int64_t left = i >= apart ? i - apart : is_mirrored && i + apart < size ? i + apart : i;
-        const int64_t right = i + apart < size ? i + apart : is_mirrored && i >= apart ? i - apart : i;
-        out[i - first] = centre * row[i] + side * (row[left] + row[right]);
-    }
-}
-
-// Sums over rows of a strip (rows, STRIP), with weights taps[0] of the row and taps[t] of those t rows away. Before and
-// after the strip there is room for `reach` rows, which are those at the ends, or mirrored at them.
-static void down(float *x, int64_t rows, const float *restrict taps, int64_t reach, int is_mirrored, float *restrict out) {
-    for (int64_t t = 1; t <= reach; t++) {
-        const int64_t first = is_mirrored ? within(t, rows) : 0, last = is_mirrored ? within(rows - 1 - t, rows) : rows - 1;
-        memcpy(x - t * STRIP, x + first * STRIP, STRIP * sizeof *x);
-        memcpy(x + (rows - 1 + t) * STRIP, x + last * STRIP, STRIP * sizeof *x);
-    }
-    for (int64_t i = 0; i < rows * STRIP; i += 8) {
-        Eight sum = taps[0] * *(const Eight *)(x + i);
-        for (int64_t t = 1; t <= reach; t++)
-            sum += taps[t] * (*(const Eight *)(x + i - t * STRIP) + *(const Eight *)(x + i + t * STRIP));
-        *(Eight *)(out + i) = sum;
-    }
-}
-
-// The part of each channel of a picture (rows, columns, channels) that changes from row to row within a few pixels:
-// smoothed by weights over three columns and some rows, minus the mean of the pixels `side` rows above and below.
-// work: (2, rows + reach, 64).
-void details(const float *picture, int64_t rows, int64_t columns, int64_t channels, const float *column_taps,
-    const float *row_taps, int64_t reach, int64_t side, float *work, float *out) {
-    const int64_t size = columns * channels;
-    float *mean = work + reach * STRIP, *smooth = mean + (rows + reach) * STRIP;
-    for (int64_t first = 0; first < size; first += STRIP) {
-        for (int64_t r = 0; r < rows; r++)
-            across(picture + r * size, size, channels, first, column_taps[1], column_taps[0], 1, mean + r * STRIP);
-        down(mean, rows, row_taps, reach, 1, smooth);
-        const int64_t n = MIN(STRIP, size - first);
-        for (int64_t r = 0; r < rows; r++) {
-            const float *restrict x = smooth + r * STRIP, *restrict u = smooth + within(r - side, rows) * STRIP;
-            const float *restrict d = smooth + within(r + side, rows) * STRIP;
-            float *restrict to = out + r * size + first;
-            for (int64_t i = 0; i < n; i++) to[i] = (u[i] + d[i]) * -0.5f + x[i];
-        }
+static void extend(float *strip, int64_t rows) { // strip[0] is row -BEYOND
+    for (int64_t i = 0; i < BEYOND; i++) {
+        memcpy(strip + i * STRIP, strip + BEYOND * STRIP, STRIP * sizeof *strip);
+        memcpy(strip + (BEYOND + rows + i) * STRIP, strip + (BEYOND + rows - 1) * STRIP, STRIP * sizeof *strip);
     }
 }
+RIDGE(0, 3, 3) RIDGE(1, 5, 6) RIDGE(2, 10, 12)
 
-// Heights (rows, columns) of ridges of one width: the light, the mean of three columns smoothed over rows by weights,
-// above the higher of the pixels `side` rows above and below. work: (2, rows + reach, 64).
-void ridges(const float *light, int64_t rows, int64_t columns, const float *taps, int64_t reach, int64_t side,
-    float *work, float *heights) {
+// Heights (WIDTHS, rows) of a strip of columns `begin`, `begin + step`, ...; those beyond the picture repeat its last column.
+static void heights_of_strip(const float *laser, int64_t rows, int64_t width, int64_t begin, int64_t step,
+    float taps[WIDTHS][32], float *strip, float *smooth, float *heights) {
     const float third = (float)(1.0 / 3);
-    float *mean = work + reach * STRIP, *smooth = mean + (rows + reach) * STRIP;
-    for (int64_t first = 0; first < columns; first += STRIP) {
-        for (int64_t r = 0; r < rows; r++)
-            across(light + r * columns, columns, 1, first, third, third, 0, mean + r * STRIP);
-        down(mean, rows, taps, reach, 0, smooth);
-        const int64_t n = MIN(STRIP, columns - first);
+    const int is_inside = begin > 0 && begin + STRIP * step < width;
+    for (int64_t r = 0; r < rows; r++) { // mean of three columns, borders replicated
+        const float *restrict row = laser + r * width, *restrict x = row + begin;
+        float *restrict to = strip + (BEYOND + r) * STRIP;
+        if (is_inside && step == 1) for (int c = 0; c < STRIP; c++) to[c] = third * x[c] + third * (x[c - 1] + x[c + 1]);
+        else if (is_inside) for (int64_t c = 0, i = 0; c < STRIP; c++, i += step) to[c] = third * x[i] + third * (x[i - 1] + x[i + 1]);
+        else for (int64_t c = 0; c < STRIP; c++) {
+            const int64_t at = MIN(begin + c * step, width - 1);
+            to[c] = third * row[at] + third * (row[MAX(at - 1, 0)] + row[MIN(at + 1, width - 1)]);
+        }
+    }
+    extend(strip, rows);
+    const int64_t n = rows * STRIP;
+    ridge0(strip, smooth, rows, taps[0], heights), ridge1(strip, smooth, rows, taps[1], heights + n);
+    ridge2(strip, smooth, rows, taps[2], heights + 2 * n);
+}
+
+// How much less a ridge counts by the level of the scene: the variance of a camera's noise grows in proportion to the light
+// (photon transfer, EMVA standard 1288). Where it is darker than usual the factor stays 1: else a halo alone would count as
+// a stripe there. ordered: (n,) heights of chance ridges, by rising level; number: how many of each level.
+static void quiet_levels(float *ordered, const int32_t *number, int64_t n, Noises *found) {
+    double levels[PARTS], variances[PARTS], mean = 0, variance = 0, above = 0, square = 0;
+    for (int i = 0; i < PARTS; i++) {
+        const int64_t first = i * n / PARTS, end = (i + 1) * n / PARTS;
+        int64_t rest = (first + end) / 2;
+        int level = 0;
+        while (rest >= number[level]) rest -= number[level++];
+        const double sigma = robust_sigma(ordered + first, end - first);
+        levels[i] = level, variances[i] = sigma * sigma;
+        mean += levels[i] / PARTS, variance += variances[i] / PARTS;
+    }
+    for (int i = 0; i < PARTS; i++) above += (levels[i] - mean) * variances[i], square += (levels[i] - mean) * (levels[i] - mean);
+    const double slope = MAX(above / MAX(square, 1.0), 0.0), usual = found->noises[0] * found->noises[0];
+    for (int level = 0; level < 256; level++)
+        found->quiet[level] = (float)sqrt(usual / MAX(variance + slope * ((double)level - mean), usual));
+}
+
+// How high ridges are by chance; where `away` is given texture beside that path is chance too.
+void noises_of_ridges(const View *v, const float *laser, const Path *away, int reach, Noises *found, Any *w) {
+    const int is_pair = v->scene->has_dark && v->scene->channels == CHANNELS; // where fewer samples are enough
+    const int64_t rows = v->rows, width = v->width, step = !away ? 7 : is_pair && width >= LEAST_THINNED ? 6 : 3;
+    float taps[WIDTHS][32], *some[WIDTHS];
+    enum { DOWN = 2 };
+    const int64_t most = (rows / DOWN + 1) * (width / 3 + 1);
+    taps_of_ridges(taps);
+    for (int k = 0; k < WIDTHS; k++) some[k] = w->samples + k * most;
+    float *strip = w->line, *smooth = strip + (rows + 2 * BEYOND) * STRIP, *heights = smooth + (rows + 2 * BEYOND) * STRIP;
+    uint8_t *level = (uint8_t *)(w->samples + WIDTHS * most);
+    int64_t n = 0, near = 1;
+    for (int64_t begin = 0; begin < width; begin += STRIP * step) {
+        heights_of_strip(laser, rows, width, begin, step, taps, strip, smooth, heights);
+        for (int64_t c = 0; c < STRIP && begin + c * step < width; c++) {
+            const int64_t at = begin + c * step;
+            const int is_stripe = away && away->is_stripe[at];
+            const int64_t low = is_stripe ? away->row[at] - reach : rows, high = low + 2 * reach;
+            for (int64_t r = 0; r < rows; r += DOWN) {
+                const int is_away = (r < low) | (r > high);
+                const int64_t to = is_away ? n : most - near;
+                for (int k = 0; k < WIDTHS; k++) some[k][to] = heights[(k * rows + r) * STRIP + c];
+                if (v->level) level[to] = v->level[r * width + at];
+                n += is_away, near += !is_away;
+            }
+        }
+    }
+    int32_t number[256] = {0}, first[256] = {0};
+    const int is_known = v->level && n >= 2 * PARTS;
+    float *ordered = w->closed;
+    if (is_known) { // sorted by level, by counting
+        for (int64_t i = 0; i < n; i++) number[level[i]]++;
+        for (int i = 1; i < 256; i++) first[i] = first[i - 1] + number[i - 1];
+        for (int64_t i = 0; i < n; i++) ordered[first[level[i]]++] = some[0][i];
+    }
+    for (int k = 0; k < WIDTHS; k++) {
+        const double texture = n && away ? (double)select_value(some[k], n, (int64_t)(TEXTURE_QUANTILE * (double)n)) / TEXTURE_SIGMAS : 0;
+        int64_t all = n;
+        if (!is_pair) {
+            all += near - 1;
+            memmove(some[k] + n, some[k] + most - near + 1, sizeof **some * (size_t)(near - 1));
+        }
+        const double noise = all ? robust_sigma(some[k], all) : 0;
+        found->noises[k] = MAX(MAX(noise, texture), LEAST_NOISE);
+    }
+    if (is_known) quiet_levels(ordered, number, n, found);
+}
+
+// Strength of the strongest ridge at every pixel, where it is wanted, and its evidence column by column.
+void strengths(const View *v, const float *laser, const Noises *noises, float *strength, float *evidence, float *line) {
+    const int64_t rows = v->rows, width = v->width, size = rows * STRIP;
+    const float f0 = (float)(1 / noises->noises[0]), f1 = (float)(1 / noises->noises[1]), f2 = (float)(1 / noises->noises[2]);
+    float taps[WIDTHS][32];
+    taps_of_ridges(taps);
+    float *strip = line, *smooth = strip + (rows + 2 * BEYOND) * STRIP, *heights = smooth + (rows + 2 * BEYOND) * STRIP;
+    for (int64_t begin = 0; begin < width; begin += STRIP) {
+        const int64_t n = MIN(STRIP, width - begin);
+        heights_of_strip(laser, rows, width, begin, 1, taps, strip, smooth, heights);
+        const float *restrict a = heights, *restrict b = a + size, *restrict d = b + size;
+        float *restrict seen = smooth;
+        for (int64_t i = 0; i < size; i++) {
+            const float one = a[i] * f0, two = b[i] * f1, three = d[i] * f2, most = MAX(one, two);
+            seen[i] = MAX(most, three);
+        }
+        if (v->level) for (int64_t r = 0; r < rows; r++) for (int64_t c = 0; c < n; c++)
+            seen[r * STRIP + c] *= noises->quiet[v->level[r * width + begin + c]];
+        if (strength) for (int64_t r = 0; r < rows; r++)
+            memcpy(strength + r * width + begin, seen + r * STRIP, sizeof *seen * (size_t)n);
+        float *restrict shown = strip;
         for (int64_t r = 0; r < rows; r++) {
-            const float *restrict x = smooth + r * STRIP, *restrict u = smooth + within(r - side, rows) * STRIP;
-            const float *restrict d = smooth + within(r + side, rows) * STRIP;
-            float *restrict to = heights + r * columns + first;
-            for (int64_t i = 0; i < n; i++) to[i] = x[i] - MAX(u[i], d[i]);
+            const float *restrict x = seen + r * STRIP;
+            float *restrict to = shown + r * STRIP, highest = -INFINITY;
+            for (int c = 0; c < STRIP; c++) to[c] = MIN(x[c], LINEAR) - ZERO;
+            for (int c = 0; c < STRIP; c++) highest = MAX(highest, x[c]);
+            if (highest > LINEAR) // few, and logarithms are dear
+                for (int c = 0; c < STRIP; c++)
+                    if (x[c] > LINEAR) to[c] += GAIN_OF_LOG * (float)log((double)(x[c] / LINEAR));
+        }
+        for (int64_t c = 0; c < n; c++) {
+            float *restrict out = evidence + (begin + c) * rows;
+            for (int64_t r = 0; r < rows; r++) out[r] = shown[r * STRIP + c];
         }
     }
 }
 
-// The highest of the ridges of three widths at each of n pixels, over the noise of its width.
-void strongest(const float *restrict a, const float *restrict b, const float *restrict c, int64_t n, double noise_a,
-    double noise_b, double noise_c, float *restrict strength) {
-    const float s = (float)(1 / noise_a), t = (float)(1 / noise_b), u = (float)(1 / noise_c);
-    for (int64_t i = 0; i < n; i++) strength[i] = MAX(MAX(a[i] * s, b[i] * t), c[i] * u);
+// Height of a ridge of one width about a row, from the light (2 FAR_PX + 1,) of that column about it. A row beyond the
+// picture is that at its edge.
+float ridge_of_column(const float *mean, int64_t row, int64_t rows, int k, const float *taps) {
+    float smooth[3];
+    for (int i = 0; i < 3; i++) {
+        const int64_t centre = within(row + (i - 1) * SIDES[k], rows) - row + FAR_PX;
+        float sum = taps[REACHES[k]] * mean[centre];
+        for (int t = 1; t <= REACHES[k]; t++) sum += taps[REACHES[k] + t] * (mean[centre - t] + mean[centre + t]);
+        smooth[i] = sum;
+    }
+    return smooth[1] - MAX(smooth[0], smooth[2]);
 }
 
-// Evidence of n ridges: `zero` less than their strength, and from `linear` on the logarithm grows by `gain`.
-void evidence(const float *restrict strength, int64_t n, double zero, double linear, double gain, float *restrict out) {
-    const float z = (float)zero, l = (float)linear, g = (float)gain;
-    for (int64_t i = 0; i < n; i++) out[i] = MIN(strength[i], l) - z;
-    // Few pixels are that strong. In double precision logarithms are the same with every mathematical library.
-    for (int64_t i = 0; i < n; i++) if (strength[i] > l) out[i] += g * (float)log((double)(strength[i] / l));
+// Height and width of the strongest ridge at one pixel, as the strips have them.
+float ridge_at(const float *laser, int64_t rows, int64_t width, int64_t row, int64_t c, const Noises *noises,
+    float taps[WIDTHS][32], float *sigma) {
+    const float third = (float)(1.0 / 3);
+    float mean[2 * FAR_PX + 1], found = 0, most = -INFINITY;
+    const int64_t left = MAX(c - 1, 0), right = MIN(c + 1, width - 1);
+    for (int64_t t = -FAR_PX; t <= FAR_PX; t++) {
+        const float *x = laser + within(row + t, rows) * width;
+        mean[FAR_PX + t] = third * x[c] + third * (x[left] + x[right]);
+    }
+    for (int k = 0; k < WIDTHS; k++) {
+        const float h = ridge_of_column(mean, row, rows, k, taps[k]), v = h * (float)(1 / noises->noises[k]);
+        if (v > most) most = v, found = h, *sigma = (float)SIGMAS[k];
+    }
+    return found;
 }

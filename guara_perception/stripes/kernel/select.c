@@ -1,12 +1,6 @@
 // Order statistics of numbers without NaN, and what is made of them.
 #include "kernel.h"
 
-static uint32_t key_of(float x) { // orders as the numbers do
-    uint32_t k;
-    memcpy(&k, &x, 4);
-    return k & 0x80000000u ? ~k : k | 0x80000000u;
-}
-
 static float select_of_few(float *v, int64_t n, int64_t k) { // quickselect in three parts
     int64_t low = 0, high = n;
     for (;;) {
@@ -28,20 +22,29 @@ static float select_of_few(float *v, int64_t n, int64_t k) { // quickselect in t
     }
 }
 
-// The k-th smallest of n > k values, which are reordered.
+// Values between two bounds that a sample of SOME suggests for the k-th smallest: few, and by counting alone they are known to
+// hold it. More than MOST_KEPT are not looked at by themselves.
+enum { SOME = 32, BESIDE = 4, MOST_KEPT = 4096, LEAST_COUNTED = 128 };
+
+// The k-th smallest of n > k values, which may be reordered.
 float select_value(float *v, int64_t n, int64_t k) {
-    if (n < 512) return select_of_few(v, n, k);
-    int32_t counts[2048] = {0};
-    for (int64_t i = 0; i < n; i++) counts[key_of(v[i]) >> 21]++;
-    int64_t rest = k, m = 0;
-    uint32_t at = 0;
-    while (rest >= counts[at]) rest -= counts[at++];
-    for (int64_t i = 0; i < n; i++) { // no branch to guess
-        const float x = v[i];
-        const int64_t in = key_of(x) >> 21 == at;
-        v[i] = v[m], v[m] = x, m += in;
+    if (n < LEAST_COUNTED) return select_of_few(v, n, k);
+    float some[SOME], kept[MOST_KEPT + 1];
+    const int64_t at = k * SOME / n;
+    for (int64_t i = 0; i < SOME; i++) some[i] = v[i * n / SOME];
+    const float low = at > BESIDE ? select_of_few(some, SOME, at - BESIDE) : -INFINITY;
+    const float high = at + BESIDE < SOME ? select_of_few(some, SOME, at + BESIDE) : INFINITY;
+    int64_t below = 0, within_both = 0, m = 0;
+    for (int64_t begin = 0; begin < n; begin += MOST_KEPT) {
+        const int64_t end = MIN(begin + MOST_KEPT, n);
+        int32_t less = 0, inside = 0;
+        for (int64_t i = begin; i < end; i++) less += v[i] < low, inside += (v[i] >= low) & (v[i] <= high);
+        below += less, within_both += inside;
     }
-    return select_of_few(v, m, rest);
+    if (k < below || k >= below + within_both || within_both > MOST_KEPT) return select_of_few(v, n, k);
+    if (low == high) return low;
+    for (int64_t i = 0; i < n; i++) kept[m] = v[i], m += (v[i] >= low) & (v[i] <= high);
+    return select_of_few(kept, m, k - below);
 }
 
 float upper_median(float *v, int64_t n) { return select_value(v, n, n / 2); }

@@ -135,20 +135,6 @@ static int64_t wide_near(const float *x, int64_t row, int64_t reach, double sigm
 #define LEAST_SHARE 0.1f
 #define LEAST_SHARE_ALONE 0.15f // without a laser-off picture
 
-// The path of a shrunk picture (count,) in each of n columns: its row, and whether there may be a stripe, is one, and it is
-// clipped. small, masks: of the shrunk picture (count,), (3, count), and of the other (n,), (3, n).
-void expand(const int64_t *small, const uint8_t *small_masks, int64_t count, int64_t n, int64_t *row, uint8_t *masks) {
-    for (int64_t c = 0; c < n; c++) {
-        const double at = ((double)c + 0.5) * (double)count / (double)n - 0.5;
-        const int64_t left = within((int64_t)floor(at), count), right = MIN(left + 1, count - 1);
-        const int64_t nearest = within((int64_t)rint(at), count), apart = small[right] - small[left];
-        const double share = MIN(MAX(at - (double)left, 0.0), 1.0);
-        const int is_joined = llabs(apart) <= JUMP_ROWS && small_masks[left] && small_masks[right];
-        row[c] = is_joined ? (int64_t)rint((double)small[left] + share * (double)apart) : small[nearest];
-        for (int i = 0; i < 3; i++) masks[i * n + c] = small_masks[i * count + nearest];
-    }
-}
-
 // Leave out of a path and its stripe what a shrunk picture shows by its own columns only, `factor` of this one: columns at
 // an end or a jump, and in gaps, without light. height, row: (n,) of the peaks, and of the path. work: (3, n).
 static void trim(const float *height, const int64_t *row, int64_t n, int64_t factor, uint8_t *is_path, uint8_t *is_stripe,

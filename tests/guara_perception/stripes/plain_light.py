@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from guara_perception.stripes.kernel.library import address, addresses, kernel
-from guara_perception.stripes.peaks import robust_sigma
 
 # Rows and columns from one sample of a band's statistics to the next.
 SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 24
@@ -16,6 +15,12 @@ ROW_SMOOTHING_SIGMA_PX = float(np.sqrt(2 / 3))
 SCALE = COLUMN_MEAN_PX * ROW_MEAN_PX
 SEARCH_PX, GRID_PX, SHIFTS = 1.5, 0.5, 7
 FILTER_SIGMAS = 2.5
+
+
+def robust_sigma(values: np.ndarray) -> float:
+    """Standard deviation by the median absolute deviation from the median, as if the values were normal."""
+    middle = np.sort(values, axis=None)[values.size // 2]
+    return 1.4826 * float(np.sort(np.abs(values - middle), axis=None)[values.size // 2])
 
 
 def smooth_light(light: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 
 import guara_perception as gp
-from guara_perception.stripes.any_light.follow_stripe import follow_stripe
+from tests.guara_perception.stripes.kernel_parts import follow
 
 STATUS = gp.StripeStatus
 ROWS, COLUMNS = 160, 320
@@ -109,7 +109,7 @@ def test_the_path_is_the_best_of_all(columns: int) -> None:
     rng = np.random.default_rng(6)
     for _ in range(12):
         evidence = rng.normal(0, 4, (NO_STRIPE, columns)).astype(np.float32)
-        row, is_stripe, value = follow_stripe(evidence)
+        row, is_stripe, value = follow(evidence)
         assert row.shape == is_stripe.shape == (columns,)
         best = max(value_of(states, evidence) for states in np.ndindex(*(NO_STRIPE + 1,) * columns))
         found = tuple(np.where(is_stripe, row, NO_STRIPE).tolist())
@@ -120,8 +120,8 @@ def test_the_path_is_the_best_of_all(columns: int) -> None:
 def test_without_a_stripe_the_row_is_that_of_the_nearest() -> None:
     """Between two pieces far apart each column has the row of the nearer one; a picture without any has no stripe."""
     evidence = np.full((60, 40), -5.0, np.float32)
-    assert not follow_stripe(evidence)[1].any()
+    assert not follow(evidence)[1].any()
     evidence[7, :10] = evidence[50, 30:] = 9.0
-    row, is_stripe, _ = follow_stripe(evidence)
+    row, is_stripe, _ = follow(evidence)
     np.testing.assert_array_equal(is_stripe, np.r_[np.ones(10), np.zeros(20), np.ones(10)])
     np.testing.assert_array_equal(row, np.r_[np.full(20, 7), np.full(20, 50)])

@@ -10,10 +10,10 @@ import guara_perception as gp
 from guara_perception.stripes import precise
 from guara_perception.stripes.band import Band, clipped_from
 from guara_perception.stripes.kernel.library import memory
-from guara_perception.stripes.peaks import robust_sigma
 from tests.guara_perception.stripes.plain_light import (
     noise_gain,
     noise_of_columns,
+    robust_sigma,
     sigma_of_filter,
     smooth_bins,
     smooth_light,
@@ -63,7 +63,7 @@ def plain_light(on: np.ndarray, off: np.ndarray, is_fused: bool) -> np.ndarray:
 @pytest.fixture(autouse=True)
 def _highest_peaks_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is in doubt is not looked for in another way."""
-    monkeypatch.setattr(precise, "detect_in_any_light", lambda *_: pytest.fail("the band is in doubt"))
+    monkeypatch.setattr(precise, "extract_in_any_light", lambda *_: pytest.fail("the band is in doubt"))
 
 
 def found_in(on: np.ndarray, off: np.ndarray) -> precise.ClearStripe:

@@ -1,5 +1,6 @@
 """The compiled kernel: its installation, its memory, threads, and slow references of what it computes."""
 
+import itertools
 import os
 import shutil
 import subprocess
@@ -16,12 +17,14 @@ import guara_perception as gp
 import hatch_build
 from guara_perception.app.main import main
 from guara_perception.exceptions import DamagedInstallation
-from guara_perception.stripes.any_light.exposure import subtract
-from guara_perception.stripes.any_light.laser_colour import SIGMAS_PX, details, ridge_of_width
-from guara_perception.stripes.any_light.stripe_path import find_path, find_path_of_pair
+from guara_perception.stripes.band import Band
 from guara_perception.stripes.kernel import library
 from guara_perception.stripes.peaks import select
+from guara_perception.stripes.precise import extract_in_any_light
 from testbed.synthetic_stripes import CASES, stripes
+from tests.guara_perception.stripes.kernel_parts import strongest_ridge
+from tests.guara_perception.stripes.plain_any_light import find_path
+from tests.guara_perception.stripes.plain_laser_colour import SIGMAS_PX, ridge_of_width
 
 HOSTILE = """
 import sys
@@ -54,6 +57,8 @@ for number in range(12):
     light = (line + 0.9 * np.roll(line, 14, axis=0))[:, :, None] * (0.1, 0.3, 1)
     pair = 60 + random.normal(0, 12, (2, rows, columns, 3)) + [light, 0 * light]
     gp.extract_stripe(*pair.clip(0, 255).astype(np.uint8))
+    gp.extract_stripe(pair[0].clip(0, 255).astype(np.uint8))
+    gp.extract_stripe(*(pair[:, :, :, 2].clip(0, 255) * 257).astype(np.uint16))
 print("done")
 """
 
@@ -184,26 +189,27 @@ def test_threads_and_order_change_nothing() -> None:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_the_path_of_a_pair_is_that_of_plain_array_operations() -> None:
-    """Rows, colour and gains beside numpy's, for a line with a gap, in noise and in other exposures."""
+@pytest.mark.parametrize("has_off", [True, False])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_the_stripe_is_that_of_plain_array_operations(kind: type, channels: int, *, has_off: bool) -> None:
+    """A line with a gap, in noise and in another exposure, with and without colour and a laser-off picture."""
     random = np.random.default_rng(6)
     rows, columns = 90, 320
     centre = 45 + 12 * np.sin(np.arange(columns) / 60)
     line = 90 * np.exp(-0.5 * ((np.arange(rows)[:, None] - centre) / 2) ** 2) * (np.arange(columns) // 40 != 4)
     light = line[:, :, None] * (0.1, 0.2, 1)
     scene = cv2.resize(random.uniform(20, 120, (9, 32, 3)), (columns, rows), interpolation=cv2.INTER_CUBIC)
-    for gain, noise in ((1.0, 2.0), (1.3, 2.0), (1.0, 12.0), (2.5, 2.0)):
+    for gain, noise in ((1.0, 2.0), (1.3, 2.0), (1.0, 12.0)):
         on = scene + light + random.normal(0, noise, scene.shape)
         off = scene / gain + random.normal(0, noise, scene.shape)
-        on, off = (picture.clip(0, 255).astype(np.uint8) for picture in (on, off))
-        found, plain = find_path_of_pair(on, off, 1), find_path(on, off)
-        assert found is not None and found.channel == plain.channel == 2 and bool(found.remark) == (gain == 2.5)
-        assert found.remark == plain.remark
-        np.testing.assert_allclose(found.gains, plain.gains, rtol=1e-3)
-        np.testing.assert_allclose(found.weights, plain.weights, rtol=1e-2, atol=1e-3)
-        assert (found.masks != plain.masks).mean() < 0.01 and 0.8 < found.masks[1].mean() < 0.9
-        # The kernel takes the noise of ridges from fewer columns.
-        assert (np.abs(found.row - plain.row) > 1).mean() < 0.01 and (found.row != plain.row).mean() < 0.06
+        on, off = ((p.clip(0, 255) * np.iinfo(kind).max / 255).astype(kind)[:, :, 3 - channels :] for p in (on, off))
+        found, plain = extract_in_any_light(Band(on, off if has_off else None)), find_path(on, off if has_off else None)
+        is_found, is_plain = np.isfinite(found.position_px), plain.masks[1]
+        assert not found.remark and 0.78 < is_found.mean() < 0.9
+        # Both take the noise of ridges from samples, of other columns.
+        assert (is_found != is_plain).mean() < (0.01 if has_off else 0.08)
+        assert (np.abs(found.position_px - plain.row)[is_found & is_plain] < 2).all()
 
 
 def test_a_picture_exposed_unlike_is_used_if_it_shows_the_same_view() -> None:
@@ -212,57 +218,29 @@ def test_a_picture_exposed_unlike_is_used_if_it_shows_the_same_view() -> None:
     scene = cv2.resize(random.uniform(20, 90, (12, 40, 3)), (320, 120), interpolation=cv2.INTER_CUBIC)
     light = 90 * np.exp(-0.5 * ((np.arange(120)[:, None] - 50) / 2) ** 2) * np.ones(320)
     on = (2.2 * scene + light[:, :, None] * (0.1, 0.2, 1) + random.normal(0, 1, scene.shape)).clip(0, 255)
-    for shift in (0, 2):
-        off = np.roll(scene, shift, axis=0) + random.normal(0, 0.5, scene.shape)
-        pair = [picture.clip(0, 255).astype(np.uint8) for picture in (on, off)]
-        found = find_path_of_pair(*pair, 1)
-        assert found is not None and "times as bright" in found.remark
-        assert found.is_alone == (shift > 0)
-        np.testing.assert_allclose(found.gains, 1 if shift else 2.2, rtol=0.02)
-        assert shift or (np.abs(found.row - 50) < 2).mean() > 0.95
-        assert (find_path_of_pair(*pair, 1, is_changed=True) is None) == (shift > 0)
+    on = on.astype(np.uint8)
+    alone = extract_in_any_light(Band(on, None))
+    for shift, is_changed in itertools.product((0, 2), (False, True)):
+        off = (np.roll(scene, shift, axis=0) + random.normal(0, 0.5, scene.shape)).clip(0, 255).astype(np.uint8)
+        found = extract_in_any_light(Band(on, off), is_changed=is_changed)
+        assert ("of another scene" if shift and is_changed else "times as bright") in found.remark
+        assert np.array_equal(found.position_px, alone.position_px, equal_nan=True) == (shift > 0)
+        assert shift or (np.abs(found.position_px - 50) < 2).mean() > 0.95
 
 
-def test_ridges_and_details_are_those_of_plain_loops() -> None:
-    """Beside slow references on pictures smaller and larger than what the kernel handles at a time."""
+def test_the_height_of_a_ridge_is_that_of_plain_array_operations() -> None:
+    """The strongest of three widths, at pixels within and at the edges of a picture."""
     random = np.random.default_rng(2)
-    for rows, columns in ((9, 8), (40, 70), (30, 131)):
-        light = random.normal(50, 9, (rows, columns)).astype(np.float32)
-        for sigma in SIGMAS_PX:
-            np.testing.assert_allclose(ridge_of_width(light, sigma), plain_ridge(light, sigma), atol=1e-4)
-        picture = random.normal(50, 9, (rows, columns, 3)).astype(np.float32)
-        blurred = cv2.GaussianBlur(picture, (3, 9), 0.8, sigmaY=1.6)
-        up, low = (blurred[np.clip(np.arange(rows) + side, 0, rows - 1)] for side in (-5, 5))
-        np.testing.assert_allclose(details(picture), blurred - 0.5 * (up + low), atol=1e-4)
-
-
-def plain_ridge(light: np.ndarray, sigma: float) -> np.ndarray:
-    """Height of a Gaussian mean over rows, of three columns, above the higher of its two sides."""
-    rows, columns = light.shape
-    reach, side = int(np.ceil(2 * sigma)), max(round(2.5 * sigma), 2)
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    smooth = np.zeros(light.shape)
-    for row, column in np.ndindex(rows, columns):
-        for shift, weight in enumerate(weights / weights.sum(), -reach):
-            for beside in (-1, 0, 1):
-                seen = light[min(max(row + shift, 0), rows - 1), min(max(column + beside, 0), columns - 1)]
-                smooth[row, column] += weight * seen / 3
-    up, low = (smooth[np.clip(np.arange(rows) + shift, 0, rows - 1)] for shift in (-side, side))
-    return smooth - np.maximum(up, low)
-
-
-def test_exposure_of_a_pair_is_fitted_beside_outliers() -> None:
-    """Gain and offset of pictures of another exposure, of which a part is lit by the laser."""
-    random = np.random.default_rng(5)
-    off = random.uniform(20, 180, (80, 96, 3)).astype(np.float32)
-    gains, offsets = np.array([1.2, 0.8, 1.3], np.float32), np.array([3, 9, -4], np.float32)
-    on = gains * off + offsets
-    on[20:30] += 40
-    light, found, remark = subtract(on, off)
-    assert not remark
-    np.testing.assert_allclose(found, gains, rtol=1e-3)
-    np.testing.assert_allclose(light[:20], 0, atol=1e-3)
-    np.testing.assert_allclose(light[20:30], 40, atol=1e-3)
+    light = random.normal(50, 9, (40, 31)).astype(np.float32)
+    noises, taps = np.array([2.0, 1.0, 0.7]), np.zeros((3, 32), np.float32)
+    for width, sigma in zip(taps, SIGMAS_PX, strict=True):
+        size = 2 * int(np.ceil(2 * sigma)) + 1
+        width[:size] = cv2.getGaussianKernel(size, sigma)[:, 0]
+    heights = np.array([ridge_of_width(light, sigma) for sigma in SIGMAS_PX])
+    strongest = (heights / noises[:, None, None]).argmax(axis=0)
+    for row, column in ((0, 0), (3, 30), (20, 15), (39, 7)):
+        height = strongest_ridge(light, row, column, noises, taps)
+        assert height == pytest.approx(heights[strongest[row, column], row, column], abs=1e-3)
 
 
 def test_selected_values_are_those_of_a_sorted_list() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guara_perception.stripes.band import clipped_columns, judge
+from guara_perception.stripes.band import judge
+from guara_perception.stripes.kernel.library import Picture, addresses, kernel
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
@@ -41,10 +42,16 @@ def test_clipped_cores_and_those_that_are_lost() -> None:
     on[22:40, 10:20, 2] = 255
     on[22:40, 20:30] = 255
     top, sigma = np.full(40, 30), 3.0
-    clipped, lost = clipped_columns(on, top, sigma, 2, is_fused=True)
+
+    def clipped_and_lost(*, is_fused: bool) -> np.ndarray:
+        masks = np.empty((2, 40), np.bool_)
+        kernel().clipped_columns(Picture(on), *addresses(top), sigma, 2, is_fused, *addresses(*masks))
+        return masks
+
+    clipped, lost = clipped_and_lost(is_fused=True)
     np.testing.assert_array_equal(clipped, np.arange(40) < 30)
     np.testing.assert_array_equal(lost, np.arange(40) // 10 == 2)
-    _, lost_in_red = clipped_columns(on, top, sigma, 2, is_fused=False)
+    _, lost_in_red = clipped_and_lost(is_fused=False)
     np.testing.assert_array_equal(lost_in_red, np.isin(np.arange(40) // 10, (1, 2)))
 
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from guara_perception.stripes.kernel.library import address, kernel
-from guara_perception.stripes.peaks import robust_sigma
 from tests.guara_perception.stripes.plain_light import (
     SCALE,
     noise_gain,
     noise_of_columns,
     responses,
+    robust_sigma,
     smooth_bins,
     smooth_light,
     stripe_sigma,

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 
 import guara_perception as gp
-from guara_perception.stripes.any_light.follow_stripe import of_laser_speckle, pieces, strong_pieces
+from tests.guara_perception.stripes.kernel_parts import of_laser_speckle, strong_pieces
 
 STATUS = gp.StripeStatus
 ROWS, COLUMNS = 240, 480
@@ -76,8 +76,7 @@ def test_a_brightest_piece_without_grain_says_nothing(dim_contrast: float) -> No
     rows = np.where(np.arange(COLUMNS) < 230, 110, 140)
     is_stripe = np.zeros(COLUMNS, bool)
     is_stripe[STRIPE] = is_stripe[CABLE] = True
-    sigma = np.full(COLUMNS, 2.0, np.float32)
-    assert (of_laser_speckle(light, rows, is_stripe, np.zeros(COLUMNS, bool), sigma) == is_stripe).all()
+    assert (of_laser_speckle(light, rows, is_stripe, 2.0) == is_stripe).all()
 
 
 def test_the_gain_of_a_scene_that_is_mostly_dark_is_fitted() -> None:
@@ -96,5 +95,5 @@ def test_a_piece_that_is_short_and_weak_is_no_stripe() -> None:
     columns = np.arange(200)
     rows = np.select([columns < 100, columns < 113], [50, 20], 80)
     height = np.select([columns < 100, columns < 113], [40, 10], 12).astype(np.float32)
-    good = strong_pieces(height, rows, np.ones(200, bool), np.zeros(200, bool), 0.15)
-    assert [(piece.start, piece.stop) for piece in pieces(rows, good)] == [(0, 100), (113, 200)]
+    good = strong_pieces(height, rows, np.ones(200, bool), 0.15)
+    np.testing.assert_array_equal(good, (columns < 100) | (columns >= 113))

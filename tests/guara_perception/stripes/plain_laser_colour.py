@@ -1,16 +1,14 @@
-"""Colour of the laser from the picture itself, light of that colour, and ridges that stand above both sides."""
+"""Colour and ridges of a laser line by plain array operations: what the kernel is compared with."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import cv2
 import numpy as np
 
-from guara_perception.arrays import Float, Float32, Index, Mask
-from guara_perception.stripes.kernel.library import STRIP, address, addresses, kernel
-from guara_perception.stripes.peaks import robust_sigma, select, upper_median, upper_medians
+from guara_perception.arrays import Array, Float, Float32, Index, Mask
+from tests.guara_perception.stripes.plain_light import robust_sigma
 
 # Grey level, of 255, from which a pixel may be clipped: JPEG and demosaicing keep it from reaching the end.
 CLIPPED = 245.0
@@ -30,8 +28,8 @@ LEAST_DEVIATION, UNKNOWN_SHARE = 0.15, 1e-3
 SIGMAS_PX = (1.2, 2.4, 4.8)
 # Distance from the centre of a ridge to each of its sides, in sigmas.
 SIDE_SIGMAS = 2.5
-# Smoothing of details over columns and rows [px], the rows that it reaches, and the distance of what is subtracted.
-DETAIL_SIGMAS, DETAIL_REACH, DETAIL_SIDE = (0.8, 1.6), 4, 5
+# Smoothing of details over columns and rows [px], and the distance of what is subtracted.
+DETAIL_SIGMAS, DETAIL_SIDE = (0.8, 1.6), 5
 # Noise of fewer grey levels than this cannot be separated from quantisation.
 LEAST_NOISE = 0.15
 # Texture counts as noise whose strongest hundredth begins at this number of sigmas.
@@ -43,14 +41,28 @@ ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN = 3.2, 8.0, 3.0
 LEVEL_PARTS = 8
 
 
+def _select(values: Array, rank: int) -> float:
+    """Value of this rank; the lowest has rank 0."""
+    return float(np.sort(values, axis=None)[rank])
+
+
+def _upper_medians(rows: Array) -> Array:
+    """Upper median of each row (n,) of values (n, m)."""
+    return np.sort(rows, axis=1)[:, rows.shape[1] // 2]
+
+
+def _upper_median(values: Array) -> float:
+    """Upper median of values."""
+    return _select(values, values.size // 2)
+
+
 def details(picture: Float32) -> Float32:
     """The part of each channel (rows, columns, channels) that changes from row to row within a few pixels."""
-    rows, columns, channels = picture.shape
-    across, down = _half_gaussian(1, DETAIL_SIGMAS[0]), _half_gaussian(DETAIL_REACH, DETAIL_SIGMAS[1])
-    work, change = np.empty((2, rows + DETAIL_REACH, STRIP), np.float32), np.empty_like(picture)
-    taps = (address(across), address(down), DETAIL_REACH, DETAIL_SIDE)
-    kernel().details(address(picture), rows, columns, channels, *taps, address(work), address(change))
-    return change
+    smooth = cv2.GaussianBlur(picture, (3, 9), DETAIL_SIGMAS[0], sigmaY=DETAIL_SIGMAS[1]).reshape(picture.shape)
+    up, low = (
+        smooth[np.clip(np.arange(len(smooth)) + side, 0, len(smooth) - 1)] for side in (-DETAIL_SIDE, DETAIL_SIDE)
+    )
+    return smooth - np.float32(0.5) * (up + low)
 
 
 def covariance(detail: Float32, elsewhere: Mask) -> Float:
@@ -125,8 +137,8 @@ def rim_colour(picture: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
     # Channel by channel: numpy is slow along an axis of three.
     is_clear = np.logical_and.reduce([as_delivered[:, c].take(at) < CLIPPED for c in range(frame.shape[2])])
     added = ((pixels.take(at, axis=0) - np.float32(0.5) * (above + below)) * is_clear[:, :, None]).sum(axis=0)
-    bright = added[added[:, channel] >= upper_median(added[:, channel])]
-    return upper_medians(bright.T).astype(np.float64)
+    bright = added[added[:, channel] >= _upper_median(added[:, channel])]
+    return _upper_medians(bright.T).astype(np.float64)
 
 
 def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, channel: int) -> Float:
@@ -142,7 +154,7 @@ def core_colour(detail: Float32, frame: Float32, row: Index, is_stripe: Mask, ch
     rows = row[columns]
     is_clear = np.delete(frame[rows, columns], channel, axis=1).max(axis=1, initial=0) < CLIPPED
     added = detail[rows, columns][is_clear]
-    return upper_medians(added.T).astype(np.float64) if len(added) else np.zeros(detail.shape[2])
+    return _upper_medians(added.T).astype(np.float64) if len(added) else np.zeros(detail.shape[2])
 
 
 def _some(columns: Index) -> Index:
@@ -188,10 +200,8 @@ class Ridges:
 
     def evidence(self) -> Float32:
         """Evidence (rows, columns) for the stripe at each pixel, negative where it is more likely absent."""
-        evidence = np.empty_like(self.strength)
-        given = (address(self.strength), evidence.size, ZERO_SIGMAS, LINEAR_SIGMAS, LOG_GAIN)
-        kernel().evidence(*given, address(evidence))
-        return evidence
+        strong = np.log(np.maximum(self.strength / LINEAR_SIGMAS, 1))
+        return np.minimum(self.strength, LINEAR_SIGMAS) - np.float32(ZERO_SIGMAS) + np.float32(LOG_GAIN) * strong
 
 
 def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None = None) -> Ridges:
@@ -206,8 +216,7 @@ def ridges(light: Float32, elsewhere: Mask | None = None, scene: Float32 | None 
     """
     heights = tuple(ridge_of_width(light, sigma) for sigma in SIGMAS_PX)
     noises = tuple(_noise(height, elsewhere) for height in heights)
-    strength = np.empty_like(light)
-    kernel().strongest(*addresses(*heights), strength.size, *noises, address(strength))
+    strength = np.max([height / np.float32(noise) for height, noise in zip(heights, noises, strict=True)], axis=0)
     if scene is not None:
         strength *= _quietness(heights[0], noises[0], scene)
     return Ridges(strength, heights, noises)
@@ -241,24 +250,14 @@ def _noise(height: Float32, elsewhere: Mask | None) -> float:
     if elsewhere is not None:
         some = height[::2, ::3][elsewhere[::2, ::3]]
         if some.size:
-            noise = max(noise, select(some, int(TEXTURE_QUANTILE * some.size)) / TEXTURE_SIGMAS)
+            noise = max(noise, _select(some, int(TEXTURE_QUANTILE * some.size)) / TEXTURE_SIGMAS)
     return noise
 
 
 def ridge_of_width(light: Float32, sigma: float) -> Float32:
     """Height of the light, smoothed to this sigma [px] over rows, above the higher of its two sides."""
-    rows, columns = light.shape
-    reach, side = int(np.ceil(2 * sigma)), max(round(SIDE_SIGMAS * sigma), 2)
-    taps, work, heights = (
-        _half_gaussian(reach, sigma),
-        np.empty((2, rows + reach, STRIP), np.float32),
-        np.empty_like(light),
-    )
-    kernel().ridges(address(light), rows, columns, address(taps), reach, side, address(work), address(heights))
-    return heights
-
-
-@cache
-def _half_gaussian(reach: int, sigma: float) -> Float32:
-    """Weights (reach + 1,) of a Gaussian from its centre on."""
-    return np.ascontiguousarray(cv2.getGaussianKernel(2 * reach + 1, sigma, cv2.CV_32F)[reach:, 0])
+    rows, reach, side = len(light), int(np.ceil(2 * sigma)), max(round(SIDE_SIGMAS * sigma), 2)
+    taps = cv2.getGaussianKernel(2 * reach + 1, sigma, cv2.CV_32F)
+    smooth = cv2.sepFilter2D(light, -1, np.full(3, 1 / 3, np.float32), taps, borderType=cv2.BORDER_REPLICATE)
+    up, low = (smooth[np.clip(np.arange(rows) + shift, 0, rows - 1)] for shift in (-side, side))
+    return np.asarray(smooth - np.maximum(up, low), np.float32)

@@ -1,4 +1,4 @@
-"""Path of a stripe in any light, found before anything is measured."""
+"""The path of a stripe in any light by plain array operations: what the kernel is compared with, on small bands."""
 
 from __future__ import annotations
 
@@ -8,15 +8,8 @@ import cv2
 import numpy as np
 
 from guara_perception.arrays import Float, Float32, Image, Index, Mask
-from guara_perception.stripes.any_light.exposure import other_exposure, subtract
-from guara_perception.stripes.any_light.follow_stripe import (
-    follow_stripe,
-    of_laser_colour,
-    of_laser_speckle,
-    pieces,
-    strong_pieces,
-)
-from guara_perception.stripes.any_light.laser_colour import (
+from tests.guara_perception.stripes.plain_laser_colour import (
+    CLIPPED,
     SIGMAS_PX,
     Ridges,
     core_colour,
@@ -30,7 +23,175 @@ from guara_perception.stripes.any_light.laser_colour import (
     ridges,
     rim_colour,
 )
-from guara_perception.stripes.kernel.library import address, addresses, kernel, memory
+from tests.guara_perception.stripes.plain_light import robust_sigma
+
+# Instead of a row: there is no stripe. Prices of the path, in units of evidence.
+NONE, PER_ROW, OF_JUMP, OF_END = -1, 0.7, 6.0, 4.0
+# A piece of the path ends where it moves by more rows than this from one column to the next.
+PIECE_JUMP_PX = 4
+# Shorter pieces are no stripe: least number of columns, and least number times relative strength.
+LEAST_COLUMNS, LEAST_STRONG_COLUMNS = 12, 6
+STRONG_PERCENTILE = 75
+# A laser keeps the ratio of its channels on any surface; other light deviates by more.
+MOST_COLOUR_DEVIATION = 0.9
+# Laser light is coherent, so it looks grainy on every rough surface; ambient light does not. The grain is measured in
+# pieces of at least GRAINED_COLUMNS, as what a running mean over GRAIN_COLUMNS leaves of the light across the stripe.
+# It shows where it is CLEAR_GRAIN times the noise beside it; a piece with less than LEAST_GRAIN of the brightest
+# piece's grain is not lit by the laser.
+GRAINED_COLUMNS, GRAIN_COLUMNS, CLEAR_GRAIN, LEAST_GRAIN = 24, 9, 2.0, 1 / 3
+# From this share of clipped columns on a piece is too bright to show its grain.
+MOST_CLIPPED = 0.25
+
+
+def follow_stripe(evidence: Float32) -> tuple[Index, Mask, float]:
+    """Follow the stripe through a picture of its evidence: the best path, "no stripe here" included.
+
+    Args:
+        evidence: (rows, columns) evidence of the stripe at each pixel, negative where none is likely.
+
+    Returns:
+        Row per column (columns,), that of the nearest column with a stripe where there is none; whether there is one
+        (columns,); and the evidence of the whole path minus its costs.
+    """
+    rows, columns = evidence.shape
+    moves = np.minimum(PER_ROW * np.abs(np.subtract.outer(np.arange(rows), np.arange(rows))), OF_JUMP)
+    costs = np.pad(moves, (0, 1), constant_values=OF_END)
+    costs[rows, rows] = 0
+    value = np.append(evidence[:, 0] - np.float32(OF_END), 0.0)
+    came = np.zeros((columns, rows + 1), np.intp)
+    for column in range(1, columns):
+        ways = value[:, None] - costs
+        came[column] = ways.argmax(axis=0)
+        value = ways.max(axis=0) + np.append(evidence[:, column], 0.0)
+    value[:rows] -= OF_END
+    state = int(value.argmax())
+    path = np.empty(columns, np.intp)
+    for column in range(columns - 1, -1, -1):
+        path[column] = state if state < rows else NONE
+        state = came[column][state]
+    return _filled(path), path != NONE, float(value.max())
+
+
+def _filled(path: Index) -> Index:
+    """A path (columns,) with the row of the nearest stripe where there is none."""
+    known = np.flatnonzero(path != NONE)
+    if not known.size:
+        return np.zeros_like(path)
+    nearest = np.rint(np.interp(np.arange(path.size), known, np.arange(known.size))).astype(np.intp)
+    return np.asarray(path[known[nearest]])
+
+
+def pieces(rows: Index, is_stripe: Mask) -> list[slice]:
+    """The unbroken pieces of a path."""
+    cut = is_stripe[1:] != is_stripe[:-1]
+    cut |= (np.abs(np.diff(rows)) > PIECE_JUMP_PX) & is_stripe[1:] & is_stripe[:-1]
+    edges = np.flatnonzero(np.concatenate(([True], cut, [True])))
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if is_stripe[a]]
+
+
+def strong_pieces(height: Float32, rows: Index, is_stripe: Mask, is_core: Mask, least_share: float) -> Mask:
+    """Columns of the pieces that are long enough and have this share of the height of the strong ones."""
+    good = np.zeros_like(is_stripe)
+    if not is_stripe.any():
+        return good
+    strong = np.percentile(height[is_stripe], STRONG_PERCENTILE)
+    height = np.where(is_core, np.maximum(height, strong), height)
+    for piece in pieces(rows, is_stripe):
+        length, strength = piece.stop - piece.start, float(np.median(height[piece]) / strong)
+        is_long = length >= LEAST_COLUMNS and length * strength >= LEAST_STRONG_COLUMNS
+        good[piece] = is_long and strength > least_share
+    return good
+
+
+def of_laser_colour(frame: Float32, detail: Float32, rows: Index, is_stripe: Mask, colour: Float, channel: int) -> Mask:
+    """Columns of the pieces that have the laser's colour, as far as they are not clipped."""
+    good = is_stripe.copy()
+    columns = np.arange(rows.size)
+    is_clear = frame[rows, columns].max(axis=1) < CLIPPED
+    added = detail[rows, columns]
+    for piece in pieces(rows, is_stripe):
+        clear = is_clear[piece]
+        if clear.sum() < max(LEAST_COLUMNS // 2, 0.5 * clear.size):
+            continue
+        mean = added[piece][clear].mean(axis=0)
+        deviation = np.abs(mean / max(float(mean[channel]), 1e-6) - colour).max()
+        good[piece] = mean[channel] > 0 and deviation < MOST_COLOUR_DEVIATION
+    return good
+
+
+def of_laser_speckle(light: Float32, rows: Index, is_stripe: Mask, is_core: Mask, sigma: Float32) -> Mask:
+    """Columns of the pieces that are as grainy as laser light, or whose grain cannot be judged.
+
+    Speckle (Goodman: Some fundamental properties of speckle, JOSA 66, 1976) depends on camera and laser more than on
+    the surface: the pieces are compared with the brightest. None is judged where that one shows no grain, nor a piece
+    whose grain is lost in clipped light or in noise.
+
+    Args:
+        light: (rows, columns) float32.
+        rows, is_stripe, is_core: (columns,) row of the path, whether there is a stripe, and whether it is clipped.
+        sigma: (columns,) width of its ridge [px].
+    """
+    good = is_stripe.copy()
+    long = [
+        piece
+        for piece in pieces(rows, is_stripe)
+        if piece.stop - piece.start >= GRAINED_COLUMNS and is_core[piece].mean() < MOST_CLIPPED
+    ]
+    if not long:
+        return good
+    brightest = max(long, key=lambda piece: float(np.median(light[rows[piece], np.arange(piece.start, piece.stop)])))
+    shown, noise = _grain(light, rows, brightest, sigma)
+    if shown < CLEAR_GRAIN * noise:
+        return good
+    least = LEAST_GRAIN * shown
+    for piece in long:
+        grain, noise = _grain(light, rows, piece, sigma)
+        good[piece] = noise > least or grain**2 - noise**2 > least**2
+    return good
+
+
+def _grain(light: Float32, rows: Index, piece: slice, sigma: Float32) -> tuple[float, float]:
+    """Relative variation of the light of a piece from column to column, and the part of it that is noise."""
+    size = 2 * int(np.ceil(2 * np.median(sigma[piece]))) + 1
+    across = rows[piece] + np.arange(3 * size)[:, None] - 3 * size // 2
+    seen = light[np.clip(across, 0, len(light) - 1), np.arange(piece.start, piece.stop)]
+    above, here, below = seen.reshape(3, size, -1).sum(axis=1)
+    added = here - np.float32(0.5) * (above + below)
+    level = max(float(added.mean()), 1e-6)
+    return _unevenness(added) / level, float(np.sqrt(0.75)) * _unevenness(above - below) / level
+
+
+def _unevenness(values: Float32) -> float:
+    """Standard deviation of values (n,) from their running mean."""
+    smooth = cv2.blur(values[None], (GRAIN_COLUMNS, 1), borderType=cv2.BORDER_REFLECT_101)[0]
+    return robust_sigma(values - smooth)
+
+
+# The exposure is fitted to some rows and columns.
+SAMPLE_ROWS, SAMPLE_COLUMNS = 8, 4
+
+
+def subtract(on: Float32, off: Float32) -> tuple[Float32, Float32]:
+    """On minus off times a gain and an offset per channel, fitted beside outliers; the gains (channels,)."""
+    light, gains = np.empty_like(on), np.ones(on.shape[2], np.float32)
+    for channel in range(on.shape[2]):
+        dark, bright = (picture[::SAMPLE_ROWS, ::SAMPLE_COLUMNS, channel].ravel() for picture in (off, on))
+        is_good = (dark < CLIPPED) & (bright < CLIPPED)
+        dark, bright = dark[is_good], bright[is_good]
+        gain, offset, use = 1.0, 0.0, np.ones(dark.size, bool)
+        for _ in range(6):
+            gain, offset = np.polyfit(dark[use], bright[use], 1)
+            left = np.abs(bright - gain * dark - offset)
+            use = left <= 2.5 * max(float(np.median(left)), 0.5)
+        plain = np.median(bright - dark)
+        both = [(gain, offset), (1.0, plain)]
+        bright_ones = dark >= np.quantile(dark, 0.9)
+        lefts = [np.abs(bright - factor * dark - shift) for factor, shift in both]
+        fitted, simple = (np.median(left) + np.median(left[bright_ones]) for left in lefts)
+        gains[channel], shift = both[0 if fitted < 0.7 * simple else 1]
+        light[:, :, channel] = on[:, :, channel] - gains[channel] * off[:, :, channel] - np.float32(shift)
+    return light, gains
+
 
 # Distance of the columns in the first pass, which finds the laser's channel, and least width of a picture of which
 # columns are left out.
@@ -47,8 +208,6 @@ TWIN_OF_RIDGE = 0.5
 # Least share of what a stripe adds to the laser-off picture that is a ridge of the laser-on picture, and least share
 # of a piece's columns in which it must be: beside the scene's edges it need not. A moved edge is no ridge anywhere.
 LEAST_OWN_RIDGE, LEAST_OWN_COLUMNS = 0.4, 0.25
-# Why the kernel does not use a laser-off picture, besides another exposure, as in any_light.h.
-OTHER_SCENE = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +221,6 @@ class StripePath:
         channel: the laser's own channel.
         weights: (channels,) weights that mix the channels to light in its colour.
         gains: (channels,) factors of the laser-off picture before it is subtracted.
-        remark: what is wrong with the picture of the background, empty where nothing is.
-        is_alone: whether it was not used.
     """
 
     row: Index
@@ -72,8 +229,6 @@ class StripePath:
     channel: int
     weights: Float
     gains: Float32
-    remark: str = ""
-    is_alone: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,38 +308,13 @@ def find_path(on: Image, off: Image | None) -> StripePath:
     """
     frame, dark = levels(on), None if off is None else levels(off)
     one = np.ones(frame.shape[2], np.float32)
-    light, gains, remark = (frame, one, "") if dark is None else subtract(frame, dark)
-    pictures = Pictures(frame, None if remark else dark, light, gains, details(light))
+    light, gains = (frame, one) if dark is None else subtract(frame, dark)
+    pictures = Pictures(frame, dark, light, gains, details(light))
     firsts = _first_passes(pictures)
     seen = [_laser_of(pictures, first) for first in firsts]
     tried = [_path_of(pictures, first, each) for first, each in zip(firsts, seen, strict=True)]
     best, _, height = max(tried, key=lambda each: each[1])
-    best = replace(best, remark=remark, is_alone=bool(remark))
     return best if pictures.dark is None else _without_moved_edges(best, height, frame)
-
-
-def find_path_of_pair(on: Image, off: Image, shrunk: int, *, is_changed: bool = False) -> StripePath | None:
-    """Find the path of the stripe as `find_path` does, by the kernel.
-
-    Args:
-        on, off: (rows, columns, 3) uint8, contiguous, laser on and off.
-        shrunk: number of columns of the camera's pictures that became one.
-        is_changed: whether the light changed so much that `off` must be shown to be of the same view.
-
-    Returns:
-        The path; None where `off` is of another scene: then the texture of the scene asks for every column.
-    """
-    rows, n = on.shape[:2]
-    work = memory(kernel().path_size(rows, n))
-    row, masks, sigma, told = np.empty(n, np.intp), np.empty((3, n), np.bool_), np.empty(n, np.float32), np.empty(9)
-    code = kernel().find_path(
-        address(on), address(off), rows, n, shrunk, is_changed, *addresses(work, row, masks, sigma, told)
-    )
-    if code == OTHER_SCENE:
-        return None
-    remark = other_exposure(float(told[7])) if code else ""
-    gains, is_alone = told[4:7].astype(np.float32), not told[8]
-    return StripePath(row, masks, sigma, int(told[0]), told[1:4], gains, remark, is_alone)
 
 
 def _laser_of(pictures: Pictures, first: FirstPass) -> LaserOfChannel:

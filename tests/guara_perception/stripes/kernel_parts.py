@@ -1,0 +1,66 @@
+"""Functions within the kernel that the product calls only together."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from guara_perception.stripes.kernel.library import address, addresses, kernel
+
+N, P, D, F = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double, ctypes.c_float
+
+
+class Path(ctypes.Structure):
+    """A path as any_light.h has it: rows, and whether there is a stripe."""
+
+    _fields_ = (("row", P), ("is_stripe", P))
+
+
+def follow(evidence: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Row of the best path in each column of evidence (rows, columns), whether there is a stripe, and its value."""
+    rows, columns = evidence.shape
+    by_column = np.ascontiguousarray(evidence.T, np.float32)
+    carve, best = kernel().carve_any, kernel().follow_columns
+    carve.argtypes, carve.restype = [P, P, N, N, N], N
+    best.argtypes, best.restype = [P, N, N, P, P], D
+    parts = np.zeros(4096, np.uint8)
+    memory = np.zeros(carve(address(parts), None, 1, rows, columns), np.uint8)
+    carve(address(parts), address(memory), 1, rows, columns)
+    row, is_stripe = np.empty(columns, np.int32), np.empty(columns, np.bool_)
+    value = best(address(by_column), columns, rows, address(parts), ctypes.byref(Path(*addresses(row, is_stripe))))
+    return row, is_stripe, value
+
+
+def strong_pieces(height: np.ndarray, row: np.ndarray, is_stripe: np.ndarray, least: float) -> np.ndarray:
+    """Mask (columns,) of the pieces of a path that are long and strong enough, none clipped."""
+    n = row.size
+    height, row = np.ascontiguousarray(height, np.float32), np.ascontiguousarray(row, np.int32)
+    good, is_core, work = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.empty(n, np.float32)
+    function = kernel().strong_pieces
+    function.argtypes, function.restype = [P, P, P, N, N, D, P, P], None
+    path = Path(*addresses(row, is_stripe))
+    function(address(height), ctypes.byref(path), address(is_core), n, 1, least, *addresses(good, work))
+    return good
+
+
+def of_laser_speckle(light: np.ndarray, row: np.ndarray, is_stripe: np.ndarray, sigma: float) -> np.ndarray:
+    """Mask (columns,) of the pieces of a path in light (rows, columns) that are as grainy as laser light."""
+    rows, n = light.shape
+    row, sigmas = np.ascontiguousarray(row, np.int32), np.full(n, sigma, np.float32)
+    good, is_core, work = is_stripe.copy(), np.zeros(n, np.bool_), np.empty(3 * n, np.float32)
+    kept = Path(*addresses(kept_row := np.empty(n, np.int32), is_kept := np.empty(n, np.bool_)))
+    function = kernel().of_laser_speckle
+    function.argtypes, function.restype = [P, N, N, P, P, P, P, P, P], None
+    path = ctypes.byref(Path(*addresses(row, is_stripe)))
+    function(address(light), rows, n, path, *addresses(is_core, sigmas, good), ctypes.byref(kept), address(work))
+    assert kept_row.size == is_kept.size
+    return good
+
+
+def strongest_ridge(light: np.ndarray, row: int, column: int, noises: np.ndarray, taps: np.ndarray) -> float:
+    """Height of the strongest ridge at a pixel of light (rows, columns); taps: (3, 32) weights of each width."""
+    sigma, of_all = F(), np.concatenate([noises, np.zeros(128)])
+    function = kernel().ridge_at
+    function.argtypes, function.restype = [P, N, N, N, N, P, P, P], F
+    return float(function(address(light), *light.shape, row, column, *addresses(of_all, taps), ctypes.byref(sigma)))
