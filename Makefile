@@ -41,6 +41,7 @@ $(STAMP): requirements.lock pyproject.toml $(KERNEL) | $(BIN)/python
 	@echo "installing $$(grep -c == requirements.lock) packages and this one into $(VENV), nowhere else"
 	$(BIN)/python -m pip install --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --no-deps $$(command -v $(CC) >/dev/null && echo --no-build-isolation) --editable .
+	@$(BIN)/python -c 'import pinocchio, cv2' || { echo "Debian and Ubuntu: apt install libgomp1" >&2; exit 1; }
 	@touch $@
 	@echo "installed, $$(du -sh $(VENV) | cut -f1): $(BIN)/guara --help"
 

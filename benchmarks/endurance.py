@@ -1,21 +1,29 @@
-"""Hours with faults at random: a walking node that records, two planners and a viewer, and whether anything grows.
+"""Months in hours: a gait that walks on, a node that records and keeps a journal, two planners, a viewer, and faults.
 
-`python -m benchmarks endurance [--minutes 240] [--period 20]`. Each is a process of its own over real Zenoh; the robot
-is simulated. Node and second planner are killed or stopped for some seconds; router, first planner and viewer live on.
-In the second half the node is only stopped, so that its own growth shows.
-A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 3 s.
+`python -m benchmarks endurance [--minutes 240] [--period 20] [--large]`. Each is a process of its own over real Zenoh;
+robot and devices are simulated, the devices on an emulated clock, so that a pause takes no longer than it is computed.
+Node and second planner are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node
+is ended and finds journals of another version, as after an upgrade or on the way back. Router, gait, first planner and
+viewer live on. In the second half no node ends, so that its own growth shows.
+A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 3 s, or a map
+with scans of another walk.
 """
 
 from __future__ import annotations
 
+import itertools
 import random
+import resource
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import urllib.request
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -25,13 +33,28 @@ from benchmarks.command import options
 from benchmarks.peers import PATIENCE, ROOT, ended, free_endpoint, free_port, say
 from benchmarks.rounds import resident_mb
 from benchmarks.soak import Child
+from guara_perception.app.files.recording_files import LEAST_LIMIT
+from guara_perception.app.node.claim import FORMAT
+from guara_perception.app.node.simulated import SimulatedGait
+from guara_perception.simulation.walk import simulate_walk
+from kinematics import load_robot
+from testbed.journalled_node import Walk, start
+from testbed.random_world import random_world
 from transport import PausePhase, StancePause, open_client
-from transport.stance_link import StanceReceiver
+from transport.stance_link import StancePublisher, StanceReceiver
 
 # [s] A message's way, and a link or a node that goes without a word: docs/safety.md.
 GRACE_S = 3.0
-# [s] Between two looks of a planner; longest stop of a process, and of the wait for the first scan.
+# [s] Between two looks of a planner; longest stop of a process, and of the wait for a scan.
 LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
+# Size of frames [px] without --large, and cycles of a walk, after which the robot is carried back.
+SMALL, LARGE, CYCLES = (320, 256), (640, 512), 10
+# [byte] Largest file while the disk takes no more: a journal has more.
+FULL = 300_000
+# Formats of journals of the versions before and after this one.
+OTHER_FORMATS = "guara-journal/0", "guara-journal/2"
+# [byte] Two journals and one that is being written; recordings over their limit while a file is begun.
+MOST_JOURNALS, MOST_RECORDED = 12_000_000, round(1.3 * LEAST_LIMIT)
 # Shares of the time: until the first the node is killed; from the second on its size counts, from the third others'.
 KILLS_END, NODE_WARM, WARM = 1 / 2, 2 / 3, 1 / 3
 # What a process that lives on may gain from the first third of its looks to the last, once it is warm: a viewer keeps
@@ -74,19 +97,37 @@ class Size:
 
 @dataclass(slots=True)
 class Outcome:
-    """Result of a run: faults, counts of the planners, sizes of processes that live on, once warm, and of journals."""
+    """Result of a run.
+
+    Attributes:
+        faults: number of each.
+        counts: of planners and gait.
+        sizes: of processes that live on, once warm.
+        recorded, journals: [byte] of both folders at each look.
+        answers: seconds from BEGIN to the map, of each pause in which no fault was.
+        scrapes: seconds of each read of the metrics.
+        restarts: how each run of the node began: "goes on", or why not.
+    """
 
     faults: Counter[str] = field(default_factory=Counter)
     counts: Counter[str] = field(default_factory=Counter)
     sizes: dict[str, list[Size]] = field(default_factory=dict)
-    recorded: int = 0
-    journals: dict[str, int] = field(default_factory=dict)
+    recorded: list[int] = field(default_factory=list)
+    journals: list[int] = field(default_factory=list)
+    answers: list[float] = field(default_factory=list)
+    scrapes: list[float] = field(default_factory=list)
+    restarts: Counter[str] = field(default_factory=Counter)
 
     def ends(self, name: str) -> tuple[Size, Size]:
         """Median sizes of a process in the first and in the last third of its looks."""
         sizes = self.sizes[name]
         third = max(len(sizes) // 3, 1)
         return Size.middle(sizes[:third]), Size.middle(sizes[-third:])
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether journals and recordings stayed within their limits."""
+        return max(self.journals, default=0) <= MOST_JOURNALS and max(self.recorded, default=0) <= MOST_RECORDED
 
     @property
     def is_flat(self) -> bool:
@@ -126,38 +167,115 @@ def run_planner(endpoint: str) -> None:
                 over = {*pauses[: max(len(settled) - 1, 0)]} - {*pauses[max(len(settled) - 1, 0) :]}
                 if extent == "footprint" and (terrain.metadata["epoch"], terrain.step) in over:
                     counts["contradictions"] += 1
-                    said = f"{terrain.metadata['epoch']} step {terrain.step}"
-                    print(f"contradiction: {said} handed out, heard: {heard[-3:]}", file=sys.stderr, flush=True)
+                    late = time.monotonic() - next(at for at, _, step in heard if step > terrain.step)
+                    print(
+                        f"contradiction: step {terrain.step} {late:.2f} s after the next", file=sys.stderr, flush=True
+                    )
             say(counts=counts)
+
+
+class Gait(threading.Thread):
+    """Gait that walks on while nodes come and go, and stands at each pause until there is a map."""
+
+    def __init__(self, endpoint: str, walk: Walk, outcome: Outcome) -> None:
+        """Connect; `start` begins the first walk."""
+        super().__init__(daemon=True)
+        self._endpoint, self._walk, self._outcome, self._ended = endpoint, walk, outcome, threading.Event()
+        # Faults are counted before and after each pause, to tell whose answer none delayed.
+        self.struck = 0
+
+    def run(self) -> None:
+        """Walk until it is ended; each walk is the same, by a robot that was carried back."""
+        counts, before = self._outcome.counts, ""
+        with open_client(self._endpoint, timeout=PATIENCE) as session, gp.TerrainClient(self._endpoint) as client:
+            publisher = StancePublisher(session)
+            for number in itertools.count():
+                gait = SimulatedGait(publisher, "guara", seed=number)
+                for pause in self._walk.pauses:
+                    struck, begun = self.struck, time.monotonic()
+                    gait.begin(pause)
+                    fused = self._map_of(client, gait, pause.step)
+                    if fused is None:
+                        return
+                    if struck == self.struck:
+                        self._outcome.answers.append(time.monotonic() - begun)
+                    counts["pauses"] += 1
+                    counts["contradictions"] += fused.metadata["scans"] > pause.step + 1
+                    run = fused.metadata["run"]
+                    if before not in ("", run):
+                        self._outcome.restarts[_how(fused, pause.step)] += 1
+                    before = run
+                    gait.end(pause)
+
+    def _map_of(self, client: gp.TerrainClient, gait: SimulatedGait, step: int) -> gp.TerrainGrid | None:
+        until = time.monotonic() + FIRST_S
+        while time.monotonic() < until and not self._ended.is_set():
+            with suppress(gp.StaleTerrain, gp.ScannerUnavailable, gp.ReceiveTimeout, gp.ScannerGone):
+                return client.wait_for_step(step, LOOK_S, "map", epoch=gait.epoch)
+            self._ended.wait(LOOK_S / 10)
+        self._outcome.counts["walks that ended"] += not self._ended.is_set()
+        return None
+
+    def end(self) -> None:
+        """End the walk, within the pause."""
+        self._ended.set()
+        self.join()
+
+
+def _how(fused: gp.TerrainGrid, step: int) -> str:
+    """How a node began, by its first map: with the walk, or a word why a new one begins."""
+    if fused.metadata["scans"] > 1:
+        return "goes on"
+    return "begins with the walk" if step == 0 else (*fused.metadata["restarts"], "no journal")[0].split(":")[0]
 
 
 class Machine:
     """The processes of a run, in a folder."""
 
-    def __init__(self, folder: Path) -> None:
-        """Start all of them; wait until the first planner has a grid."""
-        self._folder, self._endpoint = folder, free_endpoint()
+    def __init__(self, folder: Path, size: tuple[int, int], outcome: Outcome) -> None:
+        """Start all of them."""
+        self.folder, self._endpoint, self.port = folder, free_endpoint(), free_port()
         self._log = (folder / "log.txt").open("w")
+        world = random_world(0)
+        walk = Walk(world, 0, tuple(simulate_walk(world, load_robot("guara"), cycles=CYCLES, seed=0)), size)
+        walk.save(folder / "walk")
         self.router = Child("router", self._endpoint)
         self.node = self.start_node()
         self.lasting, self.other = self.start_planner(), self.start_planner()
-        view = ["view", "--connect", self._endpoint, "--port", str(free_port())]
-        self.viewer = self._program(view)
+        view = ["-m", "guara_perception.app.main", "view", "--connect", self._endpoint, "--port", str(free_port())]
+        self.viewer = subprocess.Popen(
+            [sys.executable, *view], cwd=ROOT, stdout=self._log, stderr=self._log, stdin=subprocess.DEVNULL
+        )
+        self.gait = Gait(self._endpoint, walk, outcome)
+        self.gait.start()
 
-    def _program(self, arguments: list[str]) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "guara_perception.app.main", *arguments]
-        return subprocess.Popen(command, cwd=ROOT, stdout=self._log, stderr=self._log, stdin=subprocess.DEVNULL)
-
-    def start_node(self) -> subprocess.Popen[bytes]:
-        """A node that walks by itself and records."""
-        folder = self._folder / "recorded"
-        folder.mkdir(exist_ok=True)
-        options = ["--mode", "coarse", "--connect", self._endpoint, "--record", str(folder), "--record-limit", "2GB"]
-        return self._program(["run", "--simulated", *options, "--state", str(self._folder / "state")])
+    def start_node(self) -> subprocess.Popen[str]:
+        """A node that records, keeps a journal and serves metrics."""
+        state, log = self.folder / "state", self.folder / "log.txt"
+        return start(self._endpoint, state, self.folder / "walk", log, self.folder / "recorded", self.port)
 
     def start_planner(self) -> Child:
         """A planner."""
         return Child("planner", self._endpoint, module="endurance")
+
+    def restart_node(self, *, is_clean: bool) -> None:
+        """End the node with notice or without, and start another."""
+        if is_clean:
+            self.node.communicate(timeout=PATIENCE)
+        self.node.kill()
+        self.node.wait()
+        if is_clean:
+            for number, path in enumerate((self.folder / "state").glob("*.journal")):
+                content = path.read_bytes().removeprefix(FORMAT.encode())
+                path.write_bytes(OTHER_FORMATS[number % 2].encode() + content)
+        self.node = self.start_node()
+
+    def fill_disk(self, seconds: float) -> None:
+        """Let no file of the node grow for some time [s]."""
+        limits = resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE, (FULL, limits[1]))
+        time.sleep(seconds)
+        resource.prlimit(self.node.pid, resource.RLIMIT_FSIZE, limits)
 
     def sizes(self) -> dict[str, Size]:
         """Sizes of the processes that live on, and of the node."""
@@ -165,8 +283,23 @@ class Machine:
         living = {"router": router, "planner": planner, "viewer": self.viewer.pid, "node": self.node.pid}
         return {name: Size.of(pid) for name, pid in living.items()}
 
+    def look(self, outcome: Outcome) -> None:
+        """Note what the disk holds and how long the metrics take."""
+        for name, noted in (("recorded", outcome.recorded), ("state", outcome.journals)):
+            total = 0
+            for path in (self.folder / name).glob("*"):
+                with suppress(FileNotFoundError):
+                    total += path.stat().st_size
+            noted.append(total)
+        begun = time.monotonic()
+        # A node that has just been started serves none yet.
+        with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{self.port}/metrics", timeout=5.0) as answer:
+            outcome.counts["metrics read"] += b"guara_journal_written" in answer.read()
+            outcome.scrapes.append(time.monotonic() - begun)
+
     def close(self) -> None:
         """End all."""
+        self.gait.end()
         for process in (self.node, self.viewer):
             process.kill()
             process.wait()
@@ -176,13 +309,13 @@ class Machine:
 
 
 def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter[str]) -> None:
-    if fault == "node killed":
-        machine.node.kill()
-        machine.node.wait()
-        machine.node = machine.start_node()
+    if fault in ("node killed", "other version"):
+        machine.restart_node(is_clean=fault == "other version")
     elif fault == "planner killed":
         counts += machine.other.kill()
         machine.other = machine.start_planner()
+    elif fault == "disk full":
+        machine.fill_disk(chance.uniform(1.0, STOP_S))
     else:
         process = machine.node if fault == "node stopped" else machine.other.popen
         process.send_signal(signal.SIGSTOP)
@@ -190,14 +323,21 @@ def _strike(machine: Machine, fault: str, chance: random.Random, counts: Counter
         process.send_signal(signal.SIGCONT)
 
 
-FAULTS = "node killed", "node stopped", "planner killed", "planner stopped"
+# Those that end the node are the first.
+FAULTS = "node killed", "other version", "node stopped", "disk full", "planner killed", "planner stopped"
 
 
-def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], None] = lambda _: None) -> Outcome:
+def endure(
+    minutes: float,
+    period: float,
+    seed: int = 0,
+    size: tuple[int, int] = SMALL,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Outcome:
     """Run all processes for some minutes, with a fault about every `period` seconds."""
     chance, outcome = random.Random(seed), Outcome()
     with tempfile.TemporaryDirectory() as folder:
-        machine = Machine(Path(folder))
+        machine = Machine(Path(folder), size, outcome)
         try:
             waiting = time.monotonic() + FIRST_S
             while not machine.lasting.last.get("counts", {}).get("new maps") and time.monotonic() < waiting:
@@ -206,17 +346,19 @@ def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], N
             while (gone := time.monotonic() - begin) < 60.0 * minutes:
                 time.sleep(min(period * chance.uniform(0.5, 1.5), 60.0 * minutes - gone))
                 share = (time.monotonic() - begin) / (60.0 * minutes)
-                for name, size in machine.sizes().items():
+                sizes = machine.sizes()
+                for name, each in sizes.items():
                     if share >= (NODE_WARM if name == "node" else WARM):
-                        outcome.sizes.setdefault(name, []).append(size)
-                fault = chance.choice(FAULTS if share < KILLS_END else FAULTS[1:])
+                        outcome.sizes.setdefault(name, []).append(each)
+                machine.look(outcome)
+                fault = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
                 outcome.faults[fault] += 1
+                machine.gait.struck += 1
                 _strike(machine, fault, chance, outcome.counts)
-                tell(f"{gone:6.0f} s  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in machine.sizes().items())}")
+                pauses = f"{outcome.counts['pauses']} pauses"
+                tell(f"{gone:6.0f} s  {pauses}  {fault:<16} {'; '.join(f'{n}: {s}' for n, s in sizes.items())}")
             outcome.counts += Counter(machine.lasting.last.get("counts", {}))
             outcome.counts += Counter(machine.other.last.get("counts", {}))
-            outcome.recorded = len(list((Path(folder) / "recorded").glob("*.mcap")))
-            outcome.journals = {path.name: path.stat().st_size for path in (Path(folder) / "state").iterdir()}
         finally:
             machine.close()
     return outcome
@@ -224,16 +366,30 @@ def endure(minutes: float, period: float, seed: int = 0, tell: Callable[[str], N
 
 def main() -> None:
     """Command line."""
-    asked = options(__doc__, minutes=(240.0, "how long"), period=(20.0, "[s] between two faults, on average"))
-    outcome = endure(asked.minutes, asked.period, tell=lambda line: print(line, flush=True))
-    print(f"faults: {dict(outcome.faults)}; {outcome.recorded} recordings; bytes of journals: {outcome.journals}")
-    print("counts of all planners:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
+    asked = options(
+        __doc__,
+        minutes=(240.0, "how long"),
+        period=(20.0, "[s] between two faults, on average"),
+        large=(False, "frames of 640 x 512 px"),
+    )
+    size = LARGE if asked.large else SMALL
+    outcome = endure(asked.minutes, asked.period, size=size, tell=lambda line: print(line, flush=True))
+    print(f"faults: {dict(outcome.faults)}; {outcome.counts['pauses']} pauses in {asked.minutes:g} minutes")
+    print(f"{outcome.restarts.total()} restarts survived: {dict(outcome.restarts)}")
+    print("counts:", ", ".join(f"{name} {count}" for name, count in sorted(outcome.counts.items())))
     for name, sizes in outcome.sizes.items():
-        most = max(size.memory for size in sizes)
+        most = max(each.memory for each in sizes)
         first, last = outcome.ends(name)
         print(f"{name}: {first}, {last} in the first and last third of {len(sizes)} looks; at most {most:.0f} MB")
+    recorded, journals = max(outcome.recorded) / 1e6, max(outcome.journals) / 1e6
+    print(f"disk: recordings {recorded:.0f} MB at most (limit {LEAST_LIMIT / 1e6:.0f}), journals {journals:.1f} MB")
+    third = max(len(outcome.answers) // 3, 1)
+    first_s, last_s = (median(each or [0.0]) for each in (outcome.answers[:third], outcome.answers[-third:]))
+    print(f"BEGIN to map: median {first_s:.2f} s in the first third of the pauses, {last_s:.2f} s in the last")
+    print(f"metrics: {1e3 * median(outcome.scrapes or [0.0]):.1f} ms to read, median of {len(outcome.scrapes)}")
     print(f"contradictions: {outcome.counts['contradictions']}, out of order: {outcome.counts['out of order']}")
-    is_sound = outcome.is_flat and not outcome.counts["contradictions"] and not outcome.counts["out of order"]
+    is_sound = outcome.is_flat and outcome.is_bounded and not outcome.counts["walks that ended"]
+    is_sound &= not outcome.counts["contradictions"] and not outcome.counts["out of order"]
     sys.exit(0 if is_sound and outcome.counts["new maps"] else 1)
 
 

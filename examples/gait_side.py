@@ -24,7 +24,7 @@ SWING = 1.0
 
 
 def main() -> None:
-    """Pauses in the scan posture; the joints are read anew for every message, here with an encoder's noise."""
+    """Pauses in the scan posture; the joints and gravity are read anew for every message, here with noise."""
     parser = argparse.ArgumentParser()
     parser.add_argument("endpoint")
     parser.add_argument("--pauses", type=int, default=3)
@@ -47,7 +47,8 @@ def main() -> None:
 
         def read() -> StanceMessage:
             joints = {name: angle + rng.normal(0.0, robot.noise.encoder_noise) for name, angle in posture.items()}
-            return StanceMessage(joint_positions=joints, support_feet=robot.legs)
+            gravity = tuple((np.array([0.0, 0.0, -1.0]) + rng.normal(0.0, robot.noise.imu_sigma, 3)).tolist())
+            return StanceMessage(joint_positions=joints, support_feet=robot.legs, gravity_in_base=gravity)
 
         def sample() -> None:
             while not is_over.wait(SAMPLE_PERIOD):
@@ -63,6 +64,9 @@ def main() -> None:
                     stance=read(),
                     time_available=time_available,
                     epoch=walk,
+                    # Here no foot swings; one that was set down since the pause before has 0. A restarted node goes on
+                    # with its map only if the gait says this.
+                    standing_pauses=(step,) * len(robot.legs),
                 )
             )
 

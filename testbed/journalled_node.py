@@ -1,8 +1,8 @@
 """Node with a journal under a robot that walks on while the node is killed and started again.
 
-`python -m testbed.journalled_node ENDPOINT STATE WALK` connects to the router at ENDPOINT and ends with its
-standard input. WALK is a file of `Walk.save`: in every run of the node the robot stands where the walk has the pause of
-the announced step.
+`python -m testbed.journalled_node ENDPOINT STATE WALK [RECORDINGS PORT]` connects to the router at ENDPOINT and ends
+with its standard input. WALK is a file of `Walk.save`: in every run of the node the robot stands where the walk has the
+pause of the announced step. With RECORDINGS, a folder, it records too, and serves metrics at PORT.
 """
 
 from __future__ import annotations
@@ -10,14 +10,18 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from guara_perception.app.files.recording_files import LEAST_LIMIT
 from guara_perception.app.logs import log_to_stderr
+from guara_perception.app.metrics import metrics_served
 from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.simulation.walk import WalkPause
 from guara_perception.simulation.world import World
@@ -26,53 +30,65 @@ from transport.server import PerceptionServer
 from transport.stance_link import StanceReceiver
 
 CONNECT_S = 60.0
+JPEG_QUALITY = 90
 ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
 class Walk:
-    """World, seed of calibration and noise, and the pauses of a walk, by step."""
+    """World, seed of calibration and noise, the pauses of a walk, by step, and the size of frames [px]."""
 
     world: World
     seed: int
     pauses: tuple[WalkPause, ...]
+    size: tuple[int, int] = (640, 512)
 
     def save(self, path: Path) -> None:
         """Write it for the node."""
         path.write_bytes(pickle.dumps(self))
 
 
-def start(endpoint: str, state: Path, walk: Path, log: Path | None = None) -> subprocess.Popen[str]:
+def start(
+    endpoint: str, state: Path, walk: Path, log: Path | None = None, recordings: Path | None = None, port: int = 0
+) -> subprocess.Popen[str]:
     """Start the node in a process of its own."""
     command = [sys.executable, "-m", "testbed.journalled_node", endpoint, str(state), str(walk)]
+    command += [] if recordings is None else [str(recordings), str(port)]
     with (log or Path("/dev/null")).open("a") as errors:
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=errors, stderr=errors, text=True, cwd=ROOT)
 
 
 def main() -> None:
     """Run until standard input ends."""
-    endpoint, state, file = sys.argv[1:]
+    endpoint, state, file, *recorded = sys.argv[1:]
     log_to_stderr("text")
     walk: Walk = pickle.loads(Path(file).read_bytes())
-    simulated = SimulatedRobot(world=walk.world, seed=walk.seed)
+    simulated = SimulatedRobot(world=walk.world, seed=walk.seed, size=walk.size)
     robot, calibration = simulated.robot, simulated.calibration
     status = NodeStatus(calibration)
-    with (
-        open_node(connect=endpoint, timeout=CONNECT_S) as session,
-        simulated.rangefinder as rangefinder,
-        Journal(Path(state), robot, Seal.of("guara", robot, calibration)) as journal,
-    ):
+    with ExitStack() as stack:
+        session = stack.enter_context(open_node(connect=endpoint, timeout=CONNECT_S))
+        rangefinder = stack.enter_context(simulated.rangefinder)
+        journal = stack.enter_context(Journal(Path(state), robot, Seal.of("guara", robot, calibration)))
         server = PerceptionServer(session, collect_status=status.items)
+        recorder = None
+        if recorded:
+            made = ScanRecorder(
+                recorded[0], robot="guara", calibration=calibration, jpeg_quality=JPEG_QUALITY, limit=LEAST_LIMIT
+            )
+            recorder = stack.enter_context(made)
+            stack.enter_context(metrics_served(int(recorded[1]), "guara", server.status_items))
         parts = (robot, calibration, rangefinder, server)
-        with PerceptionNode(*parts, mode="coarse", status=status, journal=journal) as node:
+        node = PerceptionNode(*parts, mode="coarse", status=status, recorder=recorder, journal=journal)
+        stack.enter_context(node)
 
-            def on_pause(announcement: StancePause) -> None:
-                if announcement.phase is PausePhase.BEGIN:
-                    simulated.stand_at(walk.pauses[announcement.step])
-                node.on_pause(announcement)
+        def on_pause(announcement: StancePause) -> None:
+            if announcement.phase is PausePhase.BEGIN:
+                simulated.stand_at(walk.pauses[announcement.step])
+            node.on_pause(announcement)
 
-            StanceReceiver(session, on_pause=on_pause, on_refused=node.on_refused)
-            sys.stdin.read()
+        StanceReceiver(session, on_pause=on_pause, on_refused=node.on_refused)
+        sys.stdin.read()
 
 
 if __name__ == "__main__":

@@ -203,8 +203,10 @@ def _warnings_as_lines() -> Iterator[None]:
 
 
 def is_expected(error: Exception) -> bool:
-    """True for errors that the packages raise on purpose, and for those of the file system."""
+    """True for errors that the packages raise on purpose, and for those of the file system or a missing library."""
     roots = ("PerceptionError", "KinematicsError", "TransportError", "DriverError")
+    if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
+        return True
     return isinstance(error, OSError) or any(kind.__name__ in roots for kind in type(error).__mro__)
 
 
@@ -231,7 +233,7 @@ def text_of(error: Exception) -> str:
     """Text of an error; file system errors are written like our own, with the file first and without a number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
-    return str(error)
+    return f"{error} (Debian: apt install libgomp1)" if "libgomp" in str(error) else str(error)
 
 
 def _with_help(error: click.ClickException) -> str:

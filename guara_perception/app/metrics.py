@@ -6,9 +6,11 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 
 from prometheus_client import GC_COLLECTOR, PLATFORM_COLLECTOR, PROCESS_COLLECTOR, CollectorRegistry, start_http_server
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily
+from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from guara_perception.exceptions import InvalidInput
@@ -44,7 +46,7 @@ class StatusCollector(Collector):
         """`items` returns the status items of `robot`."""
         self._robot, self._items = robot, items
 
-    def collect(self) -> Iterator[GaugeMetricFamily | CounterMetricFamily]:
+    def collect(self) -> Iterator[Metric]:
         """Metrics of the present status."""
         names = ["robot", "item"]
         levels = GaugeMetricFamily(LEVEL, "Level of an item of the status: 0 ok, 1 warning, 2 error", labels=names)
@@ -57,6 +59,7 @@ class StatusCollector(Collector):
                 if not math.isnan(value):
                     numbers[metric_name(item.name, name)] = value
         yield levels
+        yield InfoMetricFamily("guara_build", "Version of the node", {"version": version("guara-perception")})
         for name, value in numbers.items():
             family = CounterMetricFamily if name in COUNTERS else GaugeMetricFamily
             metric = family(name, "Value of the status (docs/messages.md)", labels=["robot"])

@@ -1,25 +1,24 @@
-"""Three minutes of the run of hours: real processes over real Zenoh, faults at random; nothing grows or contradicts."""
+"""Five minutes of the run of months: real processes over real Zenoh, faults at random; nothing grows or contradicts."""
 
 import subprocess
 
 import pytest
 
-from benchmarks.endurance import Outcome, Size, endure
+from benchmarks.endurance import FAULTS, Outcome, Size, endure
 
 
 @pytest.mark.heavy
 def test_nothing_grows_and_no_grid_is_contradicted() -> None:
-    """A walking node that records, two planners and a viewer; node and planner are killed and stopped."""
-    outcome = endure(3.0, 12.0, seed=1)
-    assert sum(outcome.faults.values()) >= 3
+    """A gait that walks on, a node that records and keeps a journal, two planners and a viewer, and every fault."""
+    outcome = endure(5.0, 8.0, seed=1)
+    assert set(outcome.faults) == set(FAULTS)
     assert outcome.counts["new maps"] > 0 and outcome.counts["footprint handed out"] > 0
-    assert outcome.counts["contradictions"] == outcome.counts["out of order"] == 0
+    assert outcome.counts["contradictions"] == outcome.counts["out of order"] == outcome.counts["walks that ended"] == 0
     assert outcome.sizes.keys() == {"router", "planner", "viewer", "node"}
     assert outcome.is_flat, outcome.sizes
-    assert outcome.recorded > 0
-    # Two journals, and one that is being written or was when the node was killed.
-    assert 0 < len(outcome.journals) <= 3
-    assert max(outcome.journals.values()) < 8e6
+    assert outcome.is_bounded, (outcome.recorded, outcome.journals)
+    assert outcome.restarts["goes on"] > 0
+    assert outcome.counts["metrics read"] > 0
 
 
 def test_growth_is_told() -> None:

@@ -34,7 +34,6 @@ def test_a_walk_goes_on_after_kill_9(robot: RobotModel, tmp_path: Path) -> None:
             assert fused is not None
             assert (fused.metadata["restarts"], fused.metadata["scans"]) == ([], scans)
             assert np.isfinite(fused.elevation).mean() > 0.8
-            gait.gait.hold(pause)
             assert wait_until(lambda: bool(written()))
             journals.update(written())
             gait.gait.end(pause)

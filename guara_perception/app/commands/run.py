@@ -141,6 +141,8 @@ def command(
       guara run --node node.toml
       guara run --node node.toml --check
     """
+    from importlib.metadata import version
+
     from guara_perception.app.files.recording_files import read_limit
     from guara_perception.app.metrics import metrics_served
     from guara_perception.app.node.claim import Seal
@@ -251,6 +253,7 @@ def command(
         say(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
             say(f"{instance}: uplink to {uplink}; reconnects after a loss")
+        say(f"guara-perception {version('guara-perception')}")
         if recorder is not None:
             say(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:

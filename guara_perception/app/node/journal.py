@@ -16,10 +16,14 @@ from transport import Health, StatusItem
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
+# That a walk goes on is an event, as that it does not.
+logger.setLevel(logging.INFO)
 # The journal before stands in for one that is damaged, or of the pause that is scanned again.
 SLOTS = 2
 # [s] Longest wait for the last journal when the node ends.
 CLOSE_S = 5.0
+# [s] Longest wait of a confirmed map for its journal, which is nearly always written by then.
+CONFIRM_S = 0.3
 
 
 class Journal:
@@ -81,10 +85,14 @@ class Journal:
             self._has_news.notify_all()
 
     def confirm(self) -> None:
-        """Have the last claim replace the older journal; returns at once."""
+        """Have the last claim replace the older journal; returns when it has, on a slow disk before.
+
+        What is told as confirmed after that is not lost with the node.
+        """
         with self._has_news:
             self._confirmed = self._last
             self._has_news.notify_all()
+            self._has_news.wait_for(lambda: self._confirmed is None, CONFIRM_S)
 
     def resumed(self, claim: Claim) -> None:
         """Tell that the walk goes on from a claim."""
@@ -134,20 +142,23 @@ class Journal:
         while True:
             with self._has_news:
                 self._has_news.wait_for(lambda: self._next is not None or self._is_due() or self._is_closing)
-                is_due, claim = self._is_due(), None
-                if not is_due:
+                if is_due := self._is_due():
+                    claim, self._written = self._written, None
+                else:
                     claim, self._next = self._next, None
+            if claim is None:
+                return
             try:
                 if is_due:
-                    self._replace()
-                elif claim is not None:
-                    self._write(claim)
+                    self._replace(claim)
                 else:
-                    return
+                    self._write(claim)
             except (OSError, PerceptionError) as error:
                 logger.warning("journal: not written: %s", error)
-                self._written = None
-                with self._lock:
+                with self._has_news:
+                    if self._last is claim:
+                        self._last = None
+                    self._settle(claim)
                     self._trouble = f"the last one was not written: {error}"
                     self._values["failed"] = str(int(self._values["failed"]) + 1)
 
@@ -160,17 +171,21 @@ class Journal:
         self._beside.unlink(missing_ok=True)
         handle = os.open(self._beside, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
         with os.fdopen(handle, "w+b") as stream:
+            # Not synchronised: when the machine goes down its clock begins anew, and the journal is void.
             claim.write(stream, self._seal)
-            os.fsync(stream.fileno())
         with self._lock:
             self._values |= {"bytes": str(self._beside.stat().st_size), "seconds": f"{time.monotonic() - begun:.3f}"}
             self._written = claim
 
-    def _replace(self) -> None:
-        claim, self._written = self._written, None
-        assert claim is not None
+    def _settle(self, claim: Claim) -> None:
+        if self._confirmed is claim:
+            self._confirmed = None
+            self._has_news.notify_all()
+
+    def _replace(self, claim: Claim) -> None:
         os.replace(self._beside, self._paths[0])
         self._paths.append(self._paths.pop(0))
-        with self._lock:
+        with self._has_news:
             self._trouble = ""
             self._values |= {"written": str(int(self._values["written"]) + 1), "step": str(claim.step)}
+            self._settle(claim)

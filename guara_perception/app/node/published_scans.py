@@ -191,13 +191,13 @@ class PublishedScans:
         return message
 
     def _confirm(self, published: Published) -> None:
+        if published is self.fused and self._journal is not None:
+            self._journal.confirm()
         if published.was_sent_provisional:
             if published is self.newest:
                 self._send(published, published.terrain)
             if published.fused is not None:
                 self._send(published, published.fused)
-        if published is self.fused and self._journal is not None:
-            self._journal.confirm()
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:

@@ -71,6 +71,7 @@ def test_a_node_logs_json() -> None:
     assert node.returncode == 0
     messages = [each["message"] for each in told]
     assert any("listening on" in message for message in messages) and "stopped, laser off" in messages
+    assert any(message.startswith("guara-perception 0.") for message in messages)
     assert all(each["level"] in ("INFO", "WARNING", "ERROR") for each in told)
 
 

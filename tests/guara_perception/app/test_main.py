@@ -151,6 +151,7 @@ def fail_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
         (ConnectionFailed("nobody listens"), 1),
         (ScanFailed("the mirror did not move"), 1),
         (OSError(errno.ENOSPC, "No space left on device"), 1),
+        (ImportError("libgomp.so.1: cannot open shared object file: No such file or directory"), 1),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
@@ -170,6 +171,7 @@ def test_errors_become_exit_codes(guara, monkeypatch: pytest.MonkeyPatch, error:
         (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
         (FileNotFoundError("gone"), "gone"),
         (gp.MissingFile("a.json: no such file"), "a.json: no such file"),
+        (ImportError("libgomp.so.1: cannot open"), "libgomp.so.1: cannot open (Debian: apt install libgomp1)"),
     ],
 )
 def test_errors_of_the_file_system_begin_with_the_file(error: Exception, expected_text: str):

@@ -51,6 +51,7 @@ def test_levels_and_numbers_of_the_status_are_metrics() -> None:
     assert got["guara_status_levelscanner"] == 1 and got["guara_status_levelthread guara-scans"] == 2
     assert (got["guara_scanner_step"], got["guara_scanner_coverage"], got["guara_scanner_provisional"]) == (7, 0.953, 1)
     assert got["guara_scanner_scans_total"] == 8 and got["guara_scanner_links"] == 2
+    assert got["guara_build_info"] == 1
     assert got["process_resident_memory_bytes"] > 1e6
     assert not {"guara_scanner_mode", "guara_scanner_gap"} & set(got)
 

@@ -109,8 +109,9 @@ def opened(tmp_path: Path, robot: RobotModel, calibration: gp.Calibration, seal:
 
 
 @pytest.fixture
-def killed(walk: list[Scanned], opened: Callable[..., tuple]) -> list[Path]:
-    """Journals of a node that ended after pause 3, the older first."""
+def killed(walk: list[Scanned], opened: Callable[..., tuple], monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Journals of a node that ended after pause 3, the older first; what is confirmed is in one of them at once."""
+    monkeypatch.setattr("guara_perception.app.node.journal.CONFIRM_S", 60.0)
     journal, walk_map = opened()
     with journal:
         for scanned in walk[: LAST + 1]:
@@ -118,16 +119,12 @@ def killed(walk: list[Scanned], opened: Callable[..., tuple]) -> list[Path]:
             walk_map.keep()
             journal.write(walk_map.claim(BEGUN + PERIOD * scanned.step))
             journal.confirm()
-            wait_for(journal, scanned.step)
+            assert journal.item().values["step"] == str(scanned.step)
     return sorted(path_of(journal).glob("*.journal"), key=lambda path: path.stat().st_mtime_ns)
 
 
 def path_of(journal: Journal) -> Path:
     return journal._paths[0].parent
-
-
-def wait_for(journal: Journal, step: int) -> None:
-    assert wait_until(lambda: journal.item().values.get("step") == str(step))
 
 
 def same(one: gp.TerrainGrid, other: gp.TerrainGrid) -> bool:
