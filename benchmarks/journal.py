@@ -1,8 +1,9 @@
 """Walks that go on after a restart of the node, and robots that were carried meanwhile.
 
 `python -m benchmarks journal killed [--kills 40]`: nodes of their own, ended by kill -9 at random instants of walks
-whose gait runs on and after one pause without a confirmed map stands until there is one; of every fourth, the newest
-journal is cut. The first map after each restart is judged against that of a walk without restarts.
+whose gait runs on and after one pause without a confirmed map stands until there is one; of one in four,
+between pauses with maps, the newest journal is cut. The first map after each restart is judged against that of a walk
+without restarts.
 
 `python -m benchmarks journal carried [--cases 50]`: robots with stiff legs that are carried by 20 mm to 1 m, turned by
 2 degrees and more, or tilted, whose gait claims that no foot left the ground; and as many that were not.
@@ -161,25 +162,24 @@ class Gait:
     def maps_after_kills(self, most: int) -> Iterator[tuple[WalkPause, gp.TerrainGrid]]:
         """Walk; yields the first map after each restart with its pause."""
         killer: threading.Timer | None = None
-        run, must_wait = None, True
+        run, must_wait, is_cut, in_a_row = None, True, False, 0
         for pause in self.walk.pauses:
             if killer is None and pause.step >= FIRST_KILL and self.kills < most:
                 self.kills += 1
-                is_cut = self.kills % CUT_EVERY == 0
+                # A cut journal is a missed pause already: no other is missed around it.
+                is_cut = self.kills >= CUT_EVERY * (self.cut + 1) and in_a_row > 1
                 killer = threading.Timer(self.chance.uniform(0.0, KILL_S), self.kill, (is_cut,))
                 killer.start()
-                # A cut journal is a missed pause already.
-                must_wait |= is_cut
             self.gait.begin(pause)
-            patience = PATIENT_S if must_wait or self.chance.random() < 0.5 else IMPATIENT_S
+            patience = PATIENT_S if must_wait or is_cut or self.chance.random() < 0.5 else IMPATIENT_S
             begun = time.monotonic()
             fused = self.map_of(pause, patience)
-            must_wait = fused is None
+            must_wait, in_a_row = fused is None, 0 if fused is None else in_a_row + 1
             self.missed += fused is None
             if fused is not None:
                 self.waited = max(self.waited, time.monotonic() - begun)
                 if run not in (None, fused.metadata["run"]):
-                    killer = None
+                    killer, is_cut = None, False
                     yield pause, fused
                 run = fused.metadata["run"]
                 time.sleep(REST_S)
