@@ -5,7 +5,7 @@ robot and devices are simulated, the devices on an emulated clock, so that a pau
 Node and second planner are killed or stopped for some seconds; the node's disk takes no more for some seconds; the node
 is ended and finds journals of another version, as after an upgrade or on the way back. Router, gait, first planner and
 viewer live on. In the second half no node ends, so that its own growth shows.
-A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 3 s, or a map
+A contradiction is a footprint handed out for a pause after which its planner has heard of another one for 4 s, or a map
 with scans of another walk.
 """
 
@@ -41,10 +41,11 @@ from kinematics import load_robot
 from testbed.journalled_node import Walk, start
 from testbed.random_world import random_world
 from transport import PausePhase, StancePause, open_client
+from transport.grids.evidence import SILENT
 from transport.stance_link import StancePublisher, StanceReceiver
 
-# [s] A message's way, and a link or a node that goes without a word: docs/safety.md.
-GRACE_S = 3.0
+# [s] A message's way on a busy machine, and a link or a node that goes without a word: docs/safety.md.
+GRACE_S = 1.0 + SILENT
 # [s] Between two looks of a planner; longest stop of a process, and of the wait for a scan.
 LOOK_S, STOP_S, FIRST_S = 0.2, 6.0, 300.0
 # Size of frames [px] without --large, and cycles of a walk, after which the robot is carried back.

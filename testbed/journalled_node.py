@@ -13,6 +13,7 @@ import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from guara_perception.app.files.recording_files import LEAST_LIMIT
 from guara_perception.app.logs import log_to_stderr
@@ -21,6 +22,7 @@ from guara_perception.app.node.claim import Seal
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.node import PerceptionNode
 from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.app.node.rangefinder import Rangefinder
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import SimulatedRobot
 from guara_perception.simulation.walk import WalkPause
@@ -58,6 +60,26 @@ def start(
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=errors, stderr=errors, text=True, cwd=ROOT)
 
 
+class Placing:
+    """Rangefinder of a robot that is put where the walk has its pause when a sweep begins.
+
+    That computes the view of a whole scan; done at BEGIN, it would keep the node from hearing its gait.
+    """
+
+    def __init__(self, rangefinder: Rangefinder, simulated: SimulatedRobot, walk: Walk) -> None:
+        """Stand at the first pause."""
+        self._rangefinder, self._simulated, self._walk, self.step = rangefinder, simulated, walk, 0
+
+    def __getattr__(self, name: str) -> Any:
+        """All else is the rangefinder's."""
+        return getattr(self._rangefinder, name)
+
+    def sweep(self, *arguments: Any) -> Any:
+        """Put the robot to its pause, and sweep."""
+        self._simulated.stand_at(self._walk.pauses[self.step])
+        return self._rangefinder.sweep(*arguments)
+
+
 def main() -> None:
     """Run until standard input ends."""
     endpoint, state, file, *recorded = sys.argv[1:]
@@ -68,7 +90,7 @@ def main() -> None:
     status = NodeStatus(calibration)
     with ExitStack() as stack:
         session = stack.enter_context(open_node(connect=endpoint, timeout=CONNECT_S))
-        rangefinder = stack.enter_context(simulated.rangefinder)
+        rangefinder: Any = Placing(stack.enter_context(simulated.rangefinder), simulated, walk)
         journal = stack.enter_context(Journal(Path(state), robot, Seal.of("guara", robot, calibration)))
         server = PerceptionServer(session, collect_status=status.items)
         recorder = None
@@ -84,7 +106,7 @@ def main() -> None:
 
         def on_pause(announcement: StancePause) -> None:
             if announcement.phase is PausePhase.BEGIN:
-                simulated.stand_at(walk.pauses[announcement.step])
+                rangefinder.step = announcement.step
             node.on_pause(announcement)
 
         StanceReceiver(session, on_pause=on_pause, on_refused=node.on_refused)
