@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from guara_perception.arrays import Float, Mask
-from testbed.crossing.crawl import turned
+from testbed.crossing.crawl import CLEARANCE_M, turned
 from testbed.crossing.ground import AMPLE_M, CELL_M, KnownGround
 from testbed.crossing.robot import FOOT_RADIUS_M, SIDE, Legs
 
@@ -21,8 +21,8 @@ SHORTER_M, LONGER_M, ASIDE_M, BACK_M = 0.16, 0.13, 0.06, 0.10
 PROGRESS, LEAST_WAY_M, BIN_M = 3.0, 0.04, 0.02
 # Of the body over its feet, and of the centre of mass inside the triangle of standing feet, best first [m].
 BODY_HEIGHTS_M, MARGINS_M = (0.295, 0.27, 0.245), (0.045, 0.035, 0.025)
-# From thigh to foot in the plane of the leg [m].
-LEG_M = (0.16, 0.36)
+# From thigh to foot in the plane of the leg, standing and in the air [m].
+LEG_M, SWING_LEG_M = (0.16, 0.36), (0.11, 0.37)
 CALF_CLEARANCE_M, LARGEST_ROLL = 0.010, 0.8
 CALF_SHARES = np.array([0.12, 0.25, 0.4, 0.6, 0.8, 1.0])
 DEPTHS, WIDTH = (5, 3, 1), 6
@@ -132,6 +132,9 @@ class Planner:
         offset = (rotation @ self._com)[:2]
         bodies = np.array([[*(s - offset), both[:, 2].mean() + h] for s, _ in places for h in BODY_HEIGHTS_M])
         fits = self._reaches(ground, feet, bodies, rotation) & self._reaches(ground, after, bodies, rotation)
+        fits &= self._swings(
+            leg, np.column_stack((way, np.full(3, max(top, feet[leg, 2], target[2])))), bodies, rotation
+        )
         if not fits.any():
             return None
         best = int(np.argmax(fits))  # They come in order of preference.
@@ -150,6 +153,12 @@ class Planner:
         highest = ground.shins[ground.indices(points[..., 0], points[..., 1])]
         fits &= (points[..., 2] - highest > CALF_CLEARANCE_M).all(0)
         return np.asarray(fits.all(-1))
+
+    def _swings(self, leg: int, way: Float, bodies: Float, rotation: Float) -> Mask:
+        """Whether the foot reaches its way (n, 3) at the height of a swing under each body."""
+        in_base = (way + (0, 0, CLEARANCE_M + FOOT_RADIUS_M) - bodies[:, None]) @ rotation - self._legs.hips[leg]
+        length = np.sqrt(np.maximum((in_base**2).sum(-1) - self._legs.width**2, 0))
+        return np.asarray(((length > SWING_LEG_M[0]) & (length < SWING_LEG_M[1])).all(-1))
 
 
 def _way(ground: KnownGround, start: Float, target: Float) -> tuple[Float, float]:
