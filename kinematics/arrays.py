@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -33,9 +32,9 @@ class FrozenArrays:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for entry in fields(self):  # type: ignore[arg-type]
-            if isinstance(value := getattr(self, entry.name), np.ndarray):
-                object.__setattr__(self, entry.name, read_only(value))
+        for name in self.__dataclass_fields__:  # type: ignore[attr-defined]  # quicker than `fields`
+            if isinstance(value := getattr(self, name), np.ndarray) and not _is_frozen(value):
+                object.__setattr__(self, name, read_only(value))
 
 
 def _is_frozen(array: Array) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -59,7 +58,7 @@ def _extract(band: Band) -> StripeProfile:
     doubts = kernel().extract_clean(*given, *addresses(work, profile, status))
     if doubts == 0:
         return profile_of(profile, status)
-    found = ClearStripe.of(work, n)
+    found = ClearStripe(work, n)
     if doubts > 0:
         return profile_of(profile, status, found.doubtful.copy())
     if doubts == SWAPPED:
@@ -105,27 +104,34 @@ def extract_in_any_light(
     return profile_of(profile, status, doubtful, REMARKS[int(told[0])].format(*told[1:]))
 
 
-class ClearStripe(NamedTuple):
-    """Findings on the highest peaks of a band; views of memory that the next band of the thread overwrites.
+class ClearStripe:
+    """Findings on the highest peaks of a band: views of memory that the next band of the thread overwrites."""
 
-    Attributes:
-        told: what was judged, then the stripe's width [px] and the noise of a response.
-        top: (columns,) row of the peak within the band.
-        height: (columns,) float32 light at the peak, sum of 9 pixels.
-        doubtful: (columns,) float32 row of a return that may not be used, NaN where there is none.
-        masks: (3, columns) whether there is a peak, its core is clipped, and it is unsure.
-    """
+    def __init__(self, work: Array, n: int) -> None:
+        """Take the beginning of the kernel's memory, as extract.c has it, after a band of n columns."""
+        self._work, self._n = work, n
 
-    told: Float
-    top: Index
-    height: Float32
-    doubtful: Float32
-    masks: Mask
+    @property
+    def told(self) -> Float:
+        """What was judged, then the stripe's width [px] and the noise of a response."""
+        return self._work[:64].view(float)
 
-    @classmethod
-    def of(cls, work: Array, n: int) -> ClearStripe:
-        """Read the beginning of the kernel's memory, as extract.c has it, after a band of n columns."""
-        ends = np.cumsum((64, 8 * n, 4 * n, 4 * n, 3 * n))
-        told, top, height, doubtful, masks = np.split(work[: ends[-1]], ends[:-1])
-        masks = masks.view(np.bool_).reshape(3, n)
-        return cls(told.view(float), top.view(np.intp), height.view(np.float32), doubtful.view(np.float32), masks)
+    @property
+    def top(self) -> Index:
+        """Row (columns,) of the peak within the band."""
+        return self._work[64 : 64 + 8 * self._n].view(np.intp)
+
+    @property
+    def height(self) -> Float32:
+        """Light (columns,) float32 at the peak, sum of 9 pixels."""
+        return self._work[64 + 8 * self._n : 64 + 12 * self._n].view(np.float32)
+
+    @property
+    def doubtful(self) -> Float32:
+        """Row (columns,) float32 of a return that may not be used, NaN where there is none."""
+        return self._work[64 + 12 * self._n : 64 + 16 * self._n].view(np.float32)
+
+    @property
+    def masks(self) -> Mask:
+        """Whether (3, columns) there is a peak, its core is clipped, and it is unsure."""
+        return self._work[64 + 16 * self._n : 64 + 19 * self._n].view(np.bool_).reshape(3, self._n)

@@ -167,26 +167,30 @@ static void extreme(float *x, int64_t n, int is_highest) { // over WIDEST_CORE_P
     }
 }
 
-static int is_any(const uint8_t *mask, int64_t rows, int64_t width, int64_t n) {
-    for (int64_t r = 0; r < rows; r++) for (int64_t c = 0; c < n; c++) if (mask[r * width + c]) return 1;
-    return 0;
-}
-
-// Grey closing along the columns in strips with a core; what lies beyond does not count. work: (rows + 24, STRIP).
+// Grey closing along the columns, in strips about their cores (rows, width); what lies beyond does not count. work: (rows + 24,
+// STRIP).
 static void close_columns(const float *in, const uint8_t *core, float *out, int64_t rows, int64_t width, float *work) {
     enum { HALF = WIDEST_CORE_PX / 2 * STRIP };
-    float *inside = work + HALF, *after = inside + rows * STRIP;
     for (int64_t begin = 0; begin < width; begin += STRIP) {
         const int64_t n = MIN(STRIP, width - begin);
-        if (!is_any(core + begin, rows, width, n)) continue;
-        memset(inside, 0, sizeof *inside * (size_t)(rows * STRIP));
-        for (int64_t r = 0; r < rows; r++) memcpy(inside + r * STRIP, in + r * width + begin, sizeof *in * (size_t)n);
-        for (int pass = 0; pass < 2; pass++) {
-            if (pass) memmove(inside, work, sizeof *inside * (size_t)(rows * STRIP));
-            for (int i = 0; i < HALF; i++) work[i] = after[i] = pass ? INFINITY : -INFINITY;
-            extreme(work, rows, !pass);
+        int64_t first = rows, last = -1;
+        for (int64_t r = 0; r < rows; r++) {
+            int any = 0;
+            for (int64_t c = begin; c < begin + n; c++) any |= core[r * width + c];
+            if (any) first = MIN(first, r), last = r;
         }
-        for (int64_t r = 0; r < rows; r++) memcpy(out + r * width + begin, work + r * STRIP, sizeof *out * (size_t)n);
+        if (last < 0) continue;
+        first = MAX(first - WIDEST_CORE_PX + 1, 0);
+        const int64_t count = MIN(last + WIDEST_CORE_PX, rows) - first;
+        float *inside = work + HALF, *after = inside + count * STRIP;
+        memset(inside, 0, sizeof *inside * (size_t)(count * STRIP));
+        for (int64_t r = 0; r < count; r++) memcpy(inside + r * STRIP, in + (first + r) * width + begin, sizeof *in * (size_t)n);
+        for (int pass = 0; pass < 2; pass++) {
+            if (pass) memmove(inside, work, sizeof *inside * (size_t)(count * STRIP));
+            for (int i = 0; i < HALF; i++) work[i] = after[i] = pass ? INFINITY : -INFINITY;
+            extreme(work, count, !pass);
+        }
+        for (int64_t r = 0; r < count; r++) memcpy(out + (first + r) * width + begin, work + r * STRIP, sizeof *out * (size_t)n);
     }
 }
 
@@ -220,10 +224,9 @@ void in_laser_colour(const View *v, const double *weights, int channel, float *m
         else for (int64_t c = 0; c < width; c++) row[c] = before[c] | here[c];
         uint8_t *t = before; before = here, here = t;
     }
-    const int64_t from = MAX(top - WIDEST_CORE_PX, 0), to = MIN(end + WIDEST_CORE_PX, rows);
-    close_columns(mixed + from * width, core + from * width, w->closed, to - from, width, w->line);
+    close_columns(mixed, core, w->closed, rows, width, w->line);
     for (int64_t r = top; r < end; r++) for (int64_t c = 0; c < width; c++) if (core[r * width + c]) {
-        const float rim = w->closed[(r - from) * width + c];
+        const float rim = w->closed[r * width + c];
         const float sum = v->light[at_pixel(v, 0, r, c)] + v->light[at_pixel(v, 1, r, c)] + v->light[at_pixel(v, 2, r, c)];
         const float others = OTHERS_SHARE * (sum - v->light[at_pixel(v, channel, r, c)]), most = MOST_OF_CORE * MAX(rim, 0.0f);
         mixed[r * width + c] = rim + MIN(MAX(others, 0.0f), most);

@@ -9,6 +9,7 @@
 // whose score reaches this share of the best are searched in full.
 #define SURE_PURITY 0.99
 #define SURE_SCORE 1.0
+#define CLEAR_SCORE 3.0
 #define HOPEFUL 0.4
 #define LEAST_NOISE 0.15
 // The stripe and its halo lie within this many rows of its path; the scene is what is further away.
@@ -55,9 +56,11 @@ static double first_pass(const View *thin, int k, const Path *peaks, Any *w, Pat
     for (int i = 0; i < CHANNELS; i++) colour[i] = i == k;
     seek(thin, peaks, NEAR_PEAK_PX, 0, colour, k, weights, &noises, w);
     strengths(thin, w->laser, &noises, NULL, w->evidence, w->line);
-    follow_columns(w->evidence, n, thin->rows, w, path);
+    const double first = follow_columns(w->evidence, n, thin->rows, w, path);
     *is_sure = 1;
     if (thin->scene->channels < CHANNELS) return 1;
+    // Clear in a pair at once: the other passes would change nothing.
+    if (thin->scene->has_dark && first >= CLEAR_SCORE * (double)n && purity(thin, path, k) >= SURE_PURITY) return first;
     rim_colour(thin, path, k, added), relative_colour(added, k, colour);
     seek(thin, path, NEAR_PATH_PX, 1, colour, k, weights, &noises, w);
     strengths(thin, w->laser, &noises, NULL, w->evidence, w->line);

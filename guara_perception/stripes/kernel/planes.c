@@ -18,7 +18,7 @@
 #define MOST_SCENE_LEFT 0.5
 #define LEAST_SCENE_LEFT 6.0
 // The fit sees some rows and columns, by levels of a sixteenth; scenes are compared by means of blocks of BLOCK pixels.
-enum { FIT_ROWS = 8, FIT_COLUMNS = 4, FIT_LEVEL = 16, BLOCK = 8 };
+enum { MEDIAN_APART = 3, FIT_ROWS = 8, FIT_COLUMNS = 4, FIT_LEVEL = 16, BLOCK = 8 };
 // What is subtracted from a detail lies so many rows above and below.
 enum { DETAIL_SIDE = 5 };
 
@@ -68,8 +68,10 @@ static void fit(const uint16_t *restrict dark, const uint16_t *restrict bright, 
         if (round == ROUNDS - 1 || (round && fabs(*gain - gain_before) < SAME_GAIN && fabs(*offset - offset_before) < SAME_OFFSET)) break;
         const float g = (float)*gain, o = (float)*offset * FIT_LEVEL;
         float *restrict apart = work, *restrict copy = work + n;
-        for (int64_t i = 0; i < n; i++) copy[i] = apart[i] = fabsf((float)bright[i] - g * (float)dark[i] - o);
-        const float most = 2.5f * MAX(upper_median(copy, n), 0.5f * FIT_LEVEL);
+        int64_t some = 0;
+        for (int64_t i = 0; i < n; i++) apart[i] = fabsf((float)bright[i] - g * (float)dark[i] - o);
+        for (int64_t i = 0; i < n; i += MEDIAN_APART) copy[some++] = apart[i];
+        const float most = 2.5f * MAX(upper_median(copy, some), 0.5f * FIT_LEVEL);
         for (int64_t i = 0; i < n; i++) use[i] = apart[i] <= most;
     }
 }

@@ -24,7 +24,7 @@ static float select_of_few(float *v, int64_t n, int64_t k) { // quickselect in t
 
 // Values between two bounds that a sample of SOME suggests for the k-th smallest: few, and by counting alone they are known to
 // hold it. More than MOST_KEPT are not looked at by themselves.
-enum { SOME = 32, BESIDE = 4, MOST_KEPT = 4096, LEAST_COUNTED = 128 };
+enum { SOME = 48, BESIDE = 4, MOST_KEPT = 4096, LEAST_COUNTED = 128 };
 
 // The k-th smallest of n > k values, which may be reordered.
 float select_value(float *v, int64_t n, int64_t k) {

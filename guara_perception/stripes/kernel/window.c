@@ -61,6 +61,41 @@ static void column_light(const Mixture *m, int64_t first, int64_t column, float 
     }
 }
 
+// The same of a strip of columns that begin at rows not far apart: row by row, which vector instructions can do. light:
+// (STRIP, ROWS). Returns whether it could.
+enum { STRIP = 16, MOST_APART = 32 };
+static int strip_light(const Mixture *m, const int64_t *row, int64_t column, float *restrict out) {
+    const Picture *on = m->on, *off = m->off;
+    int64_t first = row[column], last = first;
+    for (int64_t c = 1; c < STRIP; c++) first = MIN(first, row[column + c]), last = MAX(last, row[column + c]);
+    const int64_t count = last - first + ROWS;
+    if (on->size != 1 || last - first > MOST_APART || first < MIDDLE || first - MIDDLE + count > on->rows) return 0;
+    float buffer[(MOST_APART + ROWS) * STRIP], share[3][STRIP];
+    memset(buffer, 0, sizeof *buffer * (size_t)(count * STRIP));
+    for (int64_t k = 0; k < on->channels; k++)
+        for (int c = 0; c < STRIP; c++) share[k][c] = m->is_core[column + c] ? 1 : m->mix[k];
+    for (int64_t t = 0; t < count; t++) {
+        const int64_t r = first - MIDDLE + t;
+        const char *p = on->data + r * on->row_step + column * on->column_step;
+        const char *q = off ? off->data + r * off->row_step + column * off->column_step : NULL;
+        float *restrict sum = buffer + t * STRIP;
+        for (int64_t k = 0; k < on->channels; k++, p += on->channel_step, q += off ? off->channel_step : 0) {
+            float v[STRIP];
+            if (on->column_step == 3) for (int c = 0; c < STRIP; c++) v[c] = (float)((const uint8_t *)p)[3 * c];
+            else for (int64_t c = 0; c < STRIP; c++) v[c] = (float)*(const uint8_t *)(p + c * on->column_step);
+            const float gain = m->gain[k];
+            if (off && off->column_step == 3) for (int c = 0; c < STRIP; c++) v[c] -= gain * (float)((const uint8_t *)q)[3 * c];
+            else if (off) for (int64_t c = 0; c < STRIP; c++) v[c] -= gain * (float)*(const uint8_t *)(q + c * off->column_step);
+            for (int c = 0; c < STRIP; c++) sum[c] += share[k][c] * v[c];
+        }
+    }
+    for (int64_t c = 0; c < STRIP; c++) {
+        const float *restrict x = buffer + (row[column + c] - first) * STRIP + c;
+        for (int64_t t = 0; t < ROWS; t++) out[c * ROWS + t] = x[t * STRIP];
+    }
+    return 1;
+}
+
 // Height of the light about a row above that further off.
 static float height_near(const Mixture *m, int64_t row, int64_t column) {
     float most = -INFINITY;
@@ -87,24 +122,20 @@ static void choose_sides(const Mixture *m, int64_t reach, const uint8_t *is_path
     }
 }
 
-static void lowest_of(float *restrict v, int64_t n) { // over OPENING rows of n + OPENING - 1, from the first on
-    static const int BY[5] = {1, 2, 4, 8, OPENING - 16};
-    for (int i = 0; i < 5; i++) for (int64_t t = 0; t < n + OPENING - 1 - BY[i]; t++) v[t] = MIN(v[t], v[t + BY[i]]);
-}
-static void highest_of(float *restrict v, int64_t n) {
-    static const int BY[5] = {1, 2, 4, 8, OPENING - 16};
-    for (int i = 0; i < 5; i++) for (int64_t t = 0; t < n + OPENING - 1 - BY[i]; t++) v[t] = MAX(v[t], v[t + BY[i]]);
-}
+// Lowest, or highest, of OPENING rows from each of INNER on; loops of constant length become vector instructions.
+enum { HALF = OPENING / 2, LENGTH = INNER + 2 * OPENING, COUNTED = 80 };
+#define DOUBLE(OF, BY) for (int t = 0; t < COUNTED; t++) v[t] = OF(v[t], v[t + BY]);
+static void lowest_of(float *restrict v) { DOUBLE(MIN, 1) DOUBLE(MIN, 2) DOUBLE(MIN, 4) DOUBLE(MIN, 8) DOUBLE(MIN, OPENING - 16) }
+static void highest_of(float *restrict v) { DOUBLE(MAX, 1) DOUBLE(MAX, 2) DOUBLE(MAX, 4) DOUBLE(MAX, 8) DOUBLE(MAX, OPENING - 16) }
 
 // Subtract the grey opening of INNER rows; what lies beyond them does not count.
 static void open_rows(float *restrict x) {
-    enum { HALF = OPENING / 2, LENGTH = INNER + 2 * OPENING };
     float low[LENGTH], high[LENGTH];
     for (int t = 0; t < LENGTH; t++) low[t] = INFINITY, high[t] = -INFINITY;
     memcpy(low + HALF, x, INNER * sizeof *x);
-    lowest_of(low, INNER);
+    lowest_of(low);
     memcpy(high + HALF, low, INNER * sizeof *x);
-    highest_of(high, INNER);
+    highest_of(high);
     for (int t = 0; t < INNER; t++) x[t] -= high[t];
 }
 
@@ -177,7 +208,10 @@ void measure_window(const Picture *on, const Picture *off, const double *mix, co
     for (int64_t k = 0; k < on->channels; k++) m.mix[k] = (float)mix[k], m.gain[k] = (float)gain[k];
     float *light = work, *sums = light + n * ROWS, *smooth = sums + n * INNER, *some = smooth + n * INNER;
     if (factor > 1) choose_sides(&m, factor, is_path, row);
-    for (int64_t c = 0; c < n; c++) column_light(&m, row[c] - MIDDLE, c, light + c * ROWS);
+    for (int64_t begin = 0; begin < n; begin += STRIP) {
+        if (begin + STRIP <= n && strip_light(&m, row, begin, light + begin * ROWS)) continue;
+        for (int64_t c = begin; c < MIN(begin + STRIP, n); c++) column_light(&m, row[c] - MIDDLE, c, light + c * ROWS);
+    }
     for (int64_t c = 0; c < n; c++) {
         float *restrict sum = sums + c * INNER, *restrict out = smooth + c * INNER;
         memcpy(sum, light + c * ROWS + MARGIN, INNER * sizeof *sum);

@@ -69,7 +69,7 @@ def _highest_peaks_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 def found_in(on: np.ndarray, off: np.ndarray) -> precise.ClearStripe:
     """What the kernel found of a pair, which the next one overwrites."""
     precise.extract_precise([Band(on, off)])
-    return precise.ClearStripe.of(memory(0), on.shape[1])
+    return precise.ClearStripe(memory(0), on.shape[1])
 
 
 def check(stripe: precise.ClearStripe, light: np.ndarray) -> None:
