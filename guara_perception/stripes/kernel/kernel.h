@@ -43,7 +43,7 @@ static inline int32_t level(const Picture *p, int64_t row, int64_t column, int64
 static inline double full_scale(const Picture *p) { return p->size == 1 ? 255 : 65535; }
 static inline int32_t clipped_from(const Picture *p) { return (int32_t)ceil(CLIPPED * full_scale(p)); }
 
-// What some columns of a pair of pictures tell, as in laser_light.py.
+// What some columns of a pair of pictures tell, as in band.py.
 typedef struct { double channel, is_swapped, change, is_uneven, is_core_clipped; } Judgement;
 
 int64_t judge_size(int64_t rows, int64_t columns, int64_t channels);

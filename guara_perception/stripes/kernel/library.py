@@ -96,12 +96,22 @@ class _Memory(threading.local):
 _MEMORY = _Memory()
 
 
+# Bytes that a thread keeps: enough for a band of a scan. What whole pictures take besides is given back.
+MOST_KEPT = 8 << 20
+
+
 def memory(size: int) -> Array:
-    """At least this many bytes (uint8), the same at each call of a thread; they begin at a multiple of 64."""
+    """At least this many bytes (uint8) from a multiple of 64 on; up to MOST_KEPT the same at each call of a thread."""
+    if size > MOST_KEPT:
+        return _aligned(size)
     if _MEMORY.bytes.size < size:
-        whole = np.empty(size + size // 8 + 64, np.uint8)
-        _MEMORY.bytes = whole[-whole.ctypes.data % 64 :]
+        _MEMORY.bytes = _aligned(size + size // 8)
     return _MEMORY.bytes
+
+
+def _aligned(size: int) -> Array:
+    whole = np.empty(size + 64, np.uint8)
+    return whole[-whole.ctypes.data % 64 :]
 
 
 def address(array: Array) -> int:

@@ -243,6 +243,14 @@ def test_the_height_of_a_ridge_is_that_of_plain_array_operations() -> None:
         assert height == pytest.approx(heights[strongest[row, column], row, column], abs=1e-3)
 
 
+def test_memory_of_whole_pictures_is_not_kept() -> None:
+    """That of a band is, for the next one."""
+    assert library.memory(2000).ctypes.data == library.memory(1000).ctypes.data
+    kept = library.memory(0)
+    assert library.memory(library.MOST_KEPT + 1).ctypes.data != kept.ctypes.data
+    assert library.memory(0) is kept and kept.size <= 1.2 * library.MOST_KEPT
+
+
 def test_selected_values_are_those_of_a_sorted_list() -> None:
     """Few and many values, equal ones and both zeros, of any rank."""
     random = np.random.default_rng(4)
