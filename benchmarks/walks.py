@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import guara_perception as gp
-from benchmarks import map_cost, moving_ground, pictures, scan_modes, sigmas
+from benchmarks import map_cost, moving_ground, pictures, scan_modes, sigmas, soft_ground
 from benchmarks.command import options, run_part
 from benchmarks.fused_walk import PAUSES_BETWEEN, drift_aside, fused_pauses
 from guara_perception.arrays import Float
@@ -188,6 +188,7 @@ def main() -> None:
             "modes": scan_modes.main,
             "sigmas": sigmas.sigmas,
             "slopes": sigmas.slopes,
+            "soft": soft_ground.soft,
         },
     )
 

@@ -84,6 +84,10 @@ class Ground:
         """The ground at a pause: the same at all."""
         return self
 
+    def sink(self, x: float, y: float) -> float:
+        """Depth by which the ground gives way under a foot [m]."""
+        return 0.0
+
     def carried(self, step: int, foot: Float) -> Float:
         """Place of a foot that stood still on the ground since the pause before."""
         return foot
@@ -107,6 +111,33 @@ class LevelGround(Ground):
     def height_at(self, x: Float, y: Float) -> Float:
         """0 everywhere."""
         return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
+
+
+@dataclass(frozen=True)
+class CompliantGround(Ground):
+    """Ground with a patch across the way that gives way under a foot, as foam or snow does.
+
+    Attributes:
+        soft: first and last x of the patch [m].
+        depth: by which it gives way [m].
+        thickness: by which it stands higher than the ground around it [m].
+    """
+
+    soft: tuple[float, float] = (1.0, 1.5)
+    depth: float = 0.020
+    thickness: float = 0.0
+
+    def is_soft(self, x: Float, y: Float) -> Mask:
+        """Whether the ground gives way."""
+        return np.asarray((x >= self.soft[0]) & (x <= self.soft[1]))
+
+    def height_at(self, x: Float, y: Float) -> Float:
+        """True height in the world before anybody steps on it [m]."""
+        return super().height_at(x, y) + np.where(self.is_soft(x, y), self.thickness, 0.0)
+
+    def sink(self, x: float, y: float) -> float:
+        """Depth by which the ground gives way under a foot [m]."""
+        return self.depth if self.soft[0] <= x <= self.soft[1] else 0.0
 
 
 @dataclass(frozen=True)
@@ -273,7 +304,7 @@ def _foothold(ground: Ground, x: float, y: float) -> Float:
             heights = ground.height_at(x + dx + sx, y + dy + sy)
             cost = (round(float(np.ptp(heights)), 4), float(np.hypot(dx, dy)))
             if best is None or cost < best[0]:
-                best = (cost, np.array([x + dx, y + dy, float(heights.max())]))
+                best = (cost, np.array([x + dx, y + dy, float(heights.max()) - ground.sink(x + dx, y + dy)]))
     assert best is not None
     return best[1]
 

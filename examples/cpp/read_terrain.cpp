@@ -23,7 +23,7 @@ using guara_msgs::msg::Terrain;
 using guara_msgs::msg::TerrainLayer;
 
 // Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
-constexpr unsigned UNKNOWN = 0x00ff;
+constexpr unsigned UNKNOWN = 0x003f;
 
 template<typename Message>
 Message read_message(const char * name)

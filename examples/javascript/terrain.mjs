@@ -9,7 +9,7 @@ import { decompress } from "fzstd";
 const DEFINITIONS = fileURLToPath(new URL("../../transport/msg", import.meta.url));
 const FRAME_MAGIC = [0x28, 0xb5, 0x2f, 0xfd];
 // Flags of `hazard` with which nothing is known of a cell; any other is a reason not to step there.
-export const UNKNOWN = 0x00ff;
+export const UNKNOWN = 0x003f;
 // Layers without which nothing is said of a cell, and the types that they have.
 const NEEDED = { elevation: 1, traversability: 1, hazard: 2 };
 

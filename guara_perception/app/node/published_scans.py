@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 
 from guara_perception.app.messages import terrain_to_message
+from guara_perception.app.node.contact_watch import ContactWatch
 from guara_perception.app.node.journal import Journal
 from guara_perception.app.node.live_scan import LiveScan
 from guara_perception.app.node.node_status import NodeStatus
@@ -84,7 +85,7 @@ class PublishedScans:
             "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
             "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
         )
-        self._are_images_out = False
+        self._are_images_out, self._contacts = False, ContactWatch(status)
         self.doubts: tuple[str, ...] = ()
         self.newest: Published | None = None
         self.fused: Published | None = None
@@ -184,6 +185,8 @@ class PublishedScans:
         slips = {f"{leg}_mm": f"{1e3 * slip:.1f}" for leg, slip in told.items()}
         text = f"standing feet slid by {', '.join(slips.values())} mm since the last pause" if slips else ""
         self._status.note("foot_slip", text, StatusLevel.OK, slips)
+        if (pose := self._map.pose) is not None:
+            self._contacts.add(published.fused, (*pose.stayed_feet, *pose.slipped_feet))
         self.fused = published
         message = self._send(published, published.fused)
         if self._journal is not None:

@@ -14,14 +14,14 @@ from guara_perception.terrain.layers.layers import LAYERS
 
 
 class Hazard(IntFlag):
-    """Flags of a cell: causes of unknown cells in the lower byte, hazards of known cells in the upper byte.
+    """Flags of a cell: causes of unknown cells up to 32, hazards of known cells above.
 
     Unknown: DROPOUT, no return where one was expected; OCCLUDED, hidden by something nearer; UNSCANNED, not observed;
     OUT_OF_RANGE, below or above the heights that count as terrain; AMBIGUOUS, an unreliable return; SELF, hidden by the
     robot itself.
-    Known: STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here would reach something unknown, hazardous or off
-    the grid; UNCERTAIN, large standard deviation of the height; CONFLICT, observations disagree; STALE, observed too
-    long ago, or drifted too far since.
+    Known: SOFT, a foot sank or slid on ground like this; STEEP, STEP, DROP and ROUGH ground; EDGE, a sole centred here
+    would reach something unknown, hazardous or off the grid; UNCERTAIN, large standard deviation of the height;
+    CONFLICT, observations disagree; STALE, observed too long ago, or drifted too far since.
     """
 
     NONE = 0
@@ -31,6 +31,7 @@ class Hazard(IntFlag):
     OUT_OF_RANGE = 8
     AMBIGUOUS = 16
     SELF = 32
+    SOFT = 64
     STEEP = 256
     STEP = 512
     DROP = 1024
@@ -45,7 +46,7 @@ class Hazard(IntFlag):
         return self.name or str(int(self))
 
 
-UNKNOWN_MASK = np.uint16(0x00FF)
+UNKNOWN_MASK = np.uint16(0x003F)
 
 ALL_BUT_EDGE = np.uint16(0xFFFF & ~Hazard.EDGE)
 
@@ -56,6 +57,7 @@ MEANING = {
     Hazard.OUT_OF_RANGE: "below or above the heights that count as terrain",
     Hazard.AMBIGUOUS: "unreliable return: two stripes, saturation or a mixed edge",
     Hazard.SELF: "hidden by the robot's own leg or body",
+    Hazard.SOFT: "a foot sank or slid on ground like this",
     Hazard.STEEP: "too steep",
     Hazard.STEP: "rises too much nearby",
     Hazard.DROP: "falls too much nearby",

@@ -418,6 +418,8 @@ class MapRecord(GridRecord):
         scans: number of scans fused.
         disagreeing_cells: number of heights of the last scan that disagreed with the map.
         support_residuals: leg -> height of its sole above the map [m], None where the map knows too little.
+        sunk_feet, slid_feet: leg -> how far it sank below the map, and slid relative to the other feet, where feet did
+            [m]; None otherwise.
         height_correction, height_correction_sigma: correction of the walk's height [m].
         known_ground: declared patches.
         sideways_correction, sideways_correction_sigma: planar correction (x, y, yaw) of the walk [m, m, rad].
@@ -434,7 +436,7 @@ class MapRecord(GridRecord):
         *("validity_pauses", "validity_seconds", "transform_footprint_to_odom", "odometry_covariance", "scans"),
         *("disagreeing_cells", "support_residuals", "height_correction", "height_correction_sigma", "known_ground"),
         *("coverage", "known", "hazard_cells", "health", "sideways_correction", "sideways_correction_sigma"),
-        *("registration_refused", "visual_corners", "visual_refused", "foot_slips"),
+        *("registration_refused", "visual_corners", "visual_refused", "foot_slips", "sunk_feet", "slid_feet"),
         *("slipped_feet", "odometry_residual", "restarts", *STATED),
     )
 
@@ -452,6 +454,8 @@ class MapRecord(GridRecord):
     visual_corners: int | None = None
     visual_refused: str | None = None
     foot_slips: Mapping[str, float] | None = None
+    sunk_feet: Mapping[str, float] | None = None
+    slid_feet: Mapping[str, float] | None = None
     slipped_feet: tuple[str, ...] | None = None
     odometry_residual: float | None = None
     restarts: tuple[str, ...] | None = None

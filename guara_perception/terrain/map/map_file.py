@@ -19,6 +19,7 @@ from guara_perception.terrain.map.fuse_heights import OdometryDrift
 from guara_perception.terrain.map.odom_cells import MEMORY, OdomCells
 from guara_perception.terrain.map.registration import SeenGround
 from guara_perception.terrain.map.seen_texture import SeenTexture
+from guara_perception.terrain.map.soft_ground import SoftFoothold
 from guara_perception.terrain.map.support_feet import HeightAnchor
 from guara_perception.terrain.map.walk_correction import FILE_KEYS, SidewaysDrift, WalkCorrection
 
@@ -46,6 +47,7 @@ class MapState:
         ground: declared patches of known ground, as in the map's record.
         scans: number of scans fused.
         reasons: faults of the map for the health of its grids.
+        soft: footholds at which the ground gave way.
     """
 
     centre: Float | None = None
@@ -61,6 +63,7 @@ class MapState:
     ground: tuple[Mapping[str, Any], ...] = ()
     scans: int = 0
     reasons: tuple[str, ...] = ()
+    soft: tuple[SoftFoothold, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +176,10 @@ def _state(fields: Fields, seen: SeenGround | None) -> MapState:
         ground=tuple(dict(patch.data) for patch in fields.items("ground")),
         scans=fields.integer("scans", 0),
         reasons=tuple(str(reason) for reason in fields.sequence("reasons")),
+        # Files of earlier versions have none.
+        soft=tuple(SoftFoothold(each.number("x"), each.number("y")) for each in fields.items("soft"))
+        if fields.has("soft")
+        else (),
     )
 
 

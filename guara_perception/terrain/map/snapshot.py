@@ -24,12 +24,18 @@ from guara_perception.terrain.layers.hazard import UNKNOWN_MASK, Hazard
 from guara_perception.terrain.map.fuse_heights import MapPause, drift_variance
 from guara_perception.terrain.map.fuse_scan import pose_variance
 from guara_perception.terrain.map.odom_cells import OdomCells, Squares
+from guara_perception.terrain.map.soft_ground import SoftFoothold, soft_cells
 
 NEVER_SEEN_AGE = 255
 
 
 def snapshot_layers(
-    cells: OdomCells, geometry: GridGeometry, terrain: TerrainGrid, now: MapPause, settings: Settings
+    cells: OdomCells,
+    geometry: GridGeometry,
+    terrain: TerrainGrid,
+    now: MapPause,
+    settings: Settings,
+    soft: tuple[SoftFoothold, ...] = (),
 ) -> dict[str, Array]:
     """All layers of the `map` extent.
 
@@ -55,7 +61,12 @@ def snapshot_layers(
         in_odom_y += height * transform[1, 2]
     half = 0.5 * geometry.resolution * (abs(transform[0, 0]) + abs(transform[1, 0]))
     squares = Squares.of(cells, in_odom_x, in_odom_y, half)
-    flags = squares.joined(_flags(cells, squares, now, settings), np.bitwise_or)
+    own_flags = _flags(cells, squares, now, settings)
+    if soft:
+        heights = cells.patch("height", squares.first, squares.shape, np.nan)
+        sole = float(np.hypot(settings.limits.sole_length, settings.limits.sole_width)) / 2
+        own_flags[soft_cells(heights, squares.first, cells.resolution, soft, sole)] |= np.uint16(Hazard.SOFT)
+    flags = squares.joined(own_flags, np.bitwise_or)
 
     known = np.flatnonzero((flags & UNKNOWN_MASK) == 0)
     x, y = x.take(known), y.take(known)

@@ -94,7 +94,8 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
     if not foot.slot.size or slot.size < COMPARED_SHARE * foot.slot.size:
         return None
     bearing = float(np.quantile(memory["height"][slot], BEARING_QUANTILE))
-    return SoleError(float(foot.centre[2]) - bearing, foot.variance + float(memory["variance"][slot].mean()))
+    variance = foot.variance + float(memory["variance"][slot].mean())
+    return SoleError(float(foot.centre[2]) - bearing, variance, float(foot.distance.mean()))
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
@@ -118,10 +119,15 @@ def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class SoleError:
-    """Height of a sole above the map [m], and its variance without the error of odometry [m^2]."""
+    """Height of a sole above the map [m], variance without odometry's error [m^2], distance from the robot [m]."""
 
     residual: float
     variance: float
+    distance: float = 0.0
+
+    def leaning(self, attitude_sigma: float) -> SoleError:
+        """The same for a body whose tilt has this standard deviation [rad]."""
+        return replace(self, variance=self.variance + (attitude_sigma * self.distance) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +148,10 @@ class HeightAnchor:
     odometry: float = 0.0
     rejected: tuple[str, ...] = ()
 
+    def prior(self, odometry_variance: float) -> float:
+        """Variance of the walk's height at the next pause, before its soles are compared [m^2]."""
+        return self.variance + max(odometry_variance - self.odometry, 0.0)
+
     def after(self, odometry_variance: float, soles: Mapping[str, SoleError]) -> HeightAnchor:
         """Predict and update the filter at the next pause.
 
@@ -150,7 +160,7 @@ class HeightAnchor:
             soles: leg -> its error, this anchor's offset included.
         """
         growth = max(odometry_variance - self.odometry, 0.0)
-        prior = variance = self.variance + growth
+        prior = variance = self.prior(odometry_variance)
         correction = 0.0
         rejected = []
         for leg, sole in soles.items():

@@ -28,9 +28,10 @@ from guara_perception.terrain.map.odom_cells import OdomCells
 from guara_perception.terrain.map.registration import SeenGround
 from guara_perception.terrain.map.seen_texture import GroundView, VisualMotion, seen_after, view_of, visual_motion
 from guara_perception.terrain.map.snapshot import snapshot_layers
+from guara_perception.terrain.map.soft_ground import remembered, slid_feet, sunk_feet
 from guara_perception.terrain.map.support_feet import fill_under_foot, sole_error, support_feet
 from guara_perception.terrain.map.walk_correction import SidewaysDrift
-from kinematics import PoseInOdom, RobotModel
+from kinematics import OdometryPose, PoseInOdom, RobotModel
 
 # Distance from the centre of the window at which the window moves [m]: moves are rare, the margin costs little memory.
 MARGIN_M = 0.2
@@ -169,7 +170,13 @@ class TerrainMap:
         feet = support_feet(self._cells, self._robot, terrain, transform, settings.limits)
         errors = {foot.leg: sole_error(self._cells, foot) for foot in feet}
         measured = {leg: error for leg, error in errors.items() if error is not None}
-        anchor = state.anchor.after(float(checked.covariance[2, 2]), measured)
+        odometry_variance = float(checked.covariance[2, 2])
+        attitude = terrain.record.attitude_sigma or 0.0
+        leaning = {leg: sole.leaning(attitude) for leg, sole in measured.items()}
+        gave_way = sunk_feet(leaning, state.anchor.prior(odometry_variance))
+        anchor = state.anchor.after(odometry_variance, {leg: measured[leg] for leg in measured if leg not in gave_way})
+        slid = slid_feet(pose.foot_slips, pose.slipped_feet) if isinstance(pose, OdometryPose) else {}
+        soft = remembered(state.soft, [foot.centre for foot in feet if foot.leg in {*gave_way, *slid}])
         correction = anchor.offset - state.anchor.offset
         transform[2, 3] += correction
         shift, turn, growth = walk.shift, walk.turn, walk.growth
@@ -190,7 +197,8 @@ class TerrainMap:
             if is_new:
                 walk = replace(walk, off_texture=walk.noise, off_way=np.zeros(2), begun=walk.slip)
         for foot in feet:
-            fill_under_foot(self._cells, foot.raised(correction), now)
+            if foot.leg not in gave_way:
+                fill_under_foot(self._cells, foot.raised(correction), now)
         # The record also names earlier patches while cells that they filled may be valid.
         oldest = terrain.step - settings.validity_pauses
         ground = [patch for patch in state.ground if patch["cells"] and patch["step"] >= oldest]
@@ -209,12 +217,19 @@ class TerrainMap:
             ground=tuple(ground),
             scans=state.scans + 1,
             reasons=reasons,
+            soft=soft,
         )
         lines = LinesOfSight.of(terrain, now, self._robot)
         valid = (each for each in self._sight if pause - each.pause <= settings.validity_pauses)
         self._sight = (*valid, *([] if lines is None else [lines]))
         residuals = {leg: None if error is None else error.residual for leg, error in errors.items()}
-        return self._snapshot(terrain, now, checked.covariance, rejected, residuals)
+        fused = self._snapshot(terrain, now, checked.covariance, rejected, residuals)
+        told = [f"the ground gave way under {leg} by {1e3 * depth:.0f} mm: SOFT" for leg, depth in gave_way.items()]
+        told += [f"slippery: {leg} slid by {1e3 * way:.0f} mm: SOFT" for leg, way in slid.items()]
+        if not told:
+            return fused
+        health = Health.of((*(fused.record.health.reasons if fused.record.health else ()), *told))
+        return fused.restated(sunk_feet=gave_way, slid_feet=slid, health=health)
 
     def view(
         self,
@@ -327,7 +342,7 @@ class TerrainMap:
         residuals: Mapping[str, float | None],
     ) -> TerrainGrid:
         state, scan, settings = self._state, terrain.record, self._settings
-        layers = snapshot_layers(self._cells, self._grid, terrain, now, settings)
+        layers = snapshot_layers(self._cells, self._grid, terrain, now, settings, state.soft)
         hazard = np.asarray(layers["hazard"], np.uint16)
         unknown = (hazard & UNKNOWN_MASK) != 0
         layers["ceiling"] = ceiling_of(self._sight, unknown, self._grid, now, settings)

@@ -189,6 +189,9 @@ def _reasons(terrain: LayeredGrid, x: float, y: float, leg: str | None, beyond: 
         if cells:
             detail = f"of the sole flagged {flag.name}, which a limit of a newer version also sets: {name} {limit:g}"
             yield Reason(name, cells, 0.0, "cells", detail)
+    soft = int(((hazard & np.uint16(Hazard.SOFT)) != 0).sum())
+    if soft:
+        yield Reason("soft", soft, 0.0, "cells", MEANING[Hazard.SOFT])
     disputed = int(((hazard & np.uint16(Hazard.CONFLICT)) != 0).sum())
     if disputed:
         yield Reason("conflict", disputed, 0.0, "cells", "observations disagree")

@@ -1,0 +1,116 @@
+"""Feet as witnesses: alarms on hard ground, and what is found of ground that gives way.
+
+`python -m benchmarks walks soft [--walks 5]`. Guará walks over boxes, ramps and rough ground, with an IMU and without;
+joints and IMU err as robot.toml says, by the same in no two pauses. A patch of 0.4 m across its way gives way by the
+depth of the row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import guara_perception as gp
+from benchmarks.command import Table, options
+from guara_perception.arrays import Float
+from guara_perception.terrain.map.soft_ground import REACH_M
+from kinematics import LegOdometry, RobotModel, load_robot
+from testbed.analytic_walk import CompliantGround, Ground, scan, walk
+
+PATCH = (1.0, 1.4)
+# A map may be off by as much.
+AROUND_M = 0.02
+DEPTHS_M = (0.0, 0.008, 0.012, 0.020, 0.030)
+CYCLES = 10
+
+
+@dataclass
+class Alarms:
+    """Counts of walks.
+
+    Attributes:
+        pauses, alarmed: pauses, and those at which a foot was said to have sunk on hard ground.
+        landings, found: soles on the patch at a pause that could be compared with the map, and those said to have sunk.
+        free: cells of the patch that the maps called free within reach of a foot that was said to have sunk there.
+        heights: of landing feet on hard ground against the map [m].
+    """
+
+    pauses: int = 0
+    alarmed: int = 0
+    landings: int = 0
+    found: int = 0
+    free: int = 0
+    heights: list[float] = field(default_factory=list)
+
+    def add(self, ground: Ground, robot: RobotModel, seed: int, cycles: int, *, has_imu: bool) -> None:
+        """Walk once."""
+        terrain_map, odometry, sank = gp.TerrainMap(robot), LegOdometry(robot), list[Float]()
+        for pause in walk(robot, ground, cycles, seed, has_gravity=has_imu):
+            terrain, pose = scan(robot, ground, pause, seed), odometry.update(pause.stance)
+            fused = terrain_map.update(terrain, pose)
+            record = fused.record
+            assert isinstance(record, gp.MapRecord) and record.support_residuals is not None
+            sunk, false = set(record.sunk_feet or {}), False
+            for leg, height in record.support_residuals.items():
+                if height is None:
+                    continue
+                is_soft = ground.sink(*pause.soles_in_world[leg][:2].tolist()) > 0
+                self.landings += is_soft
+                self.found += is_soft and leg in sunk
+                false |= not is_soft and leg in sunk
+                if is_soft and leg in sunk:
+                    sank.append(pause.soles_in_world[leg])
+                if not is_soft and leg not in pose.stayed_feet:
+                    self.heights.append(height)
+            self.pauses += 1
+            self.alarmed += false
+            self.free += free_soft_cells(ground, pause.transform_base_to_world, fused, sank)
+
+
+def free_soft_cells(
+    ground: Ground, transform_base_to_world: Float, fused: gp.TerrainGrid, sank: Sequence[Float]
+) -> int:
+    """Number of free cells on ground that gives way, within reach of places where feet sank in it."""
+    if not sank:
+        return 0
+    to_world = transform_base_to_world @ np.linalg.inv(fused.metadata["transform_base_to_footprint"])
+    x, y = np.meshgrid(*fused.geometry.centres())
+    points = np.stack((x, y, fused.elevation), axis=-1)[fused.hazard == 0] @ to_world[:3, :3].T + to_world[:3, 3]
+    away = np.hypot(*(points[:, None, :2] - np.array(sank)[:, :2]).transpose(2, 0, 1)).min(axis=1)
+    return sum(ground.sink(px, py) > 0 for px, py, _ in points[away < REACH_M - AROUND_M].tolist())
+
+
+def soft() -> None:
+    """Print the table."""
+    asked = options(__doc__, walks=(5, "walks of a row"))
+    robot = load_robot("guara")
+    table = Table(
+        "IMU:<3 | sinks by [mm]:.0f | pauses:d | false alarms:d | feet on it:d | found:.0% | free cells of it:d | "
+        "bias [mm]:.2f | sigma [mm]:.2f"
+    )
+    for has_imu in (True, False):
+        for depth in DEPTHS_M:
+            alarms = Alarms()
+            for seed in range(asked.walks):
+                base = Ground.random(seed)
+                ground = CompliantGround(base.boxes, base.dark, base.phases, soft=PATCH, depth=depth)
+                alarms.add(ground if depth else base, robot, seed, CYCLES, has_imu=has_imu)
+            heights = 1e3 * np.array(alarms.heights)
+            found = alarms.found / max(alarms.landings, 1)
+            table.row(
+                "yes" if has_imu else "no",
+                1e3 * depth,
+                alarms.pauses,
+                alarms.alarmed,
+                alarms.landings,
+                found,
+                alarms.free,
+                heights.mean(),
+                heights.std(),
+            )
+
+
+if __name__ == "__main__":
+    soft()

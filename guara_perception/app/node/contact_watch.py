@@ -1,0 +1,63 @@
+"""Watch over contacts: height of each landing foot against the map's, a running test of the whole chain."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+
+import numpy as np
+
+from guara_perception.app.node.node_status import NodeStatus
+from guara_perception.terrain.grid import TerrainGrid
+from guara_perception.terrain.layers.record import MapRecord
+from transport import Health
+
+# Landings whose heights are judged together, and the fewest: two cycles.
+MOST_LANDINGS, FEWEST_LANDINGS = 40, 8
+
+
+class ContactWatch:
+    """Status items `contact` (bias, sigma and last worst of the landings) and `ground` (feet that sank or slid)."""
+
+    def __init__(self, status: NodeStatus) -> None:
+        """Start without a landing."""
+        self._status = status
+        self._heights: deque[float] = deque(maxlen=MOST_LANDINGS)
+
+    def add(self, fused: TerrainGrid, stayed: Collection[str]) -> None:
+        """Judge the feet of a pause that did not stand there at the pause before.
+
+        Args:
+            fused: map of the pause.
+            stayed: feet that stood where they had stood before.
+        """
+        record = fused.record
+        assert isinstance(record, MapRecord)
+        sunk, slid = record.sunk_feet or {}, record.slid_feet or {}
+        told = [f"gave way under {leg} by {1e3 * depth:.0f} mm" for leg, depth in sunk.items()]
+        told += [f"is slippery: {leg} slid by {1e3 * way:.0f} mm" for leg, way in slid.items()]
+        self._status.note("ground", f"step {fused.step}: the ground {' and '.join(told)}" if told else "")
+        residuals = record.support_residuals or {}
+        landed = {leg: height for leg, height in residuals.items() if height is not None and leg not in stayed}
+        self._heights.extend(landed.values())
+        if not landed:
+            return
+        worst = max(landed, key=lambda leg: abs(landed[leg]))
+        bias, sigma, count = float(np.mean(self._heights)), float(np.std(self._heights)), len(self._heights)
+        values = {
+            "landings": str(count),
+            "bias_mm": f"{1e3 * bias:.1f}",
+            "sigma_mm": f"{1e3 * sigma:.1f}",
+            "last_worst_mm": f"{1e3 * landed[worst]:.1f}",
+            "last_worst_leg": worst,
+        }
+        limit = record.required_limits.sigma
+        text, level = f"feet land {1e3 * bias:+.1f} mm off the map, sigma {1e3 * sigma:.1f} mm", Health.OK
+        # Of a chain in order the mean lies within its limit and what so few landings leave open.
+        if count >= FEWEST_LANDINGS and abs(bias) > limit + 2 * sigma / np.sqrt(count):
+            level = Health.WARN
+            text += (
+                f"; allowed: {1e3 * limit:.0f} mm. The calibration, the zeros of the joints or the sole's size "
+                "are wrong, or the ground gives way everywhere"
+            )
+        self._status.note("contact", text, level, values)

@@ -1,0 +1,150 @@
+"""Ground that gives way under a foot, or on which one slides: what the map learns of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import guara_perception as gp
+from benchmarks.soft_ground import free_soft_cells
+from guara_perception.terrain.map.soft_ground import REACH_M, SoftFoothold, remembered, slid_feet, soft_cells, sunk_feet
+from guara_perception.terrain.map.support_feet import SoleError, support_feet
+from kinematics import LegOdometry, RobotModel
+from testbed.analytic_walk import CompliantGround, Ground, Pause, scan, walk
+
+LEGS = ("lf", "rf", "lh", "rh")
+
+
+def soles(*residuals: float, sigma: float = 0.001) -> dict[str, SoleError]:
+    """Errors of soles [m]."""
+    return {leg: SoleError(residual, sigma**2, 0.35) for leg, residual in zip(LEGS, residuals, strict=True)}
+
+
+@pytest.mark.parametrize("common", [0.0, 0.020, -0.020])
+def test_a_foot_is_deeper_than_the_others(common: float) -> None:
+    """Whatever error the odometry gave all of them."""
+    found = sunk_feet(soles(common, common - 0.015, common, common + 0.001), 0.05**2)
+    assert found == {"rf": pytest.approx(0.0153, abs=0.0002)}
+    assert sunk_feet(soles(common, common + 0.015, common, common), 0.05**2) == {}
+
+
+def test_feet_that_sank_one_after_the_other_are_all_found() -> None:
+    """The height of the walk so far tells of all four; without it nothing would stand out."""
+    assert set(sunk_feet(soles(-0.015, -0.016, -0.020, -0.012), 0.0002**2)) == set(LEGS)
+    assert sunk_feet(soles(-0.015, -0.016, -0.020, -0.016), 0.05**2) == {}
+    assert sunk_feet({}, 0.0) == {}
+
+
+def test_a_body_whose_tilt_is_not_known_tells_of_no_foot() -> None:
+    """Three degrees without an IMU lift a foot by as much as it sank."""
+    sunk = soles(0.0, -0.015, 0.0, 0.0)
+    assert sunk_feet({leg: sole.leaning(np.radians(0.1)) for leg, sole in sunk.items()}, 1e-6).keys() == {"rf"}
+    assert sunk_feet({leg: sole.leaning(np.radians(3.0)) for leg, sole in sunk.items()}, 1e-6) == {}
+
+
+def test_a_foot_slid_further_than_the_others() -> None:
+    """What all feet slide alike is drift; a centimetre more is slippery ground."""
+    assert slid_feet({"lf": 0.002, "rf": 0.018, "lh": 0.003}, ("rf",)) == {"rf": pytest.approx(0.0155)}
+    assert slid_feet({"lf": 0.012, "rf": 0.018, "lh": 0.012}, ("rf",)) == {}
+    assert slid_feet({"lf": 0.002, "rf": 0.018}, ()) == {}
+
+
+def test_the_surface_goes_on_alike_until_it_steps_or_ends() -> None:
+    """A level surface within reach; not beyond a step of a centimetre, nor beyond unknown ground."""
+    heights = np.zeros((160, 160))
+    heights[:, 100:] = 0.010
+    heights[120, :] = np.nan
+    found = soft_cells(heights, (-80, -80), 0.005, (SoftFoothold(0.0, 0.0),), 0.05)
+    y, x = ((np.arange(160) - 80 + 0.5) * 0.005 for _ in range(2))
+    near = np.hypot(x, y[:, None]) <= REACH_M
+    expected = near & (np.arange(160) < 100) & (np.arange(160) < 120)[:, None]
+    np.testing.assert_array_equal(found, expected)
+    # Under the sole it is soft whatever steps there are.
+    heights[75:85, 75:85] = np.arange(10) * 0.02
+    assert soft_cells(heights, (-80, -80), 0.005, (SoftFoothold(0.0, 0.0),), 0.05)[76:84, 76:84].all()
+
+
+def test_a_foothold_is_remembered_once() -> None:
+    centres = [np.array([0.0, 0.0, 0.1]), np.array([0.01, 0.0, 0.1]), np.array([0.2, 0.0, 0.0])]
+    soft = remembered((), centres)
+    assert soft == (SoftFoothold(0.0, 0.0), SoftFoothold(0.2, 0.0))
+    assert remembered(soft, centres) == soft
+
+
+def foam(depth: float, seed: int = 0) -> CompliantGround:
+    """Ground with a patch across the way that gives way, and nothing else before a ramp."""
+    base = Ground.random(seed)
+    return CompliantGround(base.boxes[:0], base.dark[:0], base.phases, soft=(0.5, 0.78), depth=depth)
+
+
+def walked(robot: RobotModel, ground: Ground, cycles: int) -> tuple[gp.TerrainMap, list[gp.TerrainGrid], list[Pause]]:
+    terrain_map, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    pauses = list(walk(robot, ground, cycles, 0))
+    fused = [terrain_map.update(scan(robot, ground, pause, 0), odometry.update(pause.stance)) for pause in pauses]
+    return terrain_map, fused, pauses
+
+
+@pytest.mark.slow
+def test_hard_ground_raises_no_alarm(robot: RobotModel) -> None:
+    """Boxes, ramps and noise of the joints: no foot sank, no cell is soft."""
+    _, fused, _ = walked(robot, Ground.random(0), 5)
+    assert all(grid.record.sunk_feet is None for grid in fused)
+    assert not any((grid.hazard & np.uint16(gp.Hazard.SOFT)).any() for grid in fused)
+
+
+@pytest.mark.slow
+def test_ground_that_gave_way_is_soft_and_no_foothold(robot: RobotModel, tmp_path: Path) -> None:
+    """Once a foot sank by 2 cm, no cell of the patch is free within reach of it; the map says where and why."""
+    ground = foam(0.020)
+    terrain_map, fused, pauses = walked(robot, ground, 5)
+    first = next(number for number, grid in enumerate(fused) if grid.record.sunk_feet)
+    sank: list[np.ndarray] = []
+    for grid, pause in zip(fused[first:], pauses[first:], strict=True):
+        sank += [pause.soles_in_world[leg] for leg in grid.record.sunk_feet or {}]
+        assert free_soft_cells(ground, pause.transform_base_to_world, grid, sank) == 0
+        for leg in grid.record.sunk_feet or {}:
+            assert ground.sink(*pause.soles_in_world[leg][:2]) > 0
+            assert any(f"gave way under {leg}" in reason for reason in grid.record.health.reasons)
+    soft = np.isfinite(fused[-1].elevation) & ((fused[-1].hazard & np.uint16(gp.Hazard.SOFT)) != 0)
+    assert soft.any()
+    iy, ix = (int(each[0]) for each in np.nonzero(soft))
+    x, y = (float(axis[i]) for axis, i in zip(fused[-1].geometry.centres(), (ix, iy), strict=True))
+    verdict = fused[-1].check_foothold(x, y)
+    assert not verdict.ok and "soft" in {reason.test for reason in verdict.reasons}
+    # What the feet taught is in the file.
+    terrain_map.save(tmp_path / "map.npz")
+    again = gp.TerrainMap.load(tmp_path / "map.npz", robot)
+    odometry = LegOdometry(robot)
+    poses = [odometry.update(pause.stance) for pause in pauses]
+    last = scan(robot, ground, pauses[-1], 0)
+    np.testing.assert_array_equal(again.view(last, poses[-1]).hazard, terrain_map.view(last, poses[-1]).hazard)
+
+
+@pytest.mark.slow
+def test_a_sole_that_sank_does_not_become_known_ground(robot: RobotModel) -> None:
+    """Cells under it that no scan saw stay unknown; under one that stands they are known."""
+    ground = foam(0.020)
+    _, fused, pauses = walked(robot, ground, 3)
+    number = next(number for number, grid in enumerate(fused) if grid.record.sunk_feet)
+    before, odometry = gp.TerrainMap(robot), LegOdometry(robot)
+    for pause in pauses[:number]:
+        before.update(scan(robot, ground, pause, 0), odometry.update(pause.stance))
+    pose, terrain, record = (
+        odometry.update(pauses[number].stance),
+        scan(robot, ground, pauses[number], 0),
+        fused[number].record,
+    )
+    feet = support_feet(
+        before._cells, robot, terrain, np.array(record.transform_footprint_to_odom), record.required_limits
+    )
+    # A third of what the map knows under each sole is forgotten, as if no scan had seen it.
+    memory = before._cells.memory
+    gone = {foot.leg: foot.slot[::3] for foot in feet}
+    for slot in gone.values():
+        memory["height"][slot], memory["cause"][slot], memory["looks"][slot] = np.nan, int(gp.Hazard.UNSCANNED), 0
+    sunk = set(before.update(terrain, pose).record.sunk_feet or {})
+    assert sunk and sunk < set(gone)
+    for leg, slot in gone.items():
+        assert np.isfinite(memory["height"][slot]).all() == (leg not in sunk)
