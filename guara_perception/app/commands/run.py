@@ -160,6 +160,7 @@ def command(
     from guara_perception.stripes.kernel.library import kernel
     from transport.keys import stance_key
     from transport.node_name import open_only_node
+    from transport.ros2_stream import Ros2Stream
     from transport.server import PerceptionServer
     from transport.stance_link import StanceReceiver
     from transport.stance_stream_link import StanceStreamReceiver
@@ -250,6 +251,19 @@ def command(
             on_pause = ExternalGait(rig.simulation, node, say).on_pause
         StanceReceiver(session, robot=instance, on_pause=on_pause, on_refused=node.on_refused)
         StanceStreamReceiver(session, robot=instance, on_batch=node.on_stream, on_refused=node.on_stream_refused)
+        if ros2:
+            standing = rig.robot.state(rig.robot.posture(rig.robot.config.scan_posture))
+            frame = rig.robot.config.imu_frame
+            Ros2Stream(
+                session,
+                node.on_stream,
+                node.on_stream_refused,
+                robot=instance,
+                domain=domain,
+                joints=rig.robot.tree.joint_names,
+                legs=rig.robot.legs,
+                rotation_imu_to_base=None if frame is None else standing.transform_to_base(frame)[:3, :3],
+            )
         say(f"{instance}: listening on {', '.join(session.endpoints)}; Ctrl-C stops")
         if uplink is not None:
             say(f"{instance}: uplink to {uplink}; reconnects after a loss")

@@ -49,8 +49,8 @@ class PauseStream:
         self._heard = self._last_flash = -math.inf
 
     def add(self, batch: StanceStream) -> None:
-        """Add a batch; one of another walk is none of this pause."""
-        if batch.epoch != self._epoch:
+        """Add a batch; one of another walk is none of this pause, one without a walk is of that of the moment."""
+        if batch.epoch not in ("", self._epoch):
             return
         with self._added:
             add_samples(self.track, self._robot, batch, self.begin)

@@ -76,7 +76,12 @@ class StreamWatch:
         with self._lock:
             self._pause = None
             is_slow = self._rate() * RATE_SLACK < LOWEST_RATE
-            if self._last is None or self._last.epoch != epoch or is_slow or clock.now() - self._heard > FRESH:
+            if (
+                self._last is None
+                or self._last.epoch not in ("", epoch)
+                or is_slow
+                or clock.now() - self._heard > FRESH
+            ):
                 return None
             try:
                 self._pause = make()

@@ -39,7 +39,7 @@ HAZARD_COLOURS: dict[Hazard, str] = {
     Hazard.OCCLUDED: "#6B6B6B",
     Hazard.SELF: "#8F6A3F",
     Hazard.UNSCANNED: "#DADADA",
-    Hazard.SOFT: "#3E7D4F",
+    Hazard.SOFT: "#1717F4",
     Hazard.DROP: "#7A1F1F",
     Hazard.STEP: "#D55E00",
     Hazard.STEEP: "#E69F00",

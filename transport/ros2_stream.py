@@ -1,0 +1,181 @@
+"""Stream of joints from ROS 2: `sensor_msgs/JointState`, and gravity of `sensor_msgs/Imu`, as samples of the gait."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from transport.exceptions import MessageError
+from transport.links.ordered_receiver import OrderedReceiver
+from transport.links.ros2 import data_key
+from transport.links.session import Session
+from transport.messages.codec import decode
+from transport.messages.stance_stream import MAXIMUM_BATCH, MAXIMUM_SAMPLES, StanceStream
+from transport.stance_stream_link import BATCH_PERIOD
+
+JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
+# [ns] An IMU's sample tells of joints read so much earlier or later at the most.
+SAME_INSTANT = 20_000_000
+NOT_TOLD = [math.nan] * 3
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Stamp [ns] and positions [rad or m] of a `sensor_msgs/JointState`."""
+
+    stamp: int
+    positions: Mapping[str, float]
+
+
+def decode_joint_state(payload: bytes) -> JointState:
+    """Read stamp, names and positions of a JointState in CDR.
+
+    Velocities and efforts after them are often empty, and writers pad an empty list of numbers in different ways: they
+    are not read.
+
+    Raises:
+        MessageError: the payload is cut short, too long, or has as many names as positions not.
+    """
+    if len(payload) > MAXIMUM_BATCH:
+        raise MessageError(f"JointState of {len(payload)} bytes; allowed: {MAXIMUM_BATCH}")
+    order, at = "<" if payload[1:2] == b"\x01" else ">", 4
+
+    def take(form: str, size: int, count: int = 1) -> tuple[Any, ...]:
+        nonlocal at
+        # Numbers are aligned to their size from the end of the 4-byte header on.
+        at += -(at - 4) % size
+        found = struct.unpack_from(f"{order}{count}{form}", payload, at)
+        at += count * size
+        return found
+
+    def text() -> str:
+        (length,) = take("I", 4)
+        (written,) = take("s", 1, length)
+        return str(written.rstrip(b"\0").decode())
+
+    try:
+        (sec,), (nanosec,), _ = take("i", 4), take("I", 4), text()
+        names = [text() for _ in range(min(take("I", 4)[0], len(payload)))]
+        (count,) = take("I", 4)
+        positions = take("d", 8, count) if count else ()
+        return JointState(sec * 10**9 + nanosec, dict(zip(names, positions, strict=True)))
+    except (struct.error, ValueError, MemoryError) as error:
+        raise MessageError(f"{len(payload)} bytes are not a sensor_msgs/msg/JointState: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    stamp: int
+    joints: list[float]
+    gravity: list[float]
+    turning: list[float]
+
+
+class Ros2Stream:
+    """Receives `/<robot>/joint_states` and `/<robot>/imu` and hands them on as batches of the stream of stances.
+
+    JointState does not tell which feet stand, nor of which walk it is: every leg is given as one that carries, so that
+    the feet of BEGIN count, and the walk is the one of the moment. Stamps are those of the gait's clock.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        on_batch: Callable[[StanceStream], None],
+        on_refused: Callable[[MessageError], None],
+        *,
+        robot: str,
+        domain: int,
+        joints: Sequence[str],
+        legs: Sequence[str],
+        rotation_imu_to_base: npt.ArrayLike | None = None,
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            session: open session.
+            on_batch: called with each batch, on a thread of its own.
+            on_refused: called when a message cannot be used.
+            robot: instance name.
+            domain: ROS domain.
+            joints: names that each JointState has, among others.
+            legs: names of the legs.
+            rotation_imu_to_base: (3, 3); None = the robot has no IMU, and Imu is not received.
+        """
+        self._robot, self._joints, self._legs = robot, tuple(joints), tuple(legs)
+        self._on_batch, self._on_refused = on_batch, on_refused
+        self._turn = np.eye(3) if rotation_imu_to_base is None else np.asarray(rotation_imu_to_base, np.float64)
+        self._samples: list[_Sample] = []
+        # Stamp, gravity and angular velocity, as far as told; NaN where not.
+        self._imu = 0, NOT_TOLD, NOT_TOLD
+        self._sequence = 0
+        key = data_key(domain, f"{robot}/joint_states", JOINT_STATE)
+        OrderedReceiver[JointState](session, key, decode_joint_state, self._on_joints, on_refused, latched=False)
+        if rotation_imu_to_base is not None:
+            key, read_imu = data_key(domain, f"{robot}/imu", IMU), partial(decode, type_name=IMU)
+            OrderedReceiver[Any](session, key, read_imu, self._on_imu, on_refused, latched=False)
+
+    def _on_joints(self, message: JointState) -> None:
+        stamp, found = message.stamp, message.positions
+        if missing := [name for name in self._joints if name not in found]:
+            self._on_refused(
+                MessageError(f"JointState lacks {', '.join(missing[:4])}; allowed: all joints of the URDF")
+            )
+            return
+        if self._samples and stamp <= self._samples[-1].stamp:
+            self._on_refused(MessageError(f"JointState of {stamp} ns; allowed: later than the one before"))
+            return
+        read, gravity, turning = self._imu
+        if abs(stamp - read) > SAME_INSTANT:
+            gravity = turning = NOT_TOLD
+        if self._samples:
+            first = self._samples[0]
+            # All samples of a batch have gravity, or none has.
+            is_other = math.isnan(first.gravity[0]) != math.isnan(gravity[0])
+            if is_other or len(self._samples) >= MAXIMUM_SAMPLES or stamp - first.stamp >= BATCH_PERIOD * 1e9:
+                self._send()
+        self._samples.append(_Sample(stamp, [found[name] for name in self._joints], gravity, turning))
+
+    def _on_imu(self, message: Any) -> None:
+        """Take gravity from the orientation, or, where there is none, from the acceleration of a body at rest."""
+        q, a, w = message.orientation, message.linear_acceleration, message.angular_velocity
+        down: npt.NDArray[np.float64] | None = None
+        length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
+        if message.orientation_covariance[0] >= 0.0 and abs(length - 1.0) < 0.01:
+            # The last row of the rotation from the IMU's frame to the world is up.
+            up = (2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2))
+            down = -np.array(up)
+        elif message.linear_acceleration_covariance[0] >= 0.0 and (a.x, a.y, a.z) != (0.0, 0.0, 0.0):
+            down = -np.array((a.x, a.y, a.z))
+        gravity = NOT_TOLD if down is None else (self._turn @ down).tolist()
+        time = message.header.stamp
+        self._imu = int(time.sec) * 10**9 + int(time.nanosec), gravity, (self._turn @ (w.x, w.y, w.z)).tolist()
+
+    def _send(self) -> None:
+        samples, self._samples = self._samples, []
+        first, is_turning_told = samples[0], not any(math.isnan(each.turning[0]) for each in samples)
+        try:
+            batch = StanceStream(
+                robot=self._robot,
+                stamp=first.stamp,
+                sequence=self._sequence,
+                joint_names=self._joints,
+                legs=self._legs,
+                times=np.array([each.stamp - first.stamp for each in samples]) * 1e-9,
+                joint_positions=[each.joints for each in samples],
+                supports=np.ones((len(samples), len(self._legs))),
+                gravity_in_base=[each.gravity for each in samples],
+                angular_velocity=[each.turning for each in samples] if is_turning_told else None,
+            )
+        except MessageError as error:
+            self._on_refused(error)
+            return
+        self._sequence += 1
+        self._on_batch(batch)
