@@ -7,7 +7,6 @@ depth of the row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,13 +14,10 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.command import Table, options
 from guara_perception.arrays import Float
-from guara_perception.terrain.map.soft_ground import REACH_M
 from kinematics import LegOdometry, RobotModel, load_robot
-from testbed.analytic_walk import CompliantGround, Ground, scan, walk
+from testbed.analytic_walk import CompliantGround, Ground, free_soft_cells, scan, walk
 
 PATCH = (1.0, 1.4)
-# A map may be off by as much.
-AROUND_M = 0.02
 DEPTHS_M = (0.0, 0.008, 0.012, 0.020, 0.030)
 CYCLES = 10
 
@@ -67,19 +63,6 @@ class Alarms:
             self.pauses += 1
             self.alarmed += false
             self.free += free_soft_cells(ground, pause.transform_base_to_world, fused, sank)
-
-
-def free_soft_cells(
-    ground: Ground, transform_base_to_world: Float, fused: gp.TerrainGrid, sank: Sequence[Float]
-) -> int:
-    """Number of free cells on ground that gives way, within reach of places where feet sank in it."""
-    if not sank:
-        return 0
-    to_world = transform_base_to_world @ np.linalg.inv(fused.metadata["transform_base_to_footprint"])
-    x, y = np.meshgrid(*fused.geometry.centres())
-    points = np.stack((x, y, fused.elevation), axis=-1)[fused.hazard == 0] @ to_world[:3, :3].T + to_world[:3, 3]
-    away = np.hypot(*(points[:, None, :2] - np.array(sank)[:, :2]).transpose(2, 0, 1)).min(axis=1)
-    return sum(ground.sink(px, py) > 0 for px, py, _ in points[away < REACH_M - AROUND_M].tolist())
 
 
 def soft() -> None:

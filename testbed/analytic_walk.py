@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +17,7 @@ from guara_perception.terrain.assessment.assess import assess_layers
 from guara_perception.terrain.assessment.raster import Raster
 from guara_perception.terrain.layers.geometry import GridGeometry
 from guara_perception.terrain.layers.record import ScanRecord, limits_to_dict
+from guara_perception.terrain.map.soft_ground import REACH_M
 from kinematics import RobotModel, Stance
 
 LIFT_ORDER = ("rh", "rf", "lh", "lf")
@@ -36,6 +37,8 @@ SEEN_ASIDE_M = (0.26, 0.38)
 # more than EDGE_M from a cell to those beside it, beside such cells, and within two cells of dark ground.
 EDGE_M = 0.008
 DROPPED_AT_EDGES, DROPPED_BESIDE_EDGES, DROPPED_BESIDE_DARK = 0.21, 0.08, 0.09
+# By how much a map may be off where cells near a foothold are judged [m].
+AROUND_M = 0.02
 # Half the width of their clusters, about [cells].
 CLUSTER_CELLS = 1.5
 
@@ -307,6 +310,19 @@ def _foothold(ground: Ground, x: float, y: float) -> Float:
                 best = (cost, np.array([x + dx, y + dy, float(heights.max()) - ground.sink(x + dx, y + dy)]))
     assert best is not None
     return best[1]
+
+
+def free_soft_cells(
+    ground: Ground, transform_base_to_world: Float, fused: gp.TerrainGrid, sank: Sequence[Float]
+) -> int:
+    """Number of free cells on ground that gives way, within reach of places where feet sank in it."""
+    if not sank:
+        return 0
+    to_world = transform_base_to_world @ np.linalg.inv(fused.metadata["transform_base_to_footprint"])
+    x, y = np.meshgrid(*fused.geometry.centres())
+    points = np.stack((x, y, fused.elevation), axis=-1)[fused.hazard == 0] @ to_world[:3, :3].T + to_world[:3, 3]
+    away = np.hypot(*(points[:, None, :2] - np.array(sank)[:, :2]).transpose(2, 0, 1)).min(axis=1)
+    return sum(ground.sink(px, py) > 0 for px, py, _ in points[away < REACH_M - AROUND_M].tolist())
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> Float:

@@ -17,7 +17,7 @@ from transport.links.ordered_receiver import OrderedReceiver
 from transport.links.ros2 import data_key
 from transport.links.session import Session
 from transport.messages.codec import decode
-from transport.messages.stance_stream import MAXIMUM_BATCH, MAXIMUM_SAMPLES, StanceStream
+from transport.messages.stance_stream import ANY_WALK, MAXIMUM_BATCH, MAXIMUM_SAMPLES, StanceStream
 from transport.stance_stream_link import BATCH_PERIOD
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
@@ -172,6 +172,7 @@ class Ros2Stream:
                 joint_positions=[each.joints for each in samples],
                 supports=np.ones((len(samples), len(self._legs))),
                 gravity_in_base=[each.gravity for each in samples],
+                epoch=ANY_WALK,
                 angular_velocity=[each.turning for each in samples] if is_turning_told else None,
             )
         except MessageError as error:

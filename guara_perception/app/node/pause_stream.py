@@ -12,6 +12,7 @@ from guara_perception.app.messages import add_samples
 from kinematics import BodyTrack, RobotModel, Stance
 from kinematics.body_track import HALF_WINDOW, MOST_TIME_SIGMA
 from transport import StanceStream, clock
+from transport.messages.stance_stream import ANY_WALK
 from transport.recording import FlashRecord
 from transport.stance_link import GaitClock
 
@@ -49,8 +50,8 @@ class PauseStream:
         self._heard = self._last_flash = -math.inf
 
     def add(self, batch: StanceStream) -> None:
-        """Add a batch; one of another walk is none of this pause, one without a walk is of that of the moment."""
-        if batch.epoch not in ("", self._epoch):
+        """Add a batch; one of another walk is none of this pause, and `ANY_WALK` is this one."""
+        if batch.epoch not in (ANY_WALK, self._epoch):
             return
         with self._added:
             add_samples(self.track, self._robot, batch, self.begin)

@@ -12,6 +12,7 @@ from guara_perception.app.node.pause_stream import PauseStream
 from kinematics import KinematicsError, RobotModel
 from kinematics.tree import checked_positions
 from transport import Health, StanceStream, StatusItem, TransportError, clock
+from transport.messages.stance_stream import ANY_WALK
 
 # [1/s] Samples of a stream that is of use; more would cost the scans their time.
 LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
@@ -78,7 +79,7 @@ class StreamWatch:
             is_slow = self._rate() * RATE_SLACK < LOWEST_RATE
             if (
                 self._last is None
-                or self._last.epoch not in ("", epoch)
+                or self._last.epoch not in (ANY_WALK, epoch)
                 or is_slow
                 or clock.now() - self._heard > FRESH
             ):

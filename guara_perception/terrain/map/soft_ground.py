@@ -14,8 +14,8 @@ from guara_perception.terrain.map.support_feet import SoleError
 # A sole this far below the map, beyond SINK_SIGMAS of what legs and map know, sank [m]. Legs bend and maps drift by
 # less; snow, foam and loose gravel give way by more.
 SINK_M, SINK_SIGMAS = 0.008, 4.0
-# A standing foot that moved this much further than the others slid [m].
-SLIP_M = 0.010
+# A standing foot that moved this much further than the others slid [m]; soles that rock on stiff ankles creep by 20 mm.
+SLIP_M = 0.030
 # The surface goes on alike, no further than this from the foothold, over cells that differ from the next by less [m].
 REACH_M, STEP_M = 0.30, 0.005
 # Footholds that are remembered; a walk of 5 m has as many. The oldest go first.
@@ -49,7 +49,8 @@ def sunk_feet(soles: Mapping[str, SoleError], variance: float) -> dict[str, floa
             weights += [1 / other.variance for other in others]
             height = sum(w * other.residual for w, other in zip(weights[1:], others, strict=True)) / sum(weights)
             depth, sigma = height - sole.residual, np.sqrt(sole.variance + 1 / sum(weights))
-            if depth > max(SINK_M, SINK_SIGMAS * sigma):
+            # Beside an edge that the map has elsewhere a sole stands lower on hard ground.
+            if depth > max(SINK_M, SINK_SIGMAS * sigma) + sole.relief:
                 depths[leg] = float(depth)
         if not depths:
             break

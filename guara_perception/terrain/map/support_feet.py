@@ -95,7 +95,8 @@ def sole_error(cells: OdomCells, foot: FootMeasurement) -> SoleError | None:
         return None
     bearing = float(np.quantile(memory["height"][slot], BEARING_QUANTILE))
     variance = foot.variance + float(memory["variance"][slot].mean())
-    return SoleError(float(foot.centre[2]) - bearing, variance, float(foot.distance.mean()))
+    relief = bearing - float(np.quantile(memory["height"][slot], 1 - BEARING_QUANTILE))
+    return SoleError(float(foot.centre[2]) - bearing, variance, float(foot.distance.mean()), relief)
 
 
 def fill_under_foot(cells: OdomCells, foot: FootMeasurement, now: MapPause) -> None:
@@ -119,11 +120,19 @@ def _scanned(cells: OdomCells, foot: FootMeasurement) -> Mask:
 
 @dataclass(frozen=True, slots=True)
 class SoleError:
-    """Height of a sole above the map [m], variance without odometry's error [m^2], distance from the robot [m]."""
+    """Sole against the map: its height above it, and how far the ground under it may be lower where an edge is near.
+
+    Attributes:
+        residual: height of the sole above the map [m].
+        variance: of it, without the error of odometry [m^2].
+        distance: of the sole from the robot [m].
+        relief: height of the map's ground under the sole [m].
+    """
 
     residual: float
     variance: float
     distance: float = 0.0
+    relief: float = 0.0
 
     def leaning(self, attitude_sigma: float) -> SoleError:
         """The same for a body whose tilt has this standard deviation [rad]."""

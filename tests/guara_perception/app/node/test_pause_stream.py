@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -91,6 +92,15 @@ def test_a_pause_follows_a_stream_that_is_there_when_it_begins(
     assert watch.begin(lambda: stream_of(robot), "") is None
 
 
+def test_a_stream_that_knows_of_no_walks_is_of_the_one_that_begins(
+    robot: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = watch_of(robot, monkeypatch)
+    for _ in range(60):
+        watched.watch.add(replace(watched.batch(), epoch=ANY_WALK))
+    assert watched.watch.begin(lambda: stream_of(robot, epoch="walk"), "walk") is not None
+
+
 def test_samples_of_another_walk_or_of_the_past_are_left_out_and_joints_are_put_in_order(
     robot: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,8 +126,11 @@ def test_samples_of_another_walk_or_of_the_past_are_left_out_and_joints_are_put_
     rows = stream.track._rows[: stream.track._end]
     assert len(rows) == 8 and np.abs(rows[:, 1:-4] - posture).max() < 0.01
     np.testing.assert_array_equal(rows[0, -4:], [1, 1, 0, 1])
-    stream_of(robot, epoch="walk").add(one)
-    assert stream_of(robot, epoch="walk").track.latest == -math.inf
+    of_walk = stream_of(robot, epoch="walk")
+    of_walk.add(one)
+    assert of_walk.track.latest == -math.inf
+    of_walk.add(replace(one, epoch=ANY_WALK))
+    assert of_walk.track.latest == pytest.approx((one.stamps[-1] - BEGIN) * 1e-9)
     stamp, heard = stream.shown
     assert stamp == two.stamps[-1] - round(1e9 * HALF_WINDOW) and heard == watched.now
 
