@@ -22,6 +22,7 @@ from kinematics import RobotModel, Stance, StanceError, Stillness
 from kinematics.body_track import HALF_WINDOW, MOST_TIME_SIGMA
 from tests.guara_perception.app.node.test_stream_watch import Watched
 from transport import StanceStream
+from transport.messages.stance_stream import ANY_WALK
 from transport.queries.remote_clock import ClockBound
 from transport.stance_link import GaitClock
 
