@@ -41,7 +41,7 @@ def decode_joint_state(payload: bytes) -> JointState:
     are not read.
 
     Raises:
-        MessageError: the payload is cut short, too long, or has as many names as positions not.
+        MessageError: the payload is cut short or too long, or names and positions are not equally many.
     """
     if len(payload) > MAXIMUM_BATCH:
         raise MessageError(f"JointState of {len(payload)} bytes; allowed: {MAXIMUM_BATCH}")
