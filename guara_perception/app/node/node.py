@@ -355,7 +355,8 @@ class PerceptionNode:
 
     def _pause_item(self) -> StatusItem:
         pause = self._pause
-        return pause_item(pause, pause is not None and self._done == (pause.epoch, pause.step))
+        is_scanned = pause is not None and self._done == (pause.epoch, pause.step)
+        return pause_item(pause, is_scanned, self._gait_clock.at(clock.now()))
 
     def _standing(self) -> Pause | None:
         """Pause that the robot is in."""

@@ -80,6 +80,7 @@ class NodeStatus:
                     "provisional": "true",
                     "scans": str(self._scans),
                     "failures": str(self._failures),
+                    **{f"seconds_{stage}": f"{spent:.4f}" for stage, spent in (record.seconds or {}).items()},
                 },
             )
         self.on_change()
@@ -160,12 +161,13 @@ class NodeStatus:
         return [*items, *(item() for item in followed)]
 
 
-def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
+def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
     """Phase of the walk, and the time at which to expect the next grid.
 
     Args:
         pause: the newest pause, None before the first.
         is_scanned: its own scan is done, or was abandoned.
+        gait_clock: present reading of the gait's clock and the bound of its error [s]; None if unknown.
     """
     if pause is None:
         message = "no stance pause was announced yet: nothing is scanned before the gait says BEGIN"
@@ -182,6 +184,8 @@ def pause_item(pause: Pause | None, is_scanned: bool) -> StatusItem:
     else:
         state, message = "scanning", "the robot stands, its scan is to come"
     values = {"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"}
+    if gait_clock is not None:
+        values |= {"clock_ahead_s": f"{gait_clock[0] - time.time():.4f}", "clock_bound_s": f"{gait_clock[1]:.4f}"}
     return StatusItem(name="pause", level=Health.OK, message=f"step {pause.step}: {message}", values=values)
 
 

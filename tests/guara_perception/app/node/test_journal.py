@@ -175,6 +175,15 @@ def test_the_journal_before_stands_in_for_one_that_was_cut(
     assert known.sum() > 0.99 * then.sum()
 
 
+def test_that_a_walk_goes_on_is_logged(
+    walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple], caplog: pytest.LogCaptureFixture
+) -> None:
+    """As an event, also where the log holds warnings only."""
+    _, walk_map = opened()
+    walk[-1].fuse(walk_map)
+    assert "walk 'w' goes on from step 3" in caplog.text
+
+
 def test_a_pause_that_is_scanned_again_goes_on_from_the_pause_before(
     walk: list[Scanned], killed: list[Path], opened: Callable[..., tuple]
 ) -> None:

@@ -62,4 +62,9 @@ def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
     standing = reached("standing")
     assert standing.values["step"] == "7" and "is scanned no more: the next grid comes" in standing.message
     bench.gait.say(7, PausePhase.END)
-    assert reached("moving").values["step"] == "7"
+    moving = reached("moving")
+    assert moving.values["step"] == "7"
+    # Both clocks are this machine's.
+    assert abs(float(moving.values["clock_ahead_s"])) <= float(moving.values["clock_bound_s"]) + 0.01
+    (scanner,) = (item for item in bench.status.items() if item.name == "scanner")
+    assert sum(float(value) for name, value in scanner.values.items() if name.startswith("seconds_")) > 0.0
