@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from guara_perception.app.messages import LEVELS
 from guara_perception.calibration.drift import DRIFTING, UNKNOWN, Drift, DriftWatch
 from guara_perception.terrain.layers.record import Health as GridHealth
+from guara_perception.terrain.layers.record import ScanRecord
 from transport import Health, StatusItem, TransportError
 from transport.security.certificates import judge_security
 
@@ -64,6 +65,7 @@ class NodeStatus:
         """
         record = terrain.record
         health = record.health or GridHealth()
+        seconds = (record.seconds if isinstance(record, ScanRecord) else None) or {}
         with self._lock:
             self._scans += 1
             self._problems.pop("scan", None)
@@ -80,7 +82,7 @@ class NodeStatus:
                     "provisional": "true",
                     "scans": str(self._scans),
                     "failures": str(self._failures),
-                    **{f"seconds_{stage}": f"{spent:.4f}" for stage, spent in (record.seconds or {}).items()},
+                    **{f"seconds_{stage}": f"{spent:.4f}" for stage, spent in seconds.items()},
                 },
             )
         self.on_change()
