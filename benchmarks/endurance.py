@@ -352,7 +352,9 @@ def endure(
                     if share >= (NODE_WARM if name == "node" else WARM):
                         outcome.sizes.setdefault(name, []).append(each)
                 machine.look(outcome)
-                fault = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
+                drawn = chance.choice(FAULTS if share < KILLS_END else FAULTS[2:])
+                # Each once, in order; then at random.
+                fault = next((each for each in FAULTS if not outcome.faults[each]), drawn)
                 outcome.faults[fault] += 1
                 machine.gait.struck += 1
                 _strike(machine, fault, chance, outcome.counts)
