@@ -16,7 +16,8 @@ from guara_perception.terrain.map.known_ground import KnownGround
 from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
-Choice = tuple[float, float] | None
+# x and y of a foothold [m], and how far the body advances before its foot swings: as the gait does, if not given.
+Choice = tuple[float, float] | tuple[float, float, float] | None
 
 # Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
@@ -123,8 +124,8 @@ def simulate_walk(
     Args:
         world: the terrain; level around the origin, since the gait declares it so.
         robot: the robot.
-        choose: returns x and y of the foothold in base_footprint of the pause, or None if there is no safe one;
-            None = every foot lands at its nominal foothold.
+        choose: returns x and y of the foothold in base_footprint of the pause, if need be with the advance of the body,
+            or None if there is no safe one; None = every foot lands at its nominal foothold.
         cycles: length of the walk in cycles of all legs.
         seed: seed of the noise.
         noise: errors of footsteps and reports; None = the defaults of `WalkNoise`.
@@ -149,14 +150,15 @@ def simulate_walk(
 
     soles = {leg: set_down(*xy) for leg, xy in gait.first_stance().items()}
     footstep: Footstep | None = None
+    farther = 0.0
     for step in range(round(cycles * len(gait.lift_order)) + 1):
-        position = (step * gait.advance, 0.0)
+        position = (step * gait.advance + farther, 0.0)
         transform, joints = stand_on(robot, soles, position, gait.hip_height)
         footprint = true_footprint(robot, joints, feet, transform)
         leg = gait.leg_of_swing(step)
         landing = gait.landing(leg)
         # The landing once the body has advanced along x of the world, in base_footprint of this pause.
-        target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + landing[0], landing[1], 0.0, 1.0)
+        target = np.linalg.inv(footprint) @ (position[0] + gait.advance + landing[0], landing[1], 0.0, 1.0)
         pause = WalkPause(
             step=step,
             stance=reported_stance(joints, feet, transform, noise, rng),
@@ -170,7 +172,8 @@ def simulate_walk(
             soles_in_world=soles,
         )
         yield pause
-        x, y = chosen_foothold(pause, choose)
+        x, y, advance = chosen_foothold(pause, choose)
+        farther += 0.0 if advance is None else advance - gait.advance
         if noise.creep:
             soles = {each: sole + noise.creep * np.append(rng.standard_normal(2), 0.0) for each, sole in soles.items()}
         if noise.slide:
@@ -180,8 +183,10 @@ def simulate_walk(
         footstep = Footstep(leg, (x, y), (float(sole[0]), float(sole[1]), float(sole[2])))
 
 
-def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | None) -> tuple[float, float]:
-    """Foothold that the planner chose at a pause, x and y in base_footprint.
+def chosen_foothold(
+    pause: WalkPause, choose: Callable[[WalkPause], Choice] | None
+) -> tuple[float, float, float | None]:
+    """Foothold that the planner chose at a pause, x and y in base_footprint, and the advance of the body.
 
     Raises:
         WalkEnded: the planner found no foothold.
@@ -190,7 +195,7 @@ def chosen_foothold(pause: WalkPause, choose: Callable[[WalkPause], Choice] | No
     if choice is None:
         wish = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
         raise WalkEnded(f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {wish}")
-    return float(choice[0]), float(choice[1])
+    return float(choice[0]), float(choice[1]), float(choice[2]) if len(choice) > 2 else None
 
 
 def true_footprint(

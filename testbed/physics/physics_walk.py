@@ -88,7 +88,7 @@ def physics_walk(
     for step in range(round(cycles * len(gait.lift_order)) + 1):
         pause = _pause(robot, gait, body, step, footstep, noise, rng)
         yield pause
-        x, y = chosen_foothold(pause, choose)
+        x, y, _ = chosen_foothold(pause, choose)
         length, width = robot.sole
         xy = pause.to_world(x, y)
         target = np.array([*xy, world.sole_height(*xy, length, width)])

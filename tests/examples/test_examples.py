@@ -41,6 +41,7 @@ RUNS = {
     "choose_footholds.py": (["terrain.npz", "footholds.png"], ["-> ("]),
     "optimise_foothold.py": (["terrain.npz"], ["foothold x 0.", " cm2\n", "the wish itself: "]),
     "plan_swing.py": (["terrain.npz"], ["clearance 3", "  x +0.", "straight, 100 mm up: refused: unknown "]),
+    "stride_planner.py": (["terrain.npz", "lf"], ["the body advances by +0 mm", "lf stays where it is"]),
     "plot_layers.py": (["terrain.npz", "layers.png"], []),
     "depth_camera.py": (["terrain.npz"], ["depth camera: ", "seen by both: ", "UNSCANNED"]),
     "height_scan_policy.py": (["terrain.npz"], ["known: ", "?"]),

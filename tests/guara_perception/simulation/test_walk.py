@@ -163,3 +163,14 @@ def test_body_pose_is_parallel_to_its_feet() -> None:
     distance = (transform[:3, 3] - soles.mean(axis=0)) @ wanted
     assert distance == pytest.approx(0.36)
     assert transform[1, 0] == 0
+
+
+def test_a_planner_may_say_how_far_the_body_advances(robot: RobotModel) -> None:
+    """The body goes as far as asked, then as the gait says; the nominal landing follows it."""
+    choices = iter([(0.060,), (), (0.0,), ()])
+    pauses = list(
+        simulate_walk(World(), robot, lambda pause: (*pause.nominal, *next(choices)), cycles=0.75, noise=EXACT)
+    )
+    assert [pause.transform_base_to_world[0, 3] for pause in pauses] == pytest.approx([0.0, 0.060, 0.095, 0.095])
+    landing = WaveGait.of(robot).landing(pauses[1].next_leg)[0]
+    assert pauses[1].to_world(*pauses[1].nominal)[0] == pytest.approx(0.095 + landing)
