@@ -72,7 +72,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         swing=1e3 * SWING_HEIGHT_M,
         # The body tips by 3 degrees when a foot falls this far.
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
-        disc=max(0.015, round(min(p.sole) / 2.0, 3)),
+        disc=max(0.015, round(min(p.sole) / 4.0, 3)),
         pauses=min(cycles * PAUSES, 255),
         seconds=cycles * (CYCLE_S + PAUSES * SCAN_S),
         cycle=CYCLE_S,

@@ -69,6 +69,13 @@ def test_soles_lie_under_the_feet(made: tuple[RobotModel, RobotModel]) -> None:
 
 
 @pytest.mark.slow
+def test_the_disc_is_a_quarter_of_the_sole(made: tuple[RobotModel, RobotModel]) -> None:
+    """As Guará's is by hand; three cells of 5 mm at least."""
+    limits = Settings.of(made[0]).limits
+    assert limits.disc_radius == pytest.approx(max(0.015, min(made[0].sole) / 4), abs=0.0005)
+
+
+@pytest.mark.slow
 def test_every_value_has_its_reason(made: tuple[RobotModel, RobotModel]) -> None:
     """Each line of robot.toml below [stance] that gives a number says why; each assumed key names a value."""
     robot, _ = made

@@ -1,0 +1,64 @@
+"""What a trench bars for a ball foot in a map, and that nothing of it comes under the foot."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from guara_perception.arrays import Float, Mask
+from guara_perception.settings import Settings
+from guara_perception.terrain.assessment.assess import assess_layers
+from guara_perception.terrain.assessment.raster import Raster
+from guara_perception.terrain.layers.hazard import Hazard
+from kinematics import RobotModel
+from tests.thorough import examples
+
+CELL_M, FINE = 0.005, 5
+# Foot of a stock Go2, and the disc that `guara robot new` proposes for it.
+BALL_M, DISC_M = 0.043, 0.015
+SHAPE = (60, 120)
+
+
+def trench(width: float, yaw: float, middle: float) -> Float:
+    """Distance [m] from each fine point of the grid to the nearer wall of a trench; negative inside."""
+    y, x = (np.indices([n * FINE for n in SHAPE]) + 0.5) * CELL_M / FINE
+    across = (x - middle) * np.cos(yaw) + (y - SHAPE[0] * CELL_M / 2) * np.sin(yaw)
+    return np.asarray(np.abs(across) - width / 2)
+
+
+def free_of(inside: Mask, robot: RobotModel, depth: float | None, rim: int) -> Mask:
+    """Free cells of a map with such a trench (fine points); without depth, and `rim` cells about it, it is unknown."""
+    limits = dataclasses.replace(
+        Settings.of(robot).limits, sole_length=BALL_M, sole_width=BALL_M, disc_radius=DISC_M, step=0.030, drop=0.020
+    )
+    heights = np.where(inside, -(depth or 0.0), 0.0).reshape(SHAPE[0], FINE, SHAPE[1], FINE)
+    low, high = heights.min(axis=(1, 3)), heights.max(axis=(1, 3))
+    unknown = np.zeros(SHAPE, bool)
+    if depth is None:
+        touched = inside.reshape(SHAPE[0], FINE, SHAPE[1], FINE).any(axis=(1, 3)).astype(np.uint8)
+        unknown = cv2.dilate(touched, np.ones((1, 2 * rim + 1), np.uint8)) > 0
+    raster = Raster(*(np.where(unknown, np.nan, value) for value in (high, np.zeros(SHAPE), low, high)))
+    flags = np.where(unknown, np.uint16(Hazard.DROPOUT), np.uint16(0))
+    layers = assess_layers(raster, flags, CELL_M, limits, np.zeros((*SHAPE, 2), np.intp))
+    return np.asarray(layers["hazard"] == 0)
+
+
+@pytest.mark.parametrize("depth", [0.060, None])
+def test_a_trench_of_80_mm_bars_160(depth: float | None, robot: RobotModel) -> None:
+    """Eight cells on each side: half the foot, the disc and one cell."""
+    free = free_of(trench(0.080, 0.0, 0.300) < 0, robot, depth, rim=0)
+    assert (~free[SHAPE[0] // 2])[20:-20].sum() * CELL_M <= 0.160 + 1e-9
+
+
+def test_no_wall_comes_under_the_foot_by_a_drift_of_a_cell_and_a_rolling_contact(robot: RobotModel) -> None:
+    """Around a free cell the ground is level for the foot's radius and 12 mm more, known bottom or not."""
+    rng = np.random.default_rng(0)
+    for _ in range(examples(60)):
+        away = trench(rng.uniform(0.04, 0.10), rng.uniform(-0.8, 0.8), rng.uniform(0.25, 0.35))
+        depth = None if rng.random() < 0.5 else rng.uniform(0.035, 0.10)
+        free = free_of(away < 0, robot, depth, rim=int(rng.integers(0, 3)))
+        nearest = np.abs(away).reshape(SHAPE[0], FINE, SHAPE[1], FINE).min(axis=(1, 3))[free]
+        assert free.any() and nearest.min() > BALL_M / 2 + 0.012
