@@ -158,7 +158,7 @@ def simulate_walk(
         leg = gait.leg_of_swing(step)
         landing = gait.landing(leg)
         # The landing once the body has advanced along x of the world, in base_footprint of this pause.
-        target = np.linalg.inv(footprint) @ (position[0] + gait.advance + landing[0], landing[1], 0.0, 1.0)
+        target = np.linalg.inv(footprint) @ ((step + 1) * gait.advance + farther + landing[0], landing[1], 0.0, 1.0)
         pause = WalkPause(
             step=step,
             stance=reported_stance(joints, feet, transform, noise, rng),
