@@ -170,7 +170,7 @@ class StripeProof:
             offset=background.offset,
             noise=background.noise,
             row=_median(at if count == lit.size else at[lit]) if count else math.nan,
-            row_shift=seen.shift_from(self._earlier(seen)),
+            row_shift=seen.shift_from(self._before),
         )
 
     def _verdict(
@@ -186,7 +186,7 @@ class StripeProof:
             outside = np.count_nonzero((rows < band[0]) | (rows >= band[1])) / rows.size
             if outside > limits.max_out_of_band:
                 return StripeVerdict.OUT_OF_BAND
-        if not self._moved(seen, evidence.row_shift):
+        if not any(self._moved(seen, each) for each in self._earlier(seen)):
             return StripeVerdict.NOT_MOVED
         self._before = seen
         if evidence.lit_fraction >= PLAINLY_LIT:
@@ -195,19 +195,20 @@ class StripeProof:
             return StripeVerdict.AMBIENT_CHANGED
         return StripeVerdict.OK
 
-    def _earlier(self, seen: _Seen) -> _Seen | None:
-        """Stripe before, or, where few of the lit columns were lit there, the last one that was plainly lit.
+    def _earlier(self, seen: _Seen) -> list[_Seen | None]:
+        """Stripe before and, where few of the lit columns were lit there, the last one that was plainly lit.
 
-        What few columns show may be the edges of a scene that moved: it must not make later stripes look stuck.
+        What few columns show may be the edges of a scene that moved: it must not make later stripes look stuck. The
+        last plain one may have been on ground of another height: it must not either.
         """
         before = self._before
         if before is None or self._plain is None or before.lit.shape != seen.lit.shape:
-            return before
+            return [before]
         shared = np.count_nonzero(seen.lit & before.lit)
-        return before if 2 * shared >= np.count_nonzero(seen.lit) else self._plain
+        return [before] if 2 * shared >= np.count_nonzero(seen.lit) else [before, self._plain]
 
-    def _moved(self, seen: _Seen, shift: float) -> bool:
-        before = self._earlier(seen)
+    def _moved(self, seen: _Seen, before: _Seen | None) -> bool:
+        shift = seen.shift_from(before)
         if before is None or math.isnan(shift) or seen.mirror_angle == before.mirror_angle:
             return True
         turn = seen.mirror_angle - before.mirror_angle

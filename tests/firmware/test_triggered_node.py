@@ -47,6 +47,7 @@ def node(folder: Path, endpoint: str, *arguments: str) -> Iterator[subprocess.Po
         assert process.stdout is not None
         said = process.stdout.readline()
         assert "listening on" in said, process.communicate(timeout=PATIENCE)
+        assert "guara-perception" in process.stdout.readline()
         yield process
     finally:
         process.kill()

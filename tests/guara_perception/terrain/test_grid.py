@@ -35,6 +35,7 @@ def test_flag_values_never_change() -> None:
         "OUT_OF_RANGE": 8,
         "AMBIGUOUS": 16,
         "SELF": 32,
+        "SOFT": 64,
         "STEEP": 256,
         "STEP": 512,
         "DROP": 1024,
