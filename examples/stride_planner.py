@@ -40,7 +40,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Stride:
-    """What to do next: advance the body on all feet [m], then swing the foot; None: it stays."""
+    """Next move: advance the body on all feet [m], then swing the foot; None: it stays."""
 
     advance: float
     swing: gp.Swing | None

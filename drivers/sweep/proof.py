@@ -186,7 +186,7 @@ class StripeProof:
             outside = np.count_nonzero((rows < band[0]) | (rows >= band[1])) / rows.size
             if outside > limits.max_out_of_band:
                 return StripeVerdict.OUT_OF_BAND
-        if not any(self._moved(seen, each) for each in self._earlier(seen)):
+        if not self._has_moved(seen, evidence.row_shift):
             return StripeVerdict.NOT_MOVED
         self._before = seen
         if evidence.lit_fraction >= PLAINLY_LIT:
@@ -195,20 +195,21 @@ class StripeProof:
             return StripeVerdict.AMBIENT_CHANGED
         return StripeVerdict.OK
 
-    def _earlier(self, seen: _Seen) -> list[_Seen | None]:
-        """Stripe before and, where few of the lit columns were lit there, the last one that was plainly lit.
+    def _has_moved(self, seen: _Seen, shift: float) -> bool:
+        """Compare a stripe with the one before, or with the last plainly lit one where few of its columns were lit.
 
         What few columns show may be the edges of a scene that moved: it must not make later stripes look stuck. The
         last plain one may have been on ground of another height: it must not either.
         """
-        before = self._before
-        if before is None or self._plain is None or before.lit.shape != seen.lit.shape:
-            return [before]
-        shared = np.count_nonzero(seen.lit & before.lit)
-        return [before] if 2 * shared >= np.count_nonzero(seen.lit) else [before, self._plain]
+        before, plain = self._before, self._plain
+        if self._moved(seen, before, shift):
+            return True
+        if before is None or plain is None or before.lit.shape != seen.lit.shape:
+            return False
+        is_few = 2 * np.count_nonzero(seen.lit & before.lit) < np.count_nonzero(seen.lit)
+        return bool(is_few) and self._moved(seen, plain, seen.shift_from(plain))
 
-    def _moved(self, seen: _Seen, before: _Seen | None) -> bool:
-        shift = seen.shift_from(before)
+    def _moved(self, seen: _Seen, before: _Seen | None, shift: float) -> bool:
         if before is None or math.isnan(shift) or seen.mirror_angle == before.mirror_angle:
             return True
         turn = seen.mirror_angle - before.mirror_angle

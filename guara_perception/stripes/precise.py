@@ -113,7 +113,7 @@ class ClearStripe:
 
     @property
     def told(self) -> Float:
-        """What was judged, then the stripe's width [px] and the noise of a response."""
+        """Judgement of the pair, then the stripe's width [px] and the noise of a response."""
         return self._work[:64].view(float)
 
     @property
@@ -133,5 +133,5 @@ class ClearStripe:
 
     @property
     def masks(self) -> Mask:
-        """Whether (3, columns) there is a peak, its core is clipped, and it is unsure."""
+        """Masks (3, columns) of the columns with a peak, with a clipped core, and with an unsure peak."""
         return self._work[64 + 16 * self._n : 64 + 19 * self._n].view(np.bool_).reshape(3, self._n)

@@ -141,7 +141,7 @@ class Planner:
         return Step(leg, target, bodies[best], rotation, places[best // len(BODY_HEIGHTS_M)][1], way, top)
 
     def _reaches(self, ground: KnownGround, feet: Float, bodies: Float, rotation: Float) -> Mask:
-        """Whether all feet can stand there under each body (n,), calves clear of the ground."""
+        """Mask of the bodies (n,) under which all feet can stand there, calves clear of the ground."""
         legs, balls = self._legs, feet + (0, 0, FOOT_RADIUS_M)
         in_base = (balls - bodies[:, None]) @ rotation
         angles, knees = legs.joints(in_base)
@@ -155,14 +155,14 @@ class Planner:
         return np.asarray(fits.all(-1))
 
     def _swings(self, leg: int, way: Float, bodies: Float, rotation: Float) -> Mask:
-        """Whether the foot reaches its way (n, 3) at the height of a swing under each body."""
+        """Mask of the bodies under which the foot reaches its way (n, 3) at the height of a swing."""
         in_base = (way + (0, 0, CLEARANCE_M + FOOT_RADIUS_M) - bodies[:, None]) @ rotation - self._legs.hips[leg]
         length = np.sqrt(np.maximum((in_base**2).sum(-1) - self._legs.width**2, 0))
         return np.asarray(((length > SWING_LEG_M[0]) & (length < SWING_LEG_M[1])).all(-1))
 
 
 def _way(ground: KnownGround, start: Float, target: Float) -> tuple[Float, float]:
-    """Where a foot passes, straight or around a corner beside what nothing may pass, and the highest ground there."""
+    """Path of a foot, straight or around a corner beside what nothing may pass, and the highest ground below it."""
     for aside in DETOURS_M:
         corner = (start + target)[:2] / 2 + (0.0, aside)
         corners = np.array([start[:2], corner, target[:2]])

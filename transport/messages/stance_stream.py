@@ -17,9 +17,9 @@ from transport.messages.typestore import GRAVITY_LENGTH, STANCE_STREAM, check_va
 # Samples of one message: a second at 1 kHz.
 MAXIMUM_SAMPLES = 1000
 # [byte] A second at 1 kHz of sixteen joints, four legs and an IMU has 190 kB.
+MAXIMUM_BATCH = 4 * 1024 * 1024
 # Epoch of samples from a source that knows of no walks: they are of the walk of the moment.
 ANY_WALK = "*"
-MAXIMUM_BATCH = 4 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -159,7 +159,10 @@ class HeightAnchor:
 
     def prior(self, odometry_variance: float) -> float:
         """Variance of the walk's height at the next pause, before its soles are compared [m^2]."""
-        return self.variance + max(odometry_variance - self.odometry, 0.0)
+        return self.variance + self._growth(odometry_variance)
+
+    def _growth(self, odometry_variance: float) -> float:
+        return max(odometry_variance - self.odometry, 0.0)
 
     def after(self, odometry_variance: float, soles: Mapping[str, SoleError]) -> HeightAnchor:
         """Predict and update the filter at the next pause.
@@ -168,7 +171,6 @@ class HeightAnchor:
             odometry_variance: variance of z by leg odometry since the start [m^2].
             soles: leg -> its error, this anchor's offset included.
         """
-        growth = max(odometry_variance - self.odometry, 0.0)
         prior = variance = self.prior(odometry_variance)
         correction = 0.0
         rejected = []
@@ -185,7 +187,7 @@ class HeightAnchor:
         return HeightAnchor(
             offset=self.offset + correction,
             variance=variance,
-            rise=self.rise + growth * kept,
+            rise=self.rise + self._growth(odometry_variance) * kept,
             odometry=max(odometry_variance, self.odometry),
             rejected=tuple(rejected),
         )
