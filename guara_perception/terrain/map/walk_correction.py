@@ -254,8 +254,10 @@ class WalkCorrection:
         contradiction = earlier.contradiction(transform, odometry, noise, slip_share, textured=texture is not None)
         if contradiction is not None:
             distrusted, refused = EARLIER_PAUSES, contradiction.reason
-            # Texture that is lost while relief moves may begin anew on what moves.
-            unseen = EARLIER_PAUSES if visual_refused and not unseen else unseen
+            if visual_refused and not unseen:
+                # Texture that is lost while relief moves may begin anew on what moves; what it held until now stays.
+                unseen = EARLIER_PAUSES
+                earlier = OdometrySum() if contradiction.transform is None else earlier
         if contradiction is not None and contradiction.transform is not None:
             # What was seen in these pauses lies aside by what is taken back, and by what odometry erred in them.
             transform = pause_transform = contradiction.transform
