@@ -1,7 +1,8 @@
 """Share of the truly safe ground that planners get, dangerous ground among it, and bounds of unknown ground.
 
 Walks over random worlds, scanned frame by frame, against the oracle: the same limits and sole on complete true heights.
-With --rendered single scans of rendered pictures in place of walks; with --recall walks over one kind of ground each.
+With --rendered single scans of rendered pictures in place of walks; with --recall walks over one kind of ground each;
+with --maps clouds by other robots, which have no oracle.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 import guara_perception as gp
 from benchmarks.command import options
 from benchmarks.fused_walk import JudgedPause, judged_walk
+from benchmarks.others_maps import judge_maps
 from benchmarks.recall import DANGEROUS_RELIEF_M, causes, recall_of_kinds, relief_under, sole_window
 from guara_perception.arrays import Float, Mask
 from guara_perception.settings import Settings
@@ -53,8 +55,12 @@ def main() -> None:
         recall=(False, "by kinds of ground"),
         kinds=([*KINDS, MOVING], "kinds of --recall"),
         kept=(Path, "folder that keeps the scans from run to run"),
+        maps=(Path, "folder of PCD files by other robots: judge these instead"),
         rendered=(Path, "data folders with scans/NAME: judge these instead", {"nargs": "+"}),
     )
+    if asked.maps:
+        judge_maps(asked.maps)
+        return
     robot = load_robot("guara")
     if asked.recall:
         recall_of_kinds(robot, asked.seeds, asked.mode, asked.cycles, asked.kinds)

@@ -12,15 +12,18 @@ import numpy as np
 
 from guara_perception.arrays import Float, Mask
 from guara_perception.exceptions import optional_library
+from guara_perception.terrain.layers.geometry import disc_kernel
 from guara_perception.terrain.layers.layered_grid import LayeredGrid, asked
 from guara_perception.terrain.questions.obstacles import fit_plane
 from kinematics.arrays import FrozenArrays
 
-# A tread is no steeper and no smaller than this. Level regions are parts of one tread if their mean heights differ by
-# less than this many of their own sigmas, or than this part of the rise.
+# A tread is no steeper and no smaller than this, plus what the grid's noise adds in so many sigmas. Level regions are
+# parts of one tread if their mean heights differ by less than this many of their own sigmas, or than this part of the
+# rise.
 STEEPEST_TREAD_RAD = 0.12
 LEAST_TREAD_M2, LEAST_TREAD_CELLS = 0.0015, 20
 SAME_SIGMAS, SAME_OF_RISE = 3.0, 0.2
+SLOPE_SIGMAS, STEP_SIGMAS = 1.0, 4.0
 # Least and largest rise from one tread to the next.
 LEAST_RISE_M, MOST_RISE_M = 0.012, 0.30
 # Largest relative difference between the rises of one flight, and largest range of the directions of its edges.
@@ -197,8 +200,13 @@ def _mean(regions: list[_Region], members: Sequence[int]) -> float:
 
 def _level_regions(terrain: LayeredGrid, height: Float) -> list[_Region]:
     """Level regions of known ground, the lowest first."""
+    radius = max(terrain.record.required_limits.disc_radius, terrain.resolution)
+    cells = np.count_nonzero(disc_kernel(radius / terrain.resolution))
+    sigma = np.sqrt(terrain.variance_local)
     with np.errstate(invalid="ignore"):
-        level = np.isfinite(height) & (terrain.slope < STEEPEST_TREAD_RAD) & (terrain.step_height < LEAST_RISE_M)
+        steepest = STEEPEST_TREAD_RAD + SLOPE_SIGMAS * 2 * sigma / (radius * math.sqrt(cells))
+        level = np.isfinite(height) & (terrain.slope < steepest)
+        level &= terrain.step_height < np.maximum(LEAST_RISE_M, STEP_SIGMAS * sigma)
     cv2 = optional_library("cv2", None, "stairs")
     _, labels, sizes, _ = cv2.connectedComponentsWithStats(level.astype(np.uint8), connectivity=4)
     least = max(LEAST_TREAD_M2 / terrain.resolution**2, LEAST_TREAD_CELLS)

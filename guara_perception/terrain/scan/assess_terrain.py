@@ -29,6 +29,9 @@ def assess_terrain(
     origin: tuple[float, float] = (0.0, 0.0),
     variance: npt.ArrayLike | None = None,
     limits: TraversabilityLimits | None = None,
+    *,
+    lowest: npt.ArrayLike | None = None,
+    highest: npt.ArrayLike | None = None,
 ) -> TerrainGrid:
     """Assess any elevation array as if the rangefinder had measured it.
 
@@ -38,11 +41,15 @@ def assess_terrain(
         origin: corner of cell (0, 0) [m].
         variance: (ny, nx) variances of the heights [m^2]; None = exact.
         limits: traversability limits; None = those of the Guara's robot.toml.
+        lowest, highest: (ny, nx) lowest and highest height measured in each cell [m]; None = `elevation`. In cells so
+            coarse that an edge may lie within one, only they show it.
 
     Raises:
-        InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance.
+        InvalidInput: wrong shapes, resolution not positive, infinite heights, NaN or negative variance, lowest or
+            highest height missing or on the wrong side of `elevation`.
     """
     heights, variances = check_heights(elevation, variance)
+    low, high = _bound(lowest, "lowest", heights, -1), _bound(highest, "highest", heights, 1)
     if np.ndim(resolution) != 0 or len(tuple(origin)) != 2:
         raise InvalidInput(f"resolution is {resolution}, origin is {origin}: one number and a pair (x, y) are needed")
     x, y = origin
@@ -51,8 +58,23 @@ def assess_terrain(
     hazard = np.where(known, 0, np.uint16(Hazard.UNSCANNED)).astype(np.uint16)
     if limits is None:
         limits = default_limits()
-    layers = assess_layers(Raster(heights, variances, heights, heights), hazard, geometry.resolution, limits)
+    layers = assess_layers(Raster(heights, variances, low, high), hazard, geometry.resolution, limits)
     return TerrainGrid(layers=layers, geometry=geometry, record=ScanRecord(limits=limits))
+
+
+def _bound(bound: npt.ArrayLike | None, name: str, heights: Float, side: int) -> Float:
+    """Lowest (side -1) or highest (side 1) heights of the cells, checked."""
+    if bound is None:
+        return heights
+    bounds = numbers(bound, name)
+    known = np.isfinite(heights)
+    if bounds.shape != heights.shape or not (side * (bounds[known] - heights[known]) >= 0).all():
+        beyond = "at or below" if side < 0 else "at or above"
+        raise InvalidInput(
+            f"{name} has shape {bounds.shape}; allowed: that of elevation, {heights.shape}, and wherever elevation is "
+            f"known a height {beyond} it [m]"
+        )
+    return np.where(known, bounds, np.nan)
 
 
 @cache

@@ -113,3 +113,15 @@ def test_what_is_no_flight_is_none(robot: RobotModel, paper_terrain: gp.TerrainG
     x = np.arange(140) * 0.005
     odd = np.select([x < 0.2, x < 0.35, x < 0.5], [0.0, 0.02, 0.12], 0.14)
     assert gp.assess_terrain(np.tile(odd, (90, 1)), 0.005).stairs() is None
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.005, 0.008])
+def test_what_is_level_follows_from_the_sigma_of_the_grid(sigma: float) -> None:
+    """Heights as noisy as those of a LIDAR, in cells of 20 mm: the flight is found where the grid says how noisy."""
+    y, x = (np.mgrid[:70, :100] + 0.5) * 0.02
+    heights = 0.165 * np.clip(np.floor((x - 0.4) / 0.3 + 1), 0, 4)
+    noisy = heights + np.random.default_rng(5).normal(0, sigma, heights.shape)
+    found = gp.assess_terrain(noisy, 0.02, variance=np.full(heights.shape, sigma**2)).stairs()
+    assert found is not None
+    assert [riser.height for riser in found.risers] == pytest.approx([0.165] * 4, abs=0.015)
+    assert found.run == pytest.approx(0.3, abs=0.02)

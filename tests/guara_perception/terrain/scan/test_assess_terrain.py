@@ -52,6 +52,10 @@ def test_its_input_is_not_kept() -> None:
         ({"variance": np.full((2, 2), np.nan)}, "NaN, infinite or negative at a known height"),
         ({"variance": np.full((2, 2), -1.0)}, "NaN, infinite or negative"),
         ({"variance": np.full((2, 2), np.inf)}, "NaN, infinite or negative"),
+        ({"lowest": np.zeros((2, 3))}, r"lowest has shape \(2, 3\); allowed: that of elevation, \(2, 2\)"),
+        ({"lowest": np.full((2, 2), 0.01)}, "lowest .* a height at or below it"),
+        ({"highest": np.full((2, 2), -0.01)}, "highest .* a height at or above it"),
+        ({"highest": np.full((2, 2), np.nan)}, "highest .* wherever elevation is known"),
     ],
 )
 def test_bad_input_is_refused(arguments: dict[str, object], message: str) -> None:
@@ -102,3 +106,20 @@ def test_confidence_may_be_zero(limits: gp.TraversabilityLimits) -> None:
     import dataclasses
 
     assert dataclasses.replace(limits, confidence=0).confidence == 0
+
+
+@pytest.mark.parametrize("cell", [0.02, 0.025, 0.03])
+@pytest.mark.parametrize("fraction", [0.05, 0.5, 0.95])
+def test_edges_within_coarse_cells_are_a_cell_from_every_free_sole(cell: float, fraction: float) -> None:
+    """A pit that ends anywhere within a cell whose highest points alone are level: its lowest points show it."""
+    heights = np.zeros((40, 40))
+    lowest = heights.copy()
+    # One line of cells holds the near half of a gap of which no cell is wholly full.
+    lowest[:, 20] = -0.2
+    edge = (20 + fraction) * cell
+    assert (gp.assess_terrain(heights, cell).hazard[:, 20] == 0).any()
+    terrain = gp.assess_terrain(heights, cell, lowest=lowest)
+    free = np.nonzero((terrain.hazard == 0).any(axis=0))[0]
+    assert free.size
+    to_edge = np.abs(terrain.geometry.centres()[0][free] - edge) - terrain.record.required_limits.sole_length / 2
+    assert to_edge.min() > 0
