@@ -35,6 +35,8 @@ P95_M, KEPT = 0.002, 0.90
 STILL = Sway(0.0, 0.0, 1.0)
 # The row that must hold: a stream of 200 Hz.
 MUST = Sway(math.radians(0.5), 0.005, 1.0)
+# The body goes on while its feet stand, as in the support phase of a slow walk.
+WALKS = Sway(0.0, 0.0, 1.0, speed=0.020)
 CASES: tuple[tuple[Sway, float], ...] = (
     (STILL, 0.0),
     (STILL, 200.0),
@@ -48,6 +50,8 @@ CASES: tuple[tuple[Sway, float], ...] = (
     (Sway(math.radians(0.5), 0.005, 2.0), 200.0),
     (Sway(math.radians(1.0), 0.010, 1.0), 200.0),
     (Sway(math.radians(1.0), 0.010, 1.0), 0.0),
+    (WALKS, 200.0),
+    (WALKS, 0.0),
 )
 # Without a stream: sway at which ground may be lost, but none may be wrong, and at which a tenth may be lost.
 LITTLE, LITTLE_KEPT = Sway(math.radians(0.1), 0.001, 1.0), 0.90
@@ -136,6 +140,7 @@ class Block:
             still = still or made
             p95, wrong, kept = figures(made, still)
             motion = f"{math.degrees(sway.turn):.1f}, {1e3 * sway.shift:.0f}, {sway.frequency:.1f}"
+            motion = f"{1e3 * sway.speed:.0f} mm/s along x" if sway.speed else motion
             table.row(name, motion, rate or "-", len(seeds), 1e3 * p95, wrong, kept)
             least = {(MUST, 200.0): KEPT, (LITTLE, 0.0): LITTLE_KEPT}.get((sway, rate), 0.0)
             is_held = (sway, rate) == (MUST, 200.0) or (not self.is_dim and not rate)
@@ -144,7 +149,7 @@ class Block:
         return short
 
 
-FEW: tuple[tuple[Sway, float], ...] = ((STILL, 0.0), (MUST, 200.0), (MUST, 0.0))
+FEW: tuple[tuple[Sway, float], ...] = ((STILL, 0.0), (MUST, 200.0), (MUST, 0.0), (WALKS, 200.0))
 BLOCKS = {
     "must": Block(cases=FEW),
     "guara": Block(),

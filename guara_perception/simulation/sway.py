@@ -23,11 +23,13 @@ class Sway:
         turn: amplitude of pitch, and of half as much roll [rad].
         shift: amplitude along x, y and z together [m].
         frequency: of the turn [1/s]; the shift is slower, so that the two do not come back together.
+        speed: of a body that moves on along x over its feet [m/s].
     """
 
     turn: float
     shift: float
     frequency: float
+    speed: float = 0.0
 
     def at(self, time: float) -> Float:
         """`base_link` at a time in `base_link` at time 0, (4, 4)."""
@@ -36,6 +38,7 @@ class Sway:
         pitch_roll = self.turn * np.array([0.5 * other, one, 0.0]) / np.hypot(1.0, 0.5)
         transform[:3, :3] = Rotation.from_rotvec(pitch_roll).as_matrix()
         transform[:3, 3] = self.shift * other * np.array([0.5, 0.5, np.sqrt(0.5)])
+        transform[0, 3] += self.speed * time
         return transform
 
 
