@@ -118,7 +118,7 @@ def truly(
 
 
 def slopes() -> None:
-    """Free cells steeper than the limit, on slopes and with the fore feet on boxes [--walks, --first, --mode]."""
+    """Free cells steeper than the limit, with an IMU and without: slopes, boxes under fore feet [--walks, --first]."""
     asked = options(
         __doc__,
         walks=(20, "walks"),
@@ -128,8 +128,11 @@ def slopes() -> None:
     )
     robot = load_robot("guara")
     limit = Settings.of(robot).limits.slope
-    table = Table("attitude:<8 | grid:<5 | grids:5d | free:8d | of those that are free:7.3f | too steep:9d")
-    counts: dict[tuple[str, str], list[int]] = defaultdict(lambda: [0, 0, 0, 0])
+    table = Table(
+        "ground:<6 | grid:<5 | attitude:<8 | grids:5d | free:8d | of those that are free:7.3f | too steep:9d | "
+        "of the IMU's:.0%"
+    )
+    counts: dict[tuple[str, str, str], list[int]] = defaultdict(lambda: [0, 0, 0, 0])
     for seed in range(asked.first, asked.first + asked.walks):
         world = sloping_world(seed)
         try:
@@ -137,13 +140,14 @@ def slopes() -> None:
         except OutOfReach as error:
             print(f"walk {seed} ends: {error}")
             continue
-        truth = TrueGround.of(world)
+        truth, ground = TrueGround.of(world), "slope" if seed % 2 else "boxes"
         for attitude in ("IMU", "no IMU"):
             for pause, scan, fused in grids(robot, walk, asked.mode, has_imu=attitude == "IMU"):
                 for name, grid in (("scan", scan), ("map", fused)):
                     free = np.nonzero(grid.hazard == 0)
                     safe, steep = truly(robot, truth, pause, grid, free, limit)
                     for i, number in enumerate((1, len(free[0]), safe, steep)):
-                        counts[attitude, name][i] += number
+                        counts[ground, name, attitude][i] += number
     for key, (number, free_cells, right, steep) in sorted(counts.items()):
-        table.row(*key, number, free_cells, right / max(free_cells, 1), steep)
+        kept = free_cells / max(counts[*key[:2], "IMU"][1], 1)
+        table.row(*key, number, free_cells, right / max(free_cells, 1), steep, kept)

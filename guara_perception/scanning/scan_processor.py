@@ -407,8 +407,14 @@ class ScanProcessor:
 
     @property
     def pairs(self) -> Index:
-        """(ny, nx) index of the first stripe of the pair that encloses each cell on flat ground, -1 where none does."""
-        return self._surface.pairs
+        """(ny, nx) index of the first stripe of the pair that encloses each cell on flat ground, -1 where none does.
+
+        With a track: as these stripes would fall from where the body is now.
+        """
+        now = None if self._places is None or self._places.left else self._places.now()
+        if now is None:
+            return self._surface.pairs
+        return self._new_surface(dict.fromkeys(self._geometry.stripes, now)).pairs
 
     def extended(self) -> ScanProcessor:
         """Standard scan that already contains the stripes of this coarse one; add the stripes between them.

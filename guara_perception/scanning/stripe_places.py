@@ -12,7 +12,7 @@ from guara_perception.ranging.scan_geometry import StripePlace
 from guara_perception.ranging.surface import Key
 from guara_perception.stripes.band import FramePair
 from kinematics import BodyTrack, SelfFilter, StancePose
-from kinematics.body_track import LONGEST_GAP
+from kinematics.body_track import HALF_WINDOW, LONGEST_GAP
 from kinematics.transforms import inverse, transform_points
 
 NO_PLACE = "where the body was at its flash is not known: samples are missing, feet moved, or it has no instant"
@@ -72,19 +72,26 @@ class StripePlaces:
         for index, (instant, sigma) in self.flashes.items():
             if index in self.places or index in self._lost or not self._track.covers(instant):
                 continue
-            place = self._track.at(instant, sigma)
+            place = self._at(instant, sigma)
             if place is None:
                 self._lost.add(index)
-                continue
-            to_footprint = self._pose.transform_base_to_footprint @ place.transform_base_to_begin
-            # The covariance is along the axes of base_link.
-            turn = np.kron(np.eye(2), self._pose.transform_base_to_footprint[:3, :3])
-            self.places[index] = StripePlace(
-                to_footprint @ self._camera_to_base,
-                SelfFilter(place.state, transform_base_to_frame=to_footprint),
-                turn @ place.covariance @ turn.T,
-            )
+            else:
+                self.places[index] = place
         return len(self.places) + len(self._lost)
+
+    def now(self) -> StripePlace | None:
+        """Latest place that the samples tell; None without one."""
+        return self._at(self._track.latest - HALF_WINDOW)
+
+    def _at(self, instant: float, sigma: float = 0.0) -> StripePlace | None:
+        place = self._track.at(instant, sigma)
+        if place is None:
+            return None
+        to_footprint = self._pose.transform_base_to_footprint @ place.transform_base_to_begin
+        # The covariance is along the axes of base_link.
+        turn = np.kron(np.eye(2), self._pose.transform_base_to_footprint[:3, :3])
+        body = SelfFilter(place.state, transform_base_to_frame=to_footprint)
+        return StripePlace(to_footprint @ self._camera_to_base, body, turn @ place.covariance @ turn.T)
 
 
 def parted_pairs(places: Mapping[int, StripePlace], stride: int, ends: Sequence[tuple[float, float]]) -> frozenset[Key]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import guara_perception as gp
-from guara_perception.simulation.sway import Sway, stream_of
+from guara_perception.simulation.sway import Sway, joints_of, stream_of
 from guara_perception.stripes.band import FramePair
 from kinematics import BodyTrack, RobotModel
 
@@ -49,6 +49,24 @@ def test_a_place_does_not_change_when_more_samples_come(
     grid = scanned(robot, paper_scan, calibration, whole).finish()
     np.testing.assert_array_equal(processor.finish().elevation, grid.elevation)
     np.testing.assert_array_equal(processor.finish().hazard, grid.hazard)
+
+
+def test_pairs_are_where_the_stripes_would_fall_now(
+    robot: RobotModel, paper_scan: gp.Scan, calibration: gp.Calibration
+) -> None:
+    """The body goes on by two cells after the last flash: each pair passes over cells two further on."""
+    times = np.arange(-0.2, PERIOD * len(paper_scan.stripes) + 0.2, 0.005)
+    track = tracked(robot, paper_scan, times)
+    processor = scanned(robot, paper_scan, calibration, track)
+    still = gp.ScanProcessor(calibration, robot, paper_scan.stance, paper_scan.mode).pairs
+    assert (processor.pairs == still).mean() > 0.9
+    forward = np.eye(4)
+    forward[0, 3] = 2 * processor.grid.resolution
+    walked = joints_of(robot, forward) - joints_of(robot, np.eye(4))
+    last = np.array(list(paper_scan.stance.joint_positions[name] for name in robot.tree.joint_names))
+    later = times[-1] + 0.005 * np.arange(1, 60)
+    track.add(later, np.tile(last + walked, (len(later), 1)), np.ones((len(later), len(robot.legs))))
+    assert (processor.pairs[:, 2:] == still[:, :-2]).mean() > 0.9 > (processor.pairs == still).mean()
 
 
 def test_a_gap_makes_a_scan_one_without_a_stream_if_asked_for(
