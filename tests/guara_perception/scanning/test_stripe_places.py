@@ -63,7 +63,7 @@ def test_pairs_are_where_the_stripes_would_fall_now(
     forward = np.eye(4)
     forward[0, 3] = 2 * processor.grid.resolution
     walked = joints_of(robot, forward) - joints_of(robot, np.eye(4))
-    last = np.array(list(paper_scan.stance.joint_positions[name] for name in robot.tree.joint_names))
+    last = np.array([paper_scan.stance.joint_positions[name] for name in robot.tree.joint_names])
     later = times[-1] + 0.005 * np.arange(1, 60)
     track.add(later, np.tile(last + walked, (len(later), 1)), np.ones((len(later), len(robot.legs))))
     assert (processor.pairs[:, 2:] == still[:, :-2]).mean() > 0.9 > (processor.pairs == still).mean()
