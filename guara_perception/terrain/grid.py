@@ -12,6 +12,7 @@ from guara_perception.terrain.questions.best_foothold import best_refused as _be
 from guara_perception.terrain.questions.distance_field import distance_field as _distance_field
 from guara_perception.terrain.questions.foothold import check_foothold as _check_foothold
 from guara_perception.terrain.questions.foothold import explain as _explain
+from guara_perception.terrain.questions.leg_clearance import leg_clearance as _leg_clearance
 from guara_perception.terrain.questions.normal import normal_at as _normal_at
 from guara_perception.terrain.questions.obstacles import obstacles as _obstacles
 from guara_perception.terrain.questions.path import check_path as _check_path
@@ -52,6 +53,7 @@ class TerrainGrid(LayeredGrid):
     check_foothold = _check_foothold
     best_foothold = _best_foothold
     best_refused = _best_refused
+    leg_clearance = _leg_clearance
     check_path = _check_path
     swing = _swing
     steppable_region = _steppable_region

@@ -66,7 +66,7 @@ def beyond_reach(
         InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot or leg.
     """
-    pose = _pose_of(terrain, robot)
+    pose = pose_of(terrain, robot)
     reach = reach_from_pose(pose, leg, soles_in_footprint)
     solver = leg_kinematics(pose.state.tree, leg)
     joints = np.asarray(reach.joint_positions)
@@ -83,7 +83,7 @@ def standing_sole(terrain: LayeredGrid, leg: str, robot: RobotLike | None = None
         InvalidInput: the grid's record lacks robot, stance or transform.
         kinematics.KinematicsError: no such robot or leg.
     """
-    return _soles(_pose_of(terrain, robot), [leg])[0]
+    return _soles(pose_of(terrain, robot), [leg])[0]
 
 
 def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
@@ -97,7 +97,7 @@ def standing_soles(terrain: LayeredGrid) -> tuple[StandingSole, ...]:
     soles = terrain.record.support_soles
     if soles is None:  # A grid of an earlier version.
         legs = terrain.record.support_feet_used or ()
-        pose, noise = _pose_of(terrain, None), _model_of(terrain, None).noise
+        pose, noise = pose_of(terrain, None), _model_of(terrain, None).noise
         soles = {leg: sole for leg, sole in support_soles(pose, noise).items() if leg in legs}
     return tuple(StandingSole(sole[0], sole[1:]) for sole in soles.values())
 
@@ -108,7 +108,13 @@ def _soles(pose: StancePose, legs: Sequence[str]) -> Float:
     return transform_points(transform, pose.state.soles_in_base(legs))
 
 
-def _pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
+def pose_of(terrain: LayeredGrid, robot: RobotLike | None) -> StancePose:
+    """Pose of the body when the grid was made, and joint positions.
+
+    Raises:
+        InvalidInput: the grid's record lacks robot, stance or transform.
+        kinematics.KinematicsError: no such robot.
+    """
     record, needed = terrain.record, ("robot", "stance", "transform_base_to_footprint")
     record.check(*needed)
     missing = [name for name in needed if getattr(record, name) is None]
