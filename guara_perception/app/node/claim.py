@@ -1,8 +1,8 @@
-"""Claim of a journal: the walk at a confirmed pause, which a restarted node checks before it goes on from it.
+"""Claim of a journal: the walk at a confirmed pause. A restarted node checks it before it continues the walk.
 
 Joints alone cannot tell a robot that was carried with stiff legs, or turned on flat ground, from one that stood. So the
-walk goes on only if the gait says which feet never left the ground, and joints, gravity, the first scan and its
-laser-off picture all fit.
+walk continues only if the gait reports which feet never left the ground, and joints, gravity, the first scan and its
+laser-off image all fit.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from kinematics.transforms import transform_points
 FORMAT = "guara-journal/1"
 # [byte] A journal has 1 to 4 MB.
 LARGEST_JOURNAL = 64 * 1024 * 1024
-# The clock of scans begins anew when the machine does; this file names its present run.
+# Identity of the machine's present run; `transport.clock` starts again with the next.
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 # Files of a robot folder on which a map depends.
 ROBOT_FILES = {".urdf", ".srdf", ".toml"}
-# Feet that must have stood: with fewer the motion since is not known.
+# Fewest feet that must have stood; with fewer, the motion since the claim is not known.
 LEAST_STANDING = 2
-# How far the first picture may lie beside where odometry puts it [m, rad]: feet that slide and noise of all joints make
-# a third of it in two pauses.
+# Largest offset of the first image from its pose by odometry [m, rad]: sliding feet and joint noise cause a third of it
+# in two pauses.
 MOST_ASIDE_M, MOST_TURN_RAD = 0.010, np.radians(1.0)
-# Soles that stayed kept their heights within this number of sigmas.
+# Largest change of height of a standing sole relative to another [sigmas].
 HEIGHT_SIGMAS = 4.0
-# The first scan must show this share of its ground in the map, and contradict that nowhere but in this share of it, by
-# more than these sigmas and this height [m].
+# Least fraction of the first scan's cells that are known in the map, and largest fraction of these whose heights differ
+# by more than SCAN_M [m] plus SCAN_SIGMAS sigmas.
 LEAST_SHARED, MOST_CONTRADICTING, SCAN_SIGMAS, SCAN_M = 0.25, 0.10, 3.0, 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """What a journal must have in common with the node that goes on from it.
+    """Identity that a journal and the node that continues from it have in common.
 
     Attributes:
         instance: instance name.
         robot: digest of the robot's folder.
         calibration: hash of the calibration.
-        boot: run of the machine.
+        boot: identity of the machine's present run.
     """
 
     instance: str
@@ -69,7 +69,7 @@ class Seal:
 
     @classmethod
     def of(cls, instance: str, robot: RobotModel, calibration: Calibration) -> Seal:
-        """That of a node on this machine."""
+        """Seal of a node on this machine."""
         digest = hashlib.sha256()
         for file in sorted(path for path in robot.folder.rglob("*") if path.suffix in ROBOT_FILES):
             digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -79,14 +79,14 @@ class Seal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claim:
-    """Walk after a confirmed pause.
+    """State of a walk after a confirmed pause.
 
     Attributes:
-        epoch: identity of the walk, as the gait gives it.
+        epoch: identity of the walk, given by the gait.
         step, stance: the pause.
         time: end of its scan by `transport.clock` [s].
         odometry, map: state of both.
-        restarts: reasons why the map began anew so far.
+        restarts: reasons of the map's restarts so far.
     """
 
     epoch: str
@@ -98,7 +98,7 @@ class Claim:
     restarts: tuple[str, ...] = ()
 
     def write(self, stream: IO[bytes], seal: Seal) -> None:
-        """Write a file of three parts: format and digest of the rest, what is claimed as JSON, and the map."""
+        """Write a file of three parts: format and digest of the rest, the claim as JSON, and the map."""
         claimed = {
             **dataclasses.asdict(seal),
             "epoch": self.epoch,
@@ -120,17 +120,17 @@ class Claim:
 
     @classmethod
     def read(cls, path: Path, robot: RobotModel, seal: Seal) -> Claim:
-        """Read a file of `write`.
+        """Read a file written by `write`.
 
         Raises:
-            FileFormatError: it is damaged, too long, of another version, or does not fit the seal.
+            FileFormatError: the file is damaged, too long, of another version, or does not fit the seal.
         """
         head, _, body = read_bounded(path, LARGEST_JOURNAL).partition(b"\n")
         kind, _, digest = head.decode(errors="replace").partition(" ")
         if kind != FORMAT:
             raise FileFormatError(f"{path}: its format is {kind[:40]!r}, allowed: {FORMAT!r}")
         if hashlib.sha256(body).hexdigest() != digest:
-            raise FileFormatError(f"{path}: its digest does not fit: it is cut or damaged")
+            raise FileFormatError(f"{path}: its digest does not match: it is truncated or damaged")
         fields = parse_json(body.partition(b"\n")[0], str(path))
         for name, value in dataclasses.asdict(seal).items():
             given = fields.text(name)
@@ -164,19 +164,19 @@ class Claim:
         Args:
             stance: stance of its pause.
             terrain: grid of the scan alone.
-            odometry: one of this robot, without a pause; it gets this pause.
-            standing: feet that never left the ground since the pause of the claim, as the gait says.
+            odometry: leg odometry of this robot before any pause; it is set to the claim and updated with this pause.
+            standing: feet that never left the ground since the pause of the claim, as the gait reports.
             time: end of the scan by `transport.clock` [s].
-            picture: laser-off picture of the scan, as `TerrainMap.update` takes it.
+            picture: laser-off image of the scan, as `TerrainMap.update` takes it.
         """
         robot = self.map.robot
         age, validity = time - self.time, Settings.of(robot).validity_seconds
         if len(standing) < LEAST_STANDING:
-            return f"the gait does not say of two feet that they never left the ground since step {self.step}"
+            return f"the gait reports fewer than two feet that never left the ground since step {self.step}"
         if not 0.0 <= age <= validity:
             return f"it is {age:.0f} s old, ground is valid for {validity:.0f} s"
         if stance.gravity_in_base is None or self.stance.gravity_in_base is None:
-            return "gravity is not known, so that it cannot agree with that of before"
+            return "gravity is not known, so it cannot be compared"
         try:
             odometry.restore(self.odometry, self.stance)
             before = odometry.last
@@ -186,7 +186,7 @@ class Claim:
         assert before is not None
         moved = sorted(set(standing).difference(pose.stayed_feet))
         if moved:
-            return f"{', '.join(moved)} moved, of which the gait says that it stood"
+            return f"{', '.join(moved)} moved, but the gait reports that it stood"
         tilted = _heights_changed(before, pose, robot)
         if tilted > HEIGHT_SIGMAS:
             return f"gravity does not agree: standing soles changed their heights by {tilted:.1f} sigma"
@@ -215,7 +215,7 @@ class Claim:
 
 
 def _heights_changed(before: OdometryPose, now: OdometryPose, robot: RobotModel) -> float:
-    """Largest change of the height of one standing sole above another, along gravity [sigmas]."""
+    """Largest change of the height of a standing sole relative to another, along gravity [sigmas]."""
     legs, noise = now.stayed_feet, robot.noise
     soles, variances = [], np.zeros(len(legs))
     for pose in (before.pose, now.pose):

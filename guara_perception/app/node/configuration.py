@@ -24,7 +24,7 @@ def mistakes_of(chosen: DeviceOptions, *, simulated: bool, security: Path | None
 
     Args:
         chosen: robot, calibration and devices.
-        simulated: simulated devices in place of those.
+        simulated: True for simulated devices.
         security: folder of the node's role, or None.
     """
     parts: tuple[tuple[Any, Callable[[str], object]], ...] = (

@@ -1,4 +1,4 @@
-"""Watch over contacts: height of each landing foot against the map's, a running test of the whole chain."""
+"""Monitor of foot contacts: heights of landing feet relative to the map, which test calibration and kinematics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guara_perception.terrain.grid import TerrainGrid
 from guara_perception.terrain.layers.record import MapRecord
 from transport import Health
 
-# Landings whose heights are judged together, and the fewest: two cycles.
+# Most landings that are judged together, and fewest: two cycles.
 MOST_LANDINGS, FEWEST_LANDINGS = 40, 8
 
 
@@ -25,11 +25,11 @@ class ContactWatch:
         self._heights: deque[float] = deque(maxlen=MOST_LANDINGS)
 
     def add(self, fused: TerrainGrid, stayed: Collection[str]) -> None:
-        """Judge the feet of a pause that did not stand there at the pause before.
+        """Judge the feet that were set down since the last pause.
 
         Args:
             fused: map of the pause.
-            stayed: feet that stood where they had stood before.
+            stayed: feet that have stood since the last pause.
         """
         record = fused.record
         assert isinstance(record, MapRecord)
@@ -53,11 +53,11 @@ class ContactWatch:
         }
         limit = record.required_limits.sigma
         text, level = f"feet land {1e3 * bias:+.1f} mm off the map, sigma {1e3 * sigma:.1f} mm", Health.OK
-        # Of a chain in order the mean lies within its limit and what so few landings leave open.
+        # Without a fault the mean is within the limit plus twice its standard error.
         if count >= FEWEST_LANDINGS and abs(bias) > limit + 2 * sigma / np.sqrt(count):
             level = Health.WARN
             text += (
-                f"; allowed: {1e3 * limit:.0f} mm. The calibration, the zeros of the joints or the sole's size "
-                "are wrong, or the ground gives way everywhere"
+                f"; allowed: {1e3 * limit:.0f} mm. The calibration, the joint zeros or the sole size is wrong, or the "
+                "ground gives way everywhere"
             )
         self._status.note("contact", text, level, values)

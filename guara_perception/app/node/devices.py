@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from guara_perception.app.node.simulated import SimulatedRobot
 
 
+NO_CALIBRATION = "no calibration: give -c calibration.json (`guara calibrate` makes it)"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
     """Robot and devices of a live command.
@@ -36,13 +39,13 @@ class Rig:
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration; `choose_rig` made sure that there is one where it is needed.
+        """Calibration of the rangefinder.
 
         Raises:
-            InvalidInput: there is none.
+            InvalidInput: there is none; `choose_rig` already rejects that for commands that need one.
         """
         if self.known_calibration is None:
-            raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it)")
+            raise InvalidInput(NO_CALIBRATION)
         return self.known_calibration
 
 
@@ -54,25 +57,26 @@ def choose_rig(
     on_the_move: bool = False,
     world: str = "demo",
 ) -> Rig:
-    """Make the rig that the options of a command name.
+    """Create the rig selected by the options of a command.
 
     Args:
-        chosen: devices as the options name them.
+        chosen: robot, calibration and devices given by the options.
         simulated: True for a simulated robot, world and devices.
         needs_calibration: False for a scan to calibrate with.
-        on_the_move: True if feet will be placed by the grids; the keys of robot.toml that concern safety must then be
+        on_the_move: True if footholds will be chosen from the grids; the safety-related keys of robot.toml must then be
             measured.
         world: name or file of the simulated world.
 
     Raises:
-        InvalidInput: neither a calibration nor a simulation; a simulation with devices; a real robot on assumed values.
+        InvalidInput: neither a calibration nor a simulation; a simulation with devices.toml; a real robot whose
+            safety-related values are assumed.
         CalibrationMismatch: devices and calibration are of different cameras.
-        MissingFile, FileFormatError: calibration, file of devices or world cannot be read.
+        MissingFile, FileFormatError: calibration, devices.toml or world cannot be read.
         kinematics.KinematicsError: the robot cannot be loaded.
     """
     if simulated:
         if chosen.devices is not None:
-            raise InvalidInput("--simulated brings its own devices: leave --devices out")
+            raise InvalidInput("--simulated has its own devices: leave --devices out")
         from guara_perception.app.node.simulated import SimulatedRobot
         from guara_perception.simulation.world import load_world
 
@@ -84,7 +88,7 @@ def choose_rig(
     if not needs_calibration:
         return Rig(load_robot(chosen.robot or "guara"), None, rangefinder_of(devices), None)
     if chosen.calibration is None:
-        raise InvalidInput("no calibration: give -c calibration.json (`guara calibrate` makes it), or --simulated")
+        raise InvalidInput(f"{NO_CALIBRATION}, or --simulated")
     calibration = load_calibration(chosen.calibration)
     model = load_robot(chosen.robot or calibration.robot)
     if on_the_move:
@@ -101,20 +105,21 @@ SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 
 
 def _refuse_assumed(robot: RobotModel) -> None:
-    """Refuse a robot with assumed, not measured, soles or limits."""
+    """Refuse a robot whose soles, legs or limits are assumed, not measured."""
     open_keys = [key for key in robot.config.assumed if key.startswith(SAFETY_KEYS)]
     if open_keys:
         raise InvalidInput(
-            f"{robot.config.path}: {', '.join(open_keys)} of {robot.name!r} not measured, and footholds depend on it: "
-            "measure as the table [assumed] says and delete the lines there; --simulated needs none of them"
+            f"{robot.config.path}: {', '.join(open_keys)} of {robot.name!r} are assumed, not measured, but footholds "
+            "depend on them: measure them as the table [assumed] says, then delete their lines there (not needed "
+            "with --simulated)"
         )
 
 
 def rangefinder_of(devices: Devices, *, free: bool = False) -> Rangefinder:
-    """Board and camera of a file of devices, not yet open; the camera's settings are locked when it is opened.
+    """Board and camera described by devices.toml, not yet open; opening the camera locks its settings.
 
     Args:
-        devices: devices as their file names them.
+        devices: contents of devices.toml.
         free: run the camera freely although it has a trigger, for instance for images of a checkerboard.
 
     Raises:

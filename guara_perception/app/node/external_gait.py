@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 # Steps of the least-squares fit of the body to the ground below its feet, which is not flat.
 FIT_STEPS = 8
-# A sole further from the ground than joint biases and terrain below the sole explain [m].
+# Distance of a sole from the ground beyond what joint biases and the terrain below it explain [m].
 HANGING_M = 0.020
 # Noise of a reading of a joint at its limit [rad].
 LIMIT_ERROR_RAD = 0.01
@@ -43,7 +43,7 @@ class ExternalGait:
     """
 
     def __init__(self, robot: SimulatedRobot, node: PerceptionNode, tell: Callable[[str], None] = logger.info) -> None:
-        """Begin with the robot at the origin.
+        """Start with the robot at the origin.
 
         Args:
             robot: simulated robot; the devices of `node` are its own.

@@ -1,4 +1,4 @@
-"""Joints of each pause of a walk, tested against those of the pauses before, for status and health."""
+"""Joint consistency check of each stance pause, reported in status and health."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class JointWatch:
     def __init__(self, robot: RobotModel, status: NodeStatus) -> None:
         self._check, self._status = JointCheck(robot), status
         self._last: Pause | None = None
-        self._report = JointReport(math.nan)
+        self._report, self._doubts = JointReport(math.nan), tuple[str, ...]()
 
     def doubts(self, pause: Pause) -> tuple[str, ...]:
-        """Faults of the joints of a pause, as sentences; tested once, however often the pause is scanned.
+        """Faults of the joints of a pause, as sentences; each pause is tested once, however often it is scanned.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
@@ -30,16 +30,17 @@ class JointWatch:
                 self._check.reset()
             self._report, self._last = self._check.update(pause.stance), pause
             self._tell(pause)
-        return tuple(str(fault) for fault in self._report.faults)
+        return self._doubts
 
     def _tell(self, pause: Pause) -> None:
         faults, residual = self._report.faults, self._report.residual
-        message = "; ".join(str(fault) for fault in faults)
+        self._doubts = tuple(str(fault) for fault in faults)
+        message = "; ".join(self._doubts)
         values = {"step": str(pause.step), "residual": f"{residual:.2f}"}
         if faults:
             values["joints"] = ", ".join(name for fault in faults for name in fault.joints)
         elif math.isnan(residual):
-            message = "fewer than three feet stayed since the last pause: nothing to compare"
+            message = "not checked: fewer than three feet stayed on the ground since the last pause"
         else:
             message = "the joints of standing legs fit those of the last pause"
         level = Health.WARN if faults else Health.OK

@@ -1,4 +1,4 @@
-"""Journal of a walk in a folder: written at each confirmed pause, read by the node that is started next."""
+"""Journal of a walk in a folder: written at each confirmed pause, read when the node is started again."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from transport import Health, StatusItem
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
-# That a walk goes on is an event, as that it does not.
+# The log tells that a walk continues, too, not only that it does not.
 logger.setLevel(logging.INFO)
-# The journal before stands in for one that is damaged, or of the pause that is scanned again.
+# Number of files: the older one serves if the newer is damaged, or is of a pause that is scanned again.
 SLOTS = 2
 # [s] Longest wait for the last journal when the node ends.
 CLOSE_S = 5.0
@@ -27,38 +27,38 @@ CONFIRM_S = 0.3
 
 
 class Journal:
-    """The journals of one node: two files, of which the older is replaced; a thread of its own writes them.
+    """Journal of one node in two files, the older of which is replaced; written on a separate thread.
 
-    A pause is written beside them when its scan is fused and replaces one of them when it is confirmed, so that next to
-    nothing is left to do then: a node may be killed right after.
+    A claim is written to a temporary file when the scan of its pause is fused. When the pause is confirmed, that file
+    only has to be renamed: the node may be killed right after.
 
     Attributes:
-        claims: what the journals found at the start claim, the newest first; emptied when one was checked.
+        claims: claims found in the files at the start, newest first; empty once they are rejected or a pause is kept.
     """
 
     def __init__(self, folder: Path, robot: RobotModel, seal: Seal) -> None:
-        """Make the folder and read the journals in it; those that cannot be used are named in the status.
+        """Create the folder and read the files in it; the status reports those that cannot be used.
 
         Raises:
-            InvalidInput: the folder cannot be made, or nothing may be written to it.
+            InvalidInput: the folder cannot be created or is not writable.
         """
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise InvalidInput(f"--state is {folder}: {error.strerror}; allowed: a folder of this user") from None
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise InvalidInput(f"--state is {folder}: nothing may be written to it; allowed: a folder of this user")
+            raise InvalidInput(f"--state is {folder}, which is not writable; allowed: a folder of this user")
         self._seal, self._lock = seal, threading.Lock()
         self._paths = [folder / f"{seal.instance.replace('/', '-')}-{slot}.journal" for slot in range(SLOTS)]
         self._beside = folder / f".{self._paths[0].stem[:-2]}.journal"
-        # Never confirmed, or cut.
+        # Left by an earlier run: never confirmed, or incomplete.
         self._beside.unlink(missing_ok=True)
         self.claims: tuple[Claim, ...] = ()
-        self._outcome, self._level = "none was found: the walk begins", Health.OK
+        self._outcome, self._level = "none was found: a new walk begins", Health.OK
         self._values: dict[str, str] = {"resumed": "0", "refused": "0", "written": "0", "failed": "0"}
         self._trouble = ""
         self._read(robot)
-        # Last claim, that of them which waits to be written, that which was, and that which is confirmed.
+        # The newest claim; the claim that waits to be written; the one in the temporary file; the confirmed one.
         self._last: Claim | None = None
         self._next: Claim | None = None
         self._written: Claim | None = None
@@ -72,22 +72,22 @@ class Journal:
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Write what waits, and end."""
+        """Write the claim that waits, and end the thread."""
         with self._has_news:
             self._is_closing = True
             self._has_news.notify_all()
         self._thread.join(CLOSE_S)
 
     def write(self, claim: Claim | None) -> None:
-        """Have a claim, if any, written beside the journals; returns at once. A newer claim replaces one that waits."""
+        """Queue a claim, if any, for the temporary file; returns at once. It replaces a claim that still waits."""
         with self._has_news:
             self._last = self._next = claim
             self._has_news.notify_all()
 
     def confirm(self) -> None:
-        """Have the last claim replace the older journal; returns when it has, on a slow disk before.
+        """Replace the older file by the newest claim; wait for it, on a slow disk for CONFIRM_S at most.
 
-        What is told as confirmed after that is not lost with the node.
+        So a pause that is published as confirmed afterwards is not lost with the node.
         """
         with self._has_news:
             self._confirmed = self._last
@@ -95,18 +95,18 @@ class Journal:
             self._has_news.wait_for(lambda: self._confirmed is None, CONFIRM_S)
 
     def resumed(self, claim: Claim) -> None:
-        """Tell that the walk goes on from a claim."""
-        self._tell(f"walk {claim.epoch!r} goes on from step {claim.step}", "resumed")
+        """Report that the walk continues from a claim."""
+        self._report(f"walk {claim.epoch!r} continues from step {claim.step}", "resumed")
 
     def refuse(self, why: str) -> None:
-        """Tell that a new walk begins, and remove what was claimed."""
+        """Report that a new walk begins, and remove the files."""
         self.claims = ()
         for path in self._paths:
             path.unlink(missing_ok=True)
-        self._tell(f"a new walk begins: {why}", "refused")
+        self._report(f"a new walk begins: {why}", "refused")
 
     def item(self) -> StatusItem:
-        """State for the status."""
+        """Status item of the journal."""
         with self._lock:
             message = "; ".join(filter(None, (self._outcome, self._trouble)))
             level = Health.WARN if self._trouble else self._level
@@ -119,11 +119,11 @@ class Journal:
                 found[path] = Claim.read(path, robot, self._seal)
             except FileFormatError as error:
                 refused.append(str(error))
-        # The oldest is replaced first, and before it what cannot be used.
+        # In the order in which they are replaced: unusable files, then the oldest claim.
         self._paths.sort(key=lambda path: found[path].time if path in found else -1.0)
         self.claims = tuple(sorted(found.values(), key=lambda claim: -claim.time))
         if self.claims:
-            self._outcome = "; ".join(("a walk was found: it goes on if the next pause fits", *refused))
+            self._outcome = "; ".join(("a walk was found: it continues if the next pause fits", *refused))
         elif refused:
             self._values["refused"] = "1"
             self._outcome = f"a new walk begins: {'; '.join(refused)}"
@@ -131,7 +131,7 @@ class Journal:
         for reason in refused:
             logger.warning("journal: %s", reason)
 
-    def _tell(self, outcome: str, count: str) -> None:
+    def _report(self, outcome: str, count: str) -> None:
         is_good = count == "resumed"
         (logger.info if is_good else logger.warning)("journal: %s", outcome)
         with self._lock:
@@ -171,7 +171,7 @@ class Journal:
         self._beside.unlink(missing_ok=True)
         handle = os.open(self._beside, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
         with os.fdopen(handle, "w+b") as stream:
-            # Not synchronised: when the machine goes down its clock begins anew, and the journal is void.
+            # No fsync: after a reboot the clock starts again, which makes the journal void anyway.
             claim.write(stream, self._seal)
         with self._lock:
             self._values |= {"bytes": str(self._beside.stat().st_size), "seconds": f"{time.monotonic() - begun:.3f}"}

@@ -64,7 +64,7 @@ def live_scan(
         firing_order: (index, mirror angle [rad]) in firing order.
         should_stop: True ends the scan, for instance when the pause ends.
         on_stripe: called after each stripe, for recording and progress.
-        flash: returns `FramePair.instant` and its sigma by the stamp of a frame; None = no stripe has an instant.
+        flash: returns `FramePair.instant` and its sigma from the stamp of a frame; None = no stripe has an instant.
     """
     start = time.time_ns()
     problems = list(rangefinder.setting_changes())
@@ -79,7 +79,7 @@ def live_scan(
             for group in stripes.groups():
                 instants.update({capture.index: _instant(capture, rangefinder) for capture in group})
                 _take(group, processor, light, on_stripe, flash)
-                # Otherwise its frames would stay in memory until the next group is complete.
+                # Otherwise the frames of the group would stay in memory until the next one is complete.
                 del group
                 if 0 < len(firing_order) - len(instants) <= STRIPES_AFTER and not worked_ahead:
                     # The mirror still has to turn to the last stripes; afterwards the gait would wait for this.
@@ -102,7 +102,7 @@ def live_scan(
 
 
 def _instant(capture: StripeCapture, rangefinder: Rangefinder) -> float:
-    """Instant at which the host had both frames of a stripe; now without stamps, or with those of an emulated clock."""
+    """Instant at which the host had all frames of a stripe; the present one without stamps of a real clock."""
     stamps = [stamp for stamp in (capture.on_stamp, capture.off_stamp, capture.dark_stamp) if not math.isnan(stamp)]
     if not stamps or rangefinder.clock is not None:
         return clock.now()

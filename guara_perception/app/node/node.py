@@ -49,17 +49,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# How long `close` waits for a scan to notice that it should end.
+# Longest wait of `close` for the scan under way to end [s].
 STOP_TIMEOUT_S = 5.0
-# Wait beyond the end of a pause, so that it has expired when the thread wakes.
+# Wait beyond the end of a pause, so that it has expired when the thread wakes [s].
 EXPIRY_SLACK_S = 0.01
 SCAN_THREAD = "guara-scans"
 # [s] A scan thread that works this long without reaching the next stripe counts as hung. Drivers take up to 15 s to
 # give up a disconnected camera.
 HANG_TIME_S = 30.0
-# Walk of a pause that cannot be scanned, for a gait without epochs that restarts its count.
+# Walk of an unusable pause with which a gait without epochs has restarted its step count.
 UNKNOWN_WALK = "unknown"
-# Longest wait for work without a check.
+# Longest wait of the scan thread for work [s].
 LONGEST_WAIT_S = 3600.0
 EXPECTED = (PerceptionError, KinematicsError, TransportError)
 
@@ -89,21 +89,21 @@ class PerceptionNode:
         mirror: SceneMirror | None = None,
         journal: Journal | None = None,
     ) -> None:
-        """Connect its parts; the `with` block starts it.
+        """Create the node; the `with` block starts it.
 
         Args:
             robot: model of the robot.
             calibration: calibration of this rangefinder.
             rangefinder: open devices.
             server: the node's side of the transport.
-            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, and the stripes between
+            mode: mode of the scans at pauses: "coarse", "standard", or "adaptive" (coarse, then the stripes between
                 where there is an obstacle).
             method: method of stripe extraction.
-            threshold: of the binarisation of the paper's methods; None = chosen by each frame.
+            threshold: binarisation threshold of the paper's methods; None = chosen for each frame.
             recorder: writes every scan, or None.
             status: collects what the status messages report; None = a new one.
             mirror: publishes each pause for ROS 2 tools, or None.
-            journal: gets the walk at each pause, and gives it back after a restart; or None.
+            journal: stores the walk at each confirmed pause, for a restart of the node; or None.
 
         Raises:
             InvalidInput: unknown mode or method, or a threshold that does not fit it.
@@ -169,7 +169,7 @@ class PerceptionNode:
             self._recorder.add_stance(announcement)
         refusal = self._walks.refusal(announcement, self._pause)
         if refusal:
-            self.status.problem("stance", f"step {announcement.step}: {refusal}; nothing was changed by it")
+            self.status.problem("stance", f"step {announcement.step}: {refusal}; the announcement is ignored")
             return
         try:
             stance: Stance | None = stance_of(announcement, self._robot)
@@ -194,18 +194,18 @@ class PerceptionNode:
             self._server.end_step()
 
     def on_stream(self, batch: StanceStream) -> None:
-        """Handle a batch of the gait's joints: it is recorded, and the status tells rate and gaps; returns at once."""
-        self._tell_of_stream()
+        """Handle a batch of joint samples: record it, and count rate and gaps for the status; returns at once."""
+        self._report_stream()
         if self._stream.add(batch) and self._recorder is not None:
             self._recorder.add_stream(batch)
 
     def on_stream_refused(self, error: TransportError) -> None:
         """Handle a batch that cannot be read."""
-        self._tell_of_stream()
+        self._report_stream()
         self._stream.refuse(error)
 
-    def _tell_of_stream(self) -> None:
-        """Begin to tell of the stream: without one the status is as ever."""
+    def _report_stream(self) -> None:
+        """Add the stream's item to the status at the first batch."""
         if not self._has_stream:
             self._has_stream = True
             self.status.follow(self._stream.item)
@@ -221,14 +221,14 @@ class PerceptionNode:
             elif phase is PausePhase.END or stance is None:
                 current.end(stance, now, stamp)
             elif not announcement.epoch and stamp > current.newest_stamp:
-                # A gait without epochs sends the same if it restarts after the robot was carried.
+                # A gait without epochs repeats a step number if it restarts, perhaps after the robot was carried.
                 current.end(None)
             elif current.begin_again(stance, now, stamp):
                 return None
         elif last is not None and is_same and phase is not PausePhase.BEGIN:
             last.add_late(stance, now, stamp)
         elif current is not None and (phase is PausePhase.BEGIN or self._is_later(announcement, current)):
-            # Another pause: the end of this one was never announced.
+            # The announcement is of a later pause: the END of this one is missing.
             current.end(None)
         if phase is not PausePhase.BEGIN or stance is None:
             return None
@@ -281,7 +281,7 @@ class PerceptionNode:
     def on_refused(self, error: TransportError) -> None:
         """Handle an announcement that cannot be read, such as one with a joint that is NaN.
 
-        It may have been the END of the pause, so the pause is ended. A phase of a later version changes nothing.
+        Since it may have been the END, the pause ends. An unknown phase (of a later version) is ignored.
         """
         self.status.problem("stance", f"announcement refused: {error}")
         if isinstance(error, UnknownPhase):
@@ -289,10 +289,10 @@ class PerceptionNode:
         self._end_unknown()
 
     def _end_unknown(self, failure: Failure | None = None) -> None:
-        """End the pause, and with it the scan: it is not known any more whether the robot stands.
+        """End the pause and its scan, since the robot is no longer known to stand still.
 
         Args:
-            failure: of a thread of this process, on which this then runs.
+            failure: failure of another thread of this process, which then calls this.
         """
         with self._changed:
             current = self._standing()
@@ -326,9 +326,9 @@ class PerceptionNode:
         """Wait until the scan of a pause is done or abandoned; False after `timeout` [s].
 
         Args:
-            step: number of the pause, or of an earlier one.
+            step: number of the pause; the scan of a later one also ends the wait.
             timeout: longest wait [s].
-            epoch: walk that it belongs to; None for that of the newest scan.
+            epoch: walk of the pause; None for the walk of the newest scan.
         """
 
         def is_done() -> bool:
@@ -344,7 +344,7 @@ class PerceptionNode:
             return self._changed.wait_for(lambda: not self._is_asked or self._closing.is_set(), timeout)
 
     def close(self) -> None:
-        """Turn the laser off, end the scan under way and the thread; safe to call twice."""
+        """End the scan under way, which turns the laser off, and the thread; safe to call twice."""
         forget(self._end_unknown)
         self._closing.set()
         with self._changed:
@@ -359,7 +359,7 @@ class PerceptionNode:
         return pause_item(pause, is_scanned, self._gait_clock.at(clock.now()))
 
     def _standing(self) -> Pause | None:
-        """Pause that the robot is in."""
+        """Present pause; None if it has ended or none has begun."""
         pause = self._pause
         if pause is None:
             return None
@@ -369,7 +369,7 @@ class PerceptionNode:
     def _admit(self, request: ScanRequest) -> None:
         pause = self._standing()
         if pause is None or not pause.time_left(clock.now()):
-            raise ScanFailed("the robot is not in a stance pause, a scan needs it to stand still", "not_stationary")
+            raise ScanFailed("the robot is not in a stance pause; a scan requires it to stand still", "not_stationary")
 
     def _serve(self, job: ScanJob) -> TerrainMessage:
         result: list[TerrainMessage | Exception] = []
@@ -380,7 +380,7 @@ class PerceptionNode:
             self._is_asked = False
             self._changed.notify_all()
         if not result:
-            raise ScanFailed("the node is closing" if self._closing.is_set() else "the request was given up")
+            raise ScanFailed("the node is closing" if self._closing.is_set() else "the request was cancelled")
         if isinstance(result[0], Exception):
             raise ScanFailed(str(result[0])) from result[0]
         return result[0]
@@ -416,11 +416,11 @@ class PerceptionNode:
         return bool(self._to_scan or self._job or self._has_news or self._closing.is_set())
 
     def _until_expiry(self) -> float | None:
-        """Time until the pause ends by itself [s]; None when no pause is under way."""
+        """Time until the pause expires [s]; None if no pause is under way."""
         pause = self._pause
         if pause is None or pause.ended.is_set():
             return None
-        # Waits of a condition are bounded; a limit in robot.toml may be longer.
+        # A condition cannot wait arbitrarily long, and robot.toml does not bound the time of a pause.
         return min(max(pause.deadline - clock.now(), 0.0) + EXPIRY_SLACK_S, LONGEST_WAIT_S)
 
     def _settle(self) -> None:
@@ -446,7 +446,7 @@ class PerceptionNode:
     def _scan(
         self, pause: Pause, mode: str, is_cancelled: Callable[[], bool], progress: Progress | None
     ) -> TerrainMessage | Exception:
-        """Scan; an error is logged and shown in the status, and the next pause scans again."""
+        """Scan a pause; an error is logged, reported in the status and returned."""
 
         def should_stop() -> bool:
             now = clock.now()

@@ -108,14 +108,14 @@ class NodeStatus:
             )
 
     def drift(self, drift: Drift) -> None:
-        """Report the fit of the last scan's floor to the calibration; one scan alone is no warning."""
+        """Report how the floor of the last scan fits the calibration; one scan alone does not cause a warning."""
         self._drift.add(drift)
         verdict, counts = self._drift.verdict, self._drift.counts
         values = {"verdict": verdict, **{f"scans_{name}": str(count) for name, count in counts.items()}}
         of_scan = drift.to_dict().items()
         values |= {name: str(value) for name, value in of_scan if name not in ("reasons", "verdict")}
         scans = sum(counts.values())
-        message = f"calibration: {verdict}, a floor in {scans - counts[UNKNOWN]} of {scans} scans"
+        message = f"calibration: {verdict}, floor found in {scans - counts[UNKNOWN]} of {scans} scans"
         message = "; ".join((message, *(f"last scan: {reason}" for reason in drift.reasons)))
         level = Health.WARN if verdict == DRIFTING else Health.OK
         self.set(StatusItem(name="drift", level=level, message=message, values=values))
@@ -164,15 +164,15 @@ class NodeStatus:
 
 
 def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, float] | None = None) -> StatusItem:
-    """Phase of the walk, and the time at which to expect the next grid.
+    """Status item: phase of the walk, and when to expect the next grid.
 
     Args:
         pause: the newest pause, None before the first.
-        is_scanned: its own scan is done, or was abandoned.
+        is_scanned: True if the scan of this pause is done or was abandoned.
         gait_clock: present reading of the gait's clock and the bound of its error [s]; None if unknown.
     """
     if pause is None:
-        message = "no stance pause was announced yet: nothing is scanned before the gait says BEGIN"
+        message = "no stance pause was announced yet: nothing is scanned until the gait sends BEGIN"
         return StatusItem(name="pause", level=Health.OK, message=message, values={"state": "none"})
     seconds = time.monotonic() - pause.begun
     if pause.ended.is_set():
@@ -180,11 +180,11 @@ def pause_item(pause: Pause | None, is_scanned: bool, gait_clock: tuple[float, f
     elif is_scanned:
         state = "standing"
         message = (
-            f"the robot has stood for {seconds:.0f} s and is scanned no more: the next grid comes with the next pause, "
-            f"or when a scan is asked for"
+            f"the robot has stood for {seconds:.0f} s, its scan is done: the next grid comes with the next pause or a "
+            "requested scan"
         )
     else:
-        state, message = "scanning", "the robot stands, its scan is to come"
+        state, message = "scanning", "the robot stands, its scan is not done yet"
     values = {"state": state, "step": str(pause.step), "epoch": pause.epoch, "seconds": f"{seconds:.1f}"}
     if gait_clock is not None:
         values |= {"clock_ahead_s": f"{gait_clock[0] - time.time():.4f}", "clock_bound_s": f"{gait_clock[1]:.4f}"}

@@ -17,46 +17,48 @@ from kinematics.robot_settings import PauseLimits
 from kinematics.tree import checked_positions
 from transport import StancePause
 
-# A position this far beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.
+# A position further beyond a joint's limits is no measurement: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0
-# Longest announced pause; a longer one is cut to it, and the gait sends HOLD long before.
+# Longest announced pause, to which longer ones are limited; the gait sends HOLD long before it ends.
 LONGEST_S = 3600.0
-# A stamp further ahead of its arrival comes from another clock than the one reported; less is rounding.
+# A stamp further ahead of its arrival is not of the reported clock; smaller differences are rounding [s].
 AHEAD_S = 0.005
 
 UNKNOWN_END = (
-    "the pause ended without a stance that can be used: whether the camera stood still during the scan is "
-    "not known. The gait must send joints and support feet with END, all finite"
+    "the pause ended without a usable stance: it is not known whether the camera stood still during the scan. "
+    "The gait must send joints and support feet with END, all finite"
 )
 
 
 @dataclass
 class Pause:
-    """Stance pause, begun and perhaps ended. Instants are of `transport.clock` [s], stamps of the gait's clock [ns].
+    """Stance pause, begun and perhaps ended. Instants are by `transport.clock` [s], stamps by the gait's clock [ns].
 
-    Joints that were read after a frame and show that the robot stood as at BEGIN confirm it: the frame is no later than
-    `still_until`. The stamp of a message counts, not its arrival: it is taken for the earliest instant at which the
-    gait's clock can have shown it, and never for later than its arrival.
+    A frame is confirmed by joints that were read after it and show that the robot stood as at BEGIN: the frame is then
+    no later than `still_until`. The stamp of a message counts, not its arrival: it is converted to the earliest instant
+    at which the gait's clock can have shown it, but never to one after its arrival.
 
-    With a stream the body may move: its samples tell where each frame was taken, and confirm it.
+    With a stream the body may move: joint samples give the body's pose at each frame, and confirm the frame.
 
     Attributes:
         step: number of the pause.
         epoch: identity of its walk.
         stance: stance at its beginning.
-        stillness: test of all readings, begun with that of BEGIN at time 0.
-        earliest: earliest instant at which the gait's clock can have shown a stamp; None while its clock is not known.
+        stillness: test of all readings; that of BEGIN has time 0.
+        earliest: returns the earliest instant at which the gait's clock can have shown a stamp; None while that clock
+            is not known.
         limits: limits of robot.toml.
         begun: arrival of BEGIN.
         stamp: stamp of BEGIN.
         given_epoch: identity of the walk given by the gait, empty if none.
         known_ground: ground declared by the gait, in base_footprint of this pause.
-        standing_pauses: number of pauses before it since which each foot never left the ground, as the gait says.
+        standing_pauses: by leg, number of previous pauses through which the foot has stayed on the ground, as the gait
+            reports.
         time_available: time from the stamp of BEGIN to the planned end [s]; 0 when not known.
-        stream: joints during this pause, None if the robot must stand still.
-        ended: set when the gait moves on, the robot moved, or it is not known whether it stands.
+        stream: joint samples during this pause, None if the robot must stand still.
+        ended: set when the gait moves on, the robot has moved, or it is no longer known to stand still.
         end_stance: stance read at the end; None before, and if it was unusable.
         newest_stamp: latest stamp of this pause's announcements.
         broken: reason why the robot is not known to have stood still to the end; empty otherwise.
@@ -89,14 +91,14 @@ class Pause:
         # Stamp up to which the readings show stillness, and arrival of the message that showed it.
         self._still = (self.stamp, self.begun)
         self._motion = ""
-        # Stamp, arrival and length of what was announced last.
+        # Stamp, arrival and length [s] of the plan that was announced last.
         self._plan = (self.stamp, self.begun, self.time_available)
 
     @property
     def still_until(self) -> float:
         """Instant until which the robot is known to have stood as at BEGIN; -inf while the clock is not known.
 
-        With a stream, until which is known where its body was.
+        With a stream: instant until which the pose of the body is known.
         """
         stream = self.stream
         stamp, arrival = self._still if stream is None else stream.shown
@@ -157,14 +159,14 @@ class Pause:
         return False
 
     def leave_stream(self) -> None:
-        """Count as a pause without a stream from now on: the readings must show that the robot stood still."""
-        # In this order, since readings are added on another thread.
+        """Ignore the stream from now on: the readings must show that the robot stood still."""
+        # First, since readings are added on another thread: `_add` must see it, or this the motion found by `_add`.
         self.stream = None
         if self._motion:
             self._break(self._motion, moved=True)
 
     def add_late(self, stance: Stance | None, now: float, stamp: int) -> None:
-        """Handle joints that arrive after END: those read before it count, later ones belong to the next swing."""
+        """Handle joints that arrive after END: those read before END count, later ones belong to the next swing."""
         if stance is not None and not self.broken and stamp < self.newest_stamp:
             self._add(stance, now, stamp)
 
@@ -182,7 +184,7 @@ class Pause:
         return max(self.planned_end - now, 0.0)
 
     def _add(self, stance: Stance, now: float, stamp: int) -> bool:
-        """Test a reading; False if the robot moved, which ends the pause unless a stream tells how."""
+        """Test a reading; False if the robot moved and there is no stream, which ends the pause."""
         is_late = stamp < self.newest_stamp
         self.newest_stamp = max(self.newest_stamp, stamp)
         try:
@@ -195,7 +197,7 @@ class Pause:
             self._still = (still, now if still > self._still[0] else self._still[1])
         if motion:
             if is_late:
-                # The test takes readings in the order of their arrival: the start of the motion is not known.
+                # A late reading does not show when the motion began, since readings are tested as they arrive.
                 self._still = (self.stamp, self.begun)
             self._motion = self._motion or motion
             if self.stream is not None:
@@ -234,6 +236,6 @@ def _check_plausible(robot: RobotModel, joint_positions: Mapping[str, float]) ->
     if impossible.size:
         first = impossible[0]
         raise StanceError(
-            f"{impossible.size} joints are where none can be, {tree.joint_names[first]} at {positions[first]:g} rad; "
-            f"allowed are {lower[first]:.3g} ... {upper[first]:.3g} rad"
+            f"{impossible.size} joints have impossible positions, {tree.joint_names[first]} {positions[first]:g} rad; "
+            f"allowed: {lower[first]:.3g} ... {upper[first]:.3g} rad"
         )

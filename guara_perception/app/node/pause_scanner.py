@@ -32,7 +32,7 @@ from transport import TerrainMessage, clock
 from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
-# Number of scans whose longest time from last frame to published grid is expected for the next scan.
+# The next scan is expected to take as long from last frame to published grid as the slowest of this many scans.
 TAILS = 5
 
 
@@ -84,15 +84,15 @@ class PauseScanner:
         Args:
             pause: present pause of the gait.
             mode: one of SWEEPS.
-            should_stop: True ends the scan early; stripes that were not fired stay unscanned.
+            should_stop: returns True to end the scan early; stripes not yet fired stay unscanned.
             progress: called with (stripes done, stripes in all).
 
         Returns:
             The message of the scan's own grid, handed over for sending.
 
         Raises:
-            CameraMoved: the robot moved during the scan, or may have moved: nothing was published but, perhaps, a
-                coarse grid, which `settle` takes back.
+            CameraMoved: the robot moved, or may have moved, during the scan; at most a coarse grid was published, which
+                `settle` withdraws.
             MirrorSlipped: the mirror lost steps; the grid was published and withdrawn, and is not in the map.
             KinematicsError: the stance does not fit the robot.
         """
@@ -156,24 +156,24 @@ class PauseScanner:
         return message
 
     def settle(self) -> None:
-        """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
+        """Confirm, cut or withdraw the grids of the newest pause as the gait's latest announcements require."""
         self._published.settle()
 
     def _begin_stream(self, pause: Pause) -> None:
-        """Leave the stream of a pause where it cannot tell the places of stripes, and say why in the status."""
+        """Check that the stream of a pause can locate the stripes; if not, ignore it and report why in the status."""
         why = ""
         if pause.stream is not None:
             if METHODS[self._method] is not None:
-                why = f"method {self._method!r} takes one place for all stripes"
+                why = f"method {self._method!r} uses one pose for all stripes"
             else:
                 flash = self._rangefinder.flash(0.0)
                 why = pause.stream.doubt(None if flash is None else (clock.now(), flash[1]))
             if why:
                 pause.leave_stream()
-        self._status.note("stream_use", f"the stream of joints is not used: {why}" if why else "")
+        self._status.note("stream_use", f"the joint stream is not used: {why}" if why else "")
 
     def _await_joints(self, pause: Pause, processor: ScanProcessor, last_frame: float) -> None:
-        """Wait for the joints that tell where the stripes were taken; without them the scan is one of a still body."""
+        """Wait for the joint samples that locate the stripes; without them, process the scan as of a still body."""
         stream = pause.stream
         if stream is None:
             return
@@ -200,8 +200,8 @@ class PauseScanner:
     def _check_steps(self) -> None:
         """Reject a scan in which the mirror lost motor steps, so that stripes were not at their commanded angles.
 
-        Homing takes a tenth of a second, so the grid is published before it, and withdrawn when steps were lost. The
-        scan is fused into the map only after it.
+        Homing takes a tenth of a second, so the grid is published first, and withdrawn if steps were lost. The scan is
+        fused into the map only after homing.
         """
         lost = self.lost_steps()
         if lost:

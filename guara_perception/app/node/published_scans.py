@@ -1,4 +1,4 @@
-"""Published grids of the newest pause: confirmed, cut or withdrawn by the announcements of the gait."""
+"""Published grids of the newest pause: confirmed, cut or withdrawn as the gait's announcements require."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from transport.server import PerceptionServer
 
 logger = logging.getLogger(__name__)
 TOO_LITTLE = (
-    "the joints that confirm the scan were read before most of it was taken. The gait must stand until the grid is "
-    "there, or say HOLD"
+    "the joints that confirm the scan were read before it was complete. The robot must stand until the grid is "
+    "published, or the gait must send HOLD"
 )
 
 
@@ -63,8 +63,8 @@ class PublishedScans:
 
     Attributes:
         newest: scan whose grid was published last, None if it was withdrawn.
-        fused: the scan of the newest pause that is in the map.
-        doubts: what is wrong with the joints of the pause, for the health of its grids.
+        fused: scan of the newest pause that is in the map, or None.
+        doubts: faults of the joints of the pause, added to the health of its grids.
     """
 
     def __init__(
@@ -80,10 +80,10 @@ class PublishedScans:
         self._server, self._status, self._map, self._recorder = server, status, walk_map, recorder
         self._unseen, self._journal = unseen, journal
         self._unknown_clock = (
-            f"the gait does not tell the clock of its stamps on {gait_clock_key(server.robot)} (no answer, or stamps "
-            "that lie ahead of it), so that they confirm no frame: "
-            "grids stay provisional and none is in the map. Announce pauses by this version's StancePublisher, or "
-            "answer that key (docs/messages.md); with a folder of certificates run `guara security renew`"
+            f"the clock of the gait's stamps is not known from {gait_clock_key(server.robot)} (no answer, or stamps "
+            "ahead of that clock), so they confirm no frame: grids stay provisional and none stays in the map. "
+            "Announce pauses with this version's StancePublisher, or answer that key (docs/messages.md); with a "
+            "folder of certificates run `guara security renew`"
         )
         self._are_images_out, self._contacts = False, ContactWatch(status)
         self.doubts: tuple[str, ...] = ()
@@ -107,7 +107,7 @@ class PublishedScans:
         """Part of a scan that may be published: all of it during the pause, afterwards what the gait has confirmed.
 
         Raises:
-            CameraMoved: none of it.
+            CameraMoved: no part of it may be published.
         """
         if not pause.ended.is_set() or pause.still_until >= swept.scan.last_frame:
             return swept
@@ -117,13 +117,13 @@ class PublishedScans:
         return cut
 
     def publish(self, pause: Pause, swept: Swept, *, will_be_refined: bool = False) -> TerrainMessage:
-        """Publish the grid of a scan; `will_be_refined` where a finer one follows in this pause."""
+        """Publish the grid of a scan; `will_be_refined` if a finer one follows in this pause."""
         terrain = dataclasses.replace(with_problems(swept.terrain, swept.scan, self.doubts), stamp=swept.scan.end)
         self.newest = Published(pause, swept, terrain, will_be_refined=will_be_refined)
         return self._send(self.newest, terrain)
 
     def publish_map(self) -> TerrainMessage:
-        """Fuse the newest scan into the map, unless it holds one of this pause, and publish the map."""
+        """Publish the map; first fuse the newest scan into it, unless the map has a scan of this pause."""
         if self.fused is None or self.fused.fused is None:
             assert self.newest is not None
             return self._fuse(self.newest)
@@ -135,7 +135,7 @@ class PublishedScans:
         return send_terrain(self._server, self._nothing_seen(pause, reason))
 
     def settle(self) -> None:
-        """Confirm, cut or withdraw the grids of the newest pause by the announcements of the gait since."""
+        """Confirm, cut or withdraw the grids of the newest pause as the gait's latest announcements require."""
         newest, fused = self.newest, self.fused
         either = newest or fused
         if either is None:
@@ -180,7 +180,7 @@ class PublishedScans:
             standing_pauses=pause.standing_pauses,
         )
         refused = published.fused.metadata.get("visual_refused")
-        self._status.note("texture", f"pictures do not hold the map: {refused}" if refused else "")
+        self._status.note("texture", f"images do not correct the map: {refused}" if refused else "")
         told = published.fused.metadata.get("foot_slips") or {}
         slips = {f"{leg}_mm": f"{1e3 * slip:.1f}" for leg, slip in told.items()}
         text = f"standing feet slid by {', '.join(slips.values())} mm since the last pause" if slips else ""
@@ -204,7 +204,7 @@ class PublishedScans:
         self._status.confirmed(published.pause.step)
 
     def _cut(self, newest: Published) -> None:
-        """Remove stripes taken after the joints that confirm the scan, after a pause that ended well."""
+        """Remove stripes taken later than the joints that confirm the scan; the pause has ended without a fault."""
         pause = newest.pause
         cut = newest.swept.until(pause.still_until)
         if cut is None:
@@ -258,7 +258,7 @@ class PublishedScans:
         )
 
     def _send_images(self, step: int, make: Callable[[], TerrainGrid]) -> None:
-        """Publish and record the range images of a grid: only if confirmed, since an image has no flag for it.
+        """Publish and record the range images of a confirmed grid; an image cannot be marked as provisional.
 
         Args:
             step: step of the pause.
@@ -276,7 +276,7 @@ class PublishedScans:
         return pause.broken or (TOO_LITTLE if pause.is_clock_known else self._unknown_clock)
 
     def _nothing_seen(self, pause: Pause, reason: str) -> TerrainGrid:
-        """Grid that withdraws another one: all unknown, with the reason; with range images if those were published."""
+        """Grid that withdraws another one: all unknown, with the reason. Published range images are withdrawn too."""
         nothing = self._unseen(pause).restated(health=Health("failed", (reason,)), withdrawn=True, **walk_of(pause))
         if self._are_images_out:
             self._send_images(pause.step, lambda: with_pictures(nothing))
@@ -295,5 +295,5 @@ def with_problems(terrain: TerrainGrid, scan: LiveScan, doubts: tuple[str, ...] 
 
 
 def walk_of(pause: Pause, *, is_provisional: bool = False) -> dict[str, object]:
-    """Fields of a grid's record: its walk, and its provisional state."""
+    """Record fields of a grid: identity of its walk, and whether it is provisional."""
     return {"epoch": pause.epoch, "provisional": is_provisional}

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 FiringOrder = Sequence[tuple[int, float]]
 
-# [s] Standard deviation of an instant told by a frame's arrival: `measure_lag` tells the lag to a millisecond or two,
-# and transfers vary by about as much.
+# [s] Standard deviation of an instant derived from a frame's arrival: `measure_lag` is accurate to one or two
+# milliseconds, and transfer times vary by about as much.
 LAG_SIGMA = 0.002
 
 # Number of stripes that are processed together. At 30 frames per second that takes a third less processor time than one
@@ -44,16 +44,16 @@ STRIPES_TOGETHER = 16
 
 @dataclass
 class Rangefinder:
-    """Board and camera, open while the `with` block lasts; the laser is off when it is left.
+    """Board and camera, open inside a `with` block; leaving it turns the laser off.
 
     Attributes:
         board: the laser board.
         camera: the camera.
         options: acquisition options; None = one off frame per scan, STRIPES_TOGETHER.
         settings: settings that are locked and read back when the camera is opened; None = leave the camera unchanged.
-        identity: identity of the camera that was calibrated, which is compared when it is opened; empty if unknown.
-        clock: clock of all devices of this process while these are open; None = the machine's. Emulated devices have
-            one on which waiting takes no time, so that they miss nothing on a busy machine.
+        identity: identity of the calibrated camera, which the opened one must have; empty if unknown.
+        clock: clock of all devices of this process while these are open; None = the machine's clock. On the clock of
+            emulated devices waiting takes no time, so that they miss nothing on a busy machine.
     """
 
     board: Board
@@ -70,7 +70,7 @@ class Rangefinder:
         """Open both devices.
 
         Raises:
-            CalibrationMismatch: the camera is another than the calibrated one.
+            CalibrationMismatch: the camera is not the calibrated one.
             drivers.DriverError: a device cannot be opened.
         """
         try:
@@ -115,7 +115,7 @@ class Rangefinder:
     def sweep(
         self, firing_order: FiringOrder, band: Callable[[int], tuple[int, int]], should_stop: Callable[[], bool]
     ) -> StripeStream:
-        """A scan with a code of its own, to be taken in a `with` block; see `drivers.acquire`."""
+        """Stream of the stripes of a scan with new random dark flashes, for a `with` block; see `drivers.acquire`."""
         options = self.options or AcquireOptions(together=STRIPES_TOGETHER)
         options = replace(options, dark_after=draw_code([index for index, _ in firing_order]))
         return acquire(
@@ -132,14 +132,14 @@ class Rangefinder:
             return None
         exposure = None if self._locked is None else self._locked.exposure
         if exposure is None:
-            # The light came at any time between the oldest that the frame can show and its stamp.
+            # The flash was at any time between the earliest that the frame can show and the frame's stamp.
             return stamp - lag / 2, math.hypot(lag / math.sqrt(12.0), LAG_SIGMA)
         if self.options is not None and self.options.sweep is not None:
             exposure = min(exposure, self.options.sweep.flash)
         return stamp - lag + min(exposure, lag) / 2, LAG_SIGMA
 
     def keep_time(self) -> None:
-        """Let an emulated clock show the machine's time, by which flashes are compared with the joints of others."""
+        """Set an emulated clock to the machine's time, so that flashes can be compared with joint samples."""
         if isinstance(self.clock, EmulatedClock):
             self.clock.catch_up()
 

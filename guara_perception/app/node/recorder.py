@@ -1,4 +1,4 @@
-"""Recorder of live scans: frames, stances and grids go into MCAP files on a thread of its own."""
+"""Recorder of live scans: writes frames, stances and grids to MCAP files on its own thread."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 JPEG_444 = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-# Largest number of bytes that wait for a slow disk: 614 frames of 640x512 pixels in one channel.
+# Most memory of data that waits for a slow disk [byte]: 614 single-channel frames of 640x512 pixels.
 MAXIMUM_WAITING = 192 * 1024 * 1024
-# How long the end of the program waits for the disk [s].
+# Longest wait for the disk when the recorder closes [s].
 CLOSE_TIMEOUT_S = 30.0
 
 
 class ScanRecorder(AbstractContextManager["ScanRecorder"]):
-    """MCAP recorder of scans; acknowledged data survives the end of the process.
+    """MCAP recorder of scans; data already written survives a crash of the process.
 
-    If the file exists, the recording continues in the next one. In a folder it also does so when a file is full,
-    between two pauses; each file can be opened on its own.
+    An existing file is never overwritten: the recording goes to a new one. In a folder, a new file also starts when
+    the current one is full, between two pauses; each file can be opened on its own.
 
-    No scan waits for the disk: copies of its frames, and its grid, are written on another thread. Data that a slow or
-    full disk does not take is missing in the recording, never in the scan; `status_item` reports scans that were lost.
+    No scan waits for the disk: copies of its frames and its grid are written on another thread. Data that a slow or
+    full disk does not take is missing from the recording, never from the scan; `status_item` reports lost scans.
     """
 
     def __init__(
@@ -76,11 +76,11 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             calibration: calibration in use; attached to the file.
             jpeg_quality: 1 ... 100 compresses frames with loss, to a tenth of the size; None keeps every bit.
             scene: makes the messages for 3-D viewers: robot, transforms, clouds, markers, ROS grids; None = none.
-            limit: [byte] that all files of a folder may take; the oldest are removed.
+            limit: largest total size of the files in a folder [byte]; the oldest are removed.
             first: step of the first scan that is written.
 
         Raises:
-            transport.RecordingError: it cannot be created.
+            transport.RecordingError: the file cannot be created.
         """
         self._robot, self._hash, self._quality = robot, calibration.hash, jpeg_quality
         self._files = RecordingFiles(Path(path), robot, limit)
@@ -98,27 +98,27 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._add_later("the robot", self._add_robot)
 
     def __exit__(self, *error: object) -> None:
-        """Write waiting data and the end of the file."""
+        """Write the waiting data, and close the file."""
         is_written = self.flush(CLOSE_TIMEOUT_S)
         self._is_closed = True
         if is_written:
             self._outbox.close()
             self.writer.close()
         else:
-            logger.error("%s: the disk is too slow, what waited is lost; `guara recover` restores the rest", self.path)
+            logger.error("%s: the disk is too slow, waiting data is lost; `guara recover` restores the rest", self.path)
 
     @property
     def path(self) -> Path:
-        """The file that is written."""
+        """File being written."""
         return self.writer.path
 
     @property
     def cut(self) -> list[Path]:
-        """Files of this recording whose process was killed, oldest first; `guara recover` makes them readable."""
+        """Files left incomplete by a killed process, oldest first; `guara recover` makes them readable."""
         return [path for path in self._files.cut() if path != self.path]
 
     def begin(self, step: int, mode: str, stance: Stance) -> ScanRecording | None:
-        """Start a scan; None for one before the first step that is recorded."""
+        """Start recording a scan; None before the first step to be recorded."""
         if step < self._first:
             return None
         self.post(0, self._go_on)
@@ -166,19 +166,19 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         self._add_later("a status", lambda: self.writer.add_status(payload))
 
     def add_points(self, points: Mapping[int, StripePoints], stamp: int) -> None:
-        """Add the points of a scan's stripes, by index; returns at once. No array is copied: none ever changes."""
+        """Add the points of a scan's stripes, by index; returns at once. Arrays never change and are not copied."""
         scene = self._scene
         if scene is not None:
             kept = dict(points)
             self._add_later("the points of a scan", lambda: self.writer.add_messages(scene.of_points(kept, stamp)))
 
     def add_range_images(self, step: int, make: Callable[[], Mapping[str, Any]]) -> None:
-        """Add the range images of a scan by topic, which `make` gives on the recorder's thread; returns at once."""
+        """Add the range images of a scan; `make` returns them by topic, on the recorder's thread. Returns at once."""
         if self._scene is not None and step >= self._first:
             self._add_later("the range images of a scan", lambda: self.writer.add_messages(make().items()))
 
     def write_terrains(self, terrains: Sequence[TerrainMessage]) -> None:
-        """Write grids, then their messages for viewers; on the recorder's thread."""
+        """Write grids, then their messages for viewers; called on the recorder's thread."""
         for terrain in terrains:
             self.writer.add_terrain(terrain)
         if self._scene is not None:
@@ -194,7 +194,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         return True
 
     def status_item(self) -> StatusItem:
-        """Number of scans recorded and lost; the reason, if the last one was lost."""
+        """Status item: numbers of recorded and lost scans, and why the last one was lost."""
         with self._counted:
             return StatusItem(
                 name="recording",
@@ -208,9 +208,9 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             )
 
     def post(self, size: int, task: Callable[[], None]) -> bool:
-        """Queue a task that holds `size` bytes of memory; False if the queue is full or the recorder closed.
+        """Queue a task that holds `size` bytes of memory; False if the queue is full or the recorder is closed.
 
-        Tasks run one after the other; those that hold no memory are always taken.
+        Tasks run one after the other. A full queue still takes tasks that hold no memory.
         """
 
         def run() -> None:
@@ -232,7 +232,7 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
         with self._counted:
             self._recorded += not problem
             self._lost += bool(problem)
-            self._problem = problem and f"step {step} is not, or not wholly, recorded: {problem}"
+            self._problem = problem and f"step {step} is not recorded completely: {problem}"
         if problem:
             logger.error("recording failed: step %d: %s", step, problem)
 
@@ -251,14 +251,14 @@ class ScanRecorder(AbstractContextManager["ScanRecorder"]):
             self._report(str(error))
 
     def _go_on(self) -> None:
-        """Continue in a new file if this one is full; on the recorder's thread, between two scans."""
+        """Continue in a new file if this one is full; called on the recorder's thread, between two scans."""
         size = self._files.file_size
         if size is None or self.writer.size < size or self.writer.is_scan_open:
             return
         self._make_room()
         full = self.writer
         try:
-            # Data that a full disk rejected waits in memory, and keeps the file open.
+            # Fails while data that a full disk rejected waits in memory; then the file stays open.
             full.flush()
             self.writer = self._open()
         except RecordingError as error:
@@ -289,10 +289,10 @@ def _guarded(what: str, add: Callable[[], None]) -> None:
 
 
 class ScanRecording:
-    """Recording of one scan; an error of the disk ends the recording, not the scan."""
+    """Recording of one scan; a disk error ends the recording, not the scan."""
 
     def __init__(self, recorder: ScanRecorder, record: ScanRecord, jpeg_quality: int | None) -> None:
-        """Begin; made by `ScanRecorder.begin`."""
+        """Begin the recording; called by `ScanRecorder.begin`."""
         self._recorder, self._record, self._quality = recorder, record, jpeg_quality
         # Used by the scanning thread alone.
         self._last_off: tuple[Image, tuple[object, Image]] | None = None
@@ -309,7 +309,7 @@ class ScanRecording:
 
         Args:
             capture: the stripe.
-            flash: its instant, where a stream of joints places it.
+            flash: time of its flash, if a joint stream locates the stripe; else None.
         """
         if self._is_full:
             return
@@ -348,7 +348,7 @@ class ScanRecording:
         self._post(0, lambda: self._begin_again(self._record.mode))
 
     def finish(self, terrains: tuple[TerrainMessage, ...] = (), stance_end: Stance | None = None) -> None:
-        """End the scan and add its grids, none where it failed; returns at once, the recorder's status reports it."""
+        """End the scan and add its grids, none if it failed; returns at once, the recorder's status reports errors."""
         if not self._is_done:
             self._is_done = True
             end = None if stance_end is None else stance_to_message(stance_end)
@@ -359,7 +359,7 @@ class ScanRecording:
         self._recorder.post(size, lambda: self._guarded(action))
 
     def _shared(self, image: Image | None) -> tuple[tuple[object, Image] | None, int]:
-        """A copy of an off frame with its key, the same for all stripes that share the frame; bytes newly taken."""
+        """Keyed copy of an off frame, the same for all stripes that share it; and the bytes newly allocated."""
         if image is None:
             return None, 0
         if self._last_off is not None and self._last_off[0] is image:
@@ -369,7 +369,7 @@ class ScanRecording:
 
     def _begin(self) -> None:
         if self._recorder.writer.is_scan_open:
-            # The scan before was never ended: its stripes stay in the file, and this scan is still recorded.
+            # The previous scan was never ended: its stripes stay in the file, and this scan is still recorded.
             self._recorder.writer.end_scan(stamp=time.time_ns())
         self._recorder.writer.begin_scan(self._record)
         self._is_open = True
@@ -422,7 +422,7 @@ class ScanRecording:
     def _finish(self, terrains: tuple[TerrainMessage, ...], end: StanceMessage | None, stamp: int) -> None:
         try:
             if self._is_open:
-                # Also after an error: the next scan must find none open.
+                # Also after an error, so that the next scan finds none open.
                 self._is_open = False
                 self._recorder.writer.end_scan(stance_end=end, stamp=stamp)
             self._recorder.write_terrains(terrains)

@@ -32,7 +32,7 @@ LATENCY_S = 0.001
 
 
 class SimulatedRobot:
-    """Robot, world and rangefinder, all simulated; laser and mirror are those of the emulated board.
+    """Simulated robot, world and rangefinder, whose laser and mirror belong to an emulated board.
 
     The devices run on a clock of their own: a scan takes as long as its computation, and a busy machine loses no frame.
 
@@ -88,7 +88,7 @@ class SimulatedRobot:
         """Set the pose (4, 4) and the joint positions [rad] of the robot; only between scans.
 
         Raises:
-            InvalidInput: camera or laser in the ground.
+            InvalidInput: camera or laser would be below the ground.
         """
         self._rig.set_pose(transform_base_to_world, joint_positions)
 
@@ -100,7 +100,7 @@ class SimulatedRobot:
 
 
 def standing_pauses(pause: WalkPause, before: Mapping[str, int]) -> dict[str, int]:
-    """Number of pauses since which each foot stands, from that at the pause before; simulated feet only swing."""
+    """Number of previous pauses through which each foot has stood, from that of the last pause, by leg."""
     swung = None if pause.last_footstep is None else pause.last_footstep.leg
     return {leg: 0 if leg == swung else before.get(leg, -1) + 1 for leg in pause.stance.support_feet}
 
@@ -115,7 +115,7 @@ class SimulatedGait:
     def __init__(
         self, publisher: StancePublisher, instance: str, time_available: float = 0.0, *, seed: int = 0
     ) -> None:
-        """Send through `publisher` as the robot `instance`, with this time for each pause [s]; 0 = not known."""
+        """Announce through `publisher` as robot `instance`, with `time_available` per pause [s]; 0 = not known."""
         self._rng = np.random.default_rng(seed)
         self._publisher, self._instance, self.epoch = publisher, instance, uuid.uuid4().hex
         self._time_available = time_available

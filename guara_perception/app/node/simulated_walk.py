@@ -23,7 +23,7 @@ SCAN_TIMEOUT_S = 60.0
 STOP_POLL_S = 0.2
 # Pause after each scan, for planners that are slow to subscribe.
 REST_S = 1.0
-# The world of the demo ends there.
+# Cycles that the world of the demo has room for.
 CYCLES = 11
 
 
@@ -40,7 +40,7 @@ def walk_until_stopped(
     Args:
         robot: simulated robot with open devices.
         node: running node with the same rangefinder.
-        session: session of the node; the gait speaks through it.
+        session: session of the node, which the gait publishes through too.
         instance: name of the robot in the keys.
         stop: ends the walk.
         tell: called with a line of text at the end of each walk.

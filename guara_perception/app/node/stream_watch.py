@@ -1,4 +1,4 @@
-"""Watch over the stream of the gait's joints: its rate, its gaps and what was refused, for the status."""
+"""Monitor of the gait's joint stream: rate, gaps and rejected batches, for the status."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from kinematics.tree import checked_positions
 from transport import Health, StanceStream, StatusItem, TransportError, clock
 from transport.messages.stance_stream import ANY_WALK
 
-# [1/s] Samples of a stream that is of use; more would cost the scans their time.
+# [1/s] Allowed sampling rates; more samples would take computing time from the scans.
 LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
-# Rates are judged with this much slack: nothing is sampled to the microsecond.
+# Factor by which a measured rate may be outside them, since sampling is not exact.
 RATE_SLACK = 1.1
-# [s] Time without a sample that counts as a gap, and over which rates are measured.
+# [s] Longest time between samples that is no gap; time over which rates are measured.
 LONGEST_GAP, RATE_TIME = 0.1, 1.0
-# [s] How long trouble stays in the status; a stream that is silent for so long has ended.
+# [s] Silence that the status warns of; time after which warnings are cleared and a silent stream counts as ended.
 SILENT, FORGOTTEN = 1.0, 10.0
-# [s] A pause follows the stream if a sample came so shortly before its BEGIN.
+# [s] Greatest age of the newest batch at BEGIN with which a pause uses the stream.
 FRESH = 0.25
 
 
@@ -30,7 +30,7 @@ class StreamWatch:
     """Status item `stance_stream`; batches come on the receiver's thread, the status is asked for on another."""
 
     def __init__(self, robot: RobotModel, name: str) -> None:
-        """Watch the stream of the instance `name`, none so far."""
+        """Watch for a stream of the robot with the instance name `name`."""
         self._robot, self._name = robot, name
         self._lock = threading.Lock()
         self._last: StanceStream | None = None
@@ -41,7 +41,7 @@ class StreamWatch:
         self._trouble = (-np.inf, "")
 
     def add(self, batch: StanceStream) -> bool:
-        """Take a batch; False when none of it may be used: of another robot, with other joints, or in a flood."""
+        """Add a batch; False if it is rejected: for another robot, with other joints, or beyond the highest rate."""
         now = clock.now()
         problem = self._problem(batch)
         with self._lock:
@@ -68,10 +68,10 @@ class StreamWatch:
             return True
 
     def begin(self, make: Callable[[], PauseStream], epoch: str) -> PauseStream | None:
-        """Stream of a pause that begins, from the samples of the last second on; None without a fresh one of its walk.
+        """Stream of a new pause, beginning with the samples of the last second; None unless its walk has a fresh one.
 
         Args:
-            make: makes it, without samples; a KinematicsError says that there can be none.
+            make: creates it without samples; raises KinematicsError if there cannot be one.
             epoch: walk of the pause.
         """
         with self._lock:
@@ -99,7 +99,7 @@ class StreamWatch:
             self._trouble = clock.now(), str(error)
 
     def item(self) -> StatusItem:
-        """State of the stream; without one, all is as it was before there were any."""
+        """Status item of the stream."""
         now = clock.now()
         with self._lock:
             rate = 0.0 if now - self._heard > RATE_TIME else self._rate()
@@ -115,12 +115,12 @@ class StreamWatch:
         if now - since > FORGOTTEN:
             trouble = ""
         if not trouble and silence > FORGOTTEN:
-            message = "the gait sends no stream of joints: a scan needs the robot to stand still"
+            message = "the gait sends no joint stream: the robot must stand still during scans"
             return StatusItem(name="stance_stream", level=Health.OK, message=message, values=values)
         if not trouble and silence > SILENT:
             trouble = f"no sample for {silence:.1f} s"
         elif not trouble and rate * RATE_SLACK < LOWEST_RATE:
-            trouble = f"{rate:.0f} samples a second; {LOWEST_RATE:g} to {HIGHEST_RATE:g} are of use"
+            trouble = f"{rate:.0f} samples a second; allowed: {LOWEST_RATE:g} to {HIGHEST_RATE:g}"
         level = Health.WARN if trouble else Health.OK
         return StatusItem(
             name="stance_stream", level=level, message=trouble or f"{rate:.0f} samples a second", values=values
@@ -129,7 +129,7 @@ class StreamWatch:
     def _problem(self, batch: StanceStream) -> str:
         """Reason why a batch is not of this robot; empty if it is."""
         if batch.robot != self._name:
-            return f"a batch of robot {batch.robot!r} came on the key of {self._name!r}"
+            return f"a batch of robot {batch.robot!r} arrived on the key of {self._name!r}"
         try:
             for leg in batch.legs:
                 self._robot.tree.leg(leg)
@@ -140,15 +140,15 @@ class StreamWatch:
         return ""
 
     def _rate(self) -> float:
-        """Samples a second, of those that came within `RATE_TIME`."""
+        """Samples a second among the batches of the last `RATE_TIME`."""
         if len(self._arrivals) < 2:
             return 0.0
         counts = [len(batch.stamps) for _, batch in self._arrivals]
-        # The samples of the first batch came before its arrival.
+        # The samples of the first batch were taken before its arrival, where the time begins.
         return sum(counts[1:]) / max(self._arrivals[-1][0] - self._arrivals[0][0], RATE_TIME / 4)
 
     def _follow(self, batch: StanceStream, now: float) -> None:
-        """Count what is missing between the last batch and this one."""
+        """Count lost batches and gaps between the last batch and this one."""
         last = self._last
         if last is None or last.epoch != batch.epoch or batch.sequence <= last.sequence:
             return

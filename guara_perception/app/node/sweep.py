@@ -1,4 +1,4 @@
-"""Sweep of one pause: a fixed pattern, or a coarse one and the stripes between where there is an obstacle."""
+"""Sweep of one pause: a fixed pattern, or a coarse one and then the stripes between where there is an obstacle."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ ADAPTIVE = "adaptive"
 SWEEPS = (*MODES, ADAPTIVE)
 # [s] Added to the measured time from the last frame to the published grid, for other load of the machine.
 MARGIN_S = 0.1
-# Sweeps of one pause, when foreign light spoils them; shortest time from which the wait between two is drawn, and
-# time between two looks whether the pause is over [s].
+# Most sweeps of one pause, if foreign light spoils them.
 MOST_SWEEPS = 4
+# Least duration of a sweep assumed for the wait before its repetition; interval of the checks that the pause lasts.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 
@@ -44,17 +44,17 @@ class SweepJob:
     """Inputs of a sweep from its pause.
 
     Attributes:
-        processor: makes the ScanProcessor of a mode.
-        should_stop: True ends the sweep.
-        ends_at: gives the instant by `transport.clock` at which the gait moves on [s], None when it is not known.
-        tail: time that the last scans took from the last frame until the grid was published [s].
+        processor: creates the ScanProcessor of a mode.
+        should_stop: returns True to end the sweep.
+        ends_at: returns the instant by `transport.clock` at which the gait moves on [s], None if it is not known.
+        tail: expected time from the last frame until the grid is published [s].
         publish: publishes a coarse grid that is refined afterwards.
         progress: called with (stripes done, stripes in all), or None.
         recording: takes every stripe, or None.
         on_stripe: called with every stripe, or None.
-        stream: gives the stream that tells where the body is, None where it stands.
-        placed: called after the last stripe, with the processor and the record of the devices: it waits for what tells
-            where they were taken.
+        stream: returns the joint stream that gives the body's pose, None if the body stands still.
+        placed: called after the last stripe with the processor and the record of the devices; waits for the joint
+            samples that locate the stripes.
     """
 
     processor: Callable[[str], ScanProcessor]
@@ -77,8 +77,8 @@ class Swept:
         terrain: grid of the sweep.
         scan: record of the devices.
         processor: processor that made the grid.
-        coarse: processor of the coarse stripes alone, where some of those between were fired as well; else None.
-        is_cut: whether stripes that were taken are left out, as in `until`.
+        coarse: processor of the coarse stripes alone, if stripes between them were fired too; else None.
+        is_cut: True if `until` removed stripes.
     """
 
     terrain: TerrainGrid
@@ -88,7 +88,7 @@ class Swept:
     is_cut: bool = False
 
     def until(self, instant: float) -> Swept | None:
-        """The scan without the stripes whose frames came later, as if never fired; None when nothing is left known."""
+        """Scan without the stripes whose frames came later, as if never fired; None if no known cell is left."""
         kept = [index for index, came in self.scan.instants.items() if came <= instant]
         coarse = None if self.coarse is None else self.coarse.restricted(kept)
         processor = self.processor.restricted(kept)
@@ -98,8 +98,8 @@ class Swept:
         if not terrain.record.known:
             return None
         problem = (
-            f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken later than the "
-            "joints that confirm the scan, and left out"
+            f"{len(self.scan.instants) - len(kept)} of {len(self.scan.instants)} stripes were taken after the joints "
+            "that confirm the scan were read, and are left out"
         )
         instants = {index: self.scan.instants[index] for index in kept}
         problems, last = (*self.scan.problems, problem), max(instants.values())
@@ -107,7 +107,7 @@ class Swept:
         return Swept(terrain, scan, processor, coarse, is_cut=True)
 
     def wide(self, terrain: TerrainGrid) -> TerrainGrid:
-        """Grid of the whole scanned ground, also beside the footprint, for the map.
+        """Grid of all scanned ground, including that beside the footprint, for the map.
 
         Args:
             terrain: published grid of the footprint; the wide grid gets its record.
@@ -121,7 +121,7 @@ class Swept:
 
 
 def retry_delay(took: float) -> float:
-    """Random time before a sweep is repeated [s]: two robots that began at the same time do not do so again.
+    """Random wait before a sweep is repeated [s], so that two robots do not sweep at the same time again.
 
     Args:
         took: duration of the sweep that was spoilt [s].
@@ -133,7 +133,7 @@ class Sweeper:
     """Sweeps the patterns of pauses; its policy remembers how long the path has been clear."""
 
     def __init__(self, calibration: Calibration, rangefinder: Rangefinder, settings: Settings, policy: ScanPolicy):
-        """Sweep with `rangefinder`, whose `calibration` knows the mirror angles."""
+        """Store the parts; `calibration` has the mirror angles of `rangefinder`."""
         self._angles = {stripe.index: stripe.mirror_angle for stripe in calibration.stripes}
         self._rangefinder, self._settings, self._policy = rangefinder, settings, policy
 
@@ -142,7 +142,7 @@ class Sweeper:
         return [(index, self._angles[index]) for index in sorted(indices) if index in self._angles]
 
     def sweep(self, mode: str, job: SweepJob) -> Swept:
-        """Sweep in a mode of SWEEPS; again after a random time where foreign light spoilt it, while the pause lasts."""
+        """Sweep in a mode of SWEEPS; while the pause lasts, repeat a sweep that foreign light spoilt."""
         for attempt in itertools.count(1):
             start = clock.now()
             swept = self._sweep(mode, job)
@@ -162,7 +162,7 @@ class Sweeper:
 
     @staticmethod
     def _wait(seconds: float, should_stop: Callable[[], bool]) -> bool:
-        """Wait; False when the pause ended before."""
+        """Wait; False if the pause ended first."""
         until = clock.now() + seconds
         while clock.now() < until:
             if should_stop():
@@ -242,7 +242,7 @@ class Sweeper:
         Args:
             stream: joints of the pause.
             offset: `transport.clock` minus the machine's monotonic clock [s].
-            stamp: of the frame.
+            stamp: stamp of the frame.
         """
         found = self._rangefinder.flash(stamp)
         return (math.nan, 0.0) if found is None else stream.instant(found[0] + offset, found[1])

@@ -39,7 +39,7 @@ class _WalkState:
     pose: OdometryPose | None = None
     last: TerrainGrid | None = None
     restarts: list[str] = field(default_factory=list)
-    # Soles in the map's odom, None where no texture held the map.
+    # Sole positions in the map's `odom`; None if the images of the last pause did not locate it.
     soles: Mapping[str, Float] | None = None
 
     def copy(self) -> _WalkState:
@@ -57,7 +57,7 @@ class WalkMap:
     """
 
     def __init__(self, robot: RobotModel, calibration: Calibration, journal: Journal | None = None) -> None:
-        """State before the first pause; the walk goes on from a claim of the journal that fits that."""
+        """Start before the first pause; the walk continues from a claim of the journal if that pause fits it."""
         self._robot, self._journal = robot, journal
         odometry = LegOdometry(robot, transform_camera_to_base=calibration.transform_camera_to_base)
         self._state = _WalkState(odometry, TerrainMap(robot))
@@ -79,21 +79,21 @@ class WalkMap:
         """Fuse the scan of one pause and return the map in base_footprint of that pause.
 
         Args:
-            step: number of the pause, growing along a walk.
+            step: number of the pause, increasing along a walk.
             stance: stance of the robot at that pause.
             terrain: grid of the scan alone.
             known_ground: ground that the gait declares, in base_footprint of this pause.
             epoch: identity of the walk.
             time: time of the scan by a clock that never jumps [s]; None takes the grid's stamp.
-            picture: laser-off picture of the scan, as `TerrainMap.update` takes it.
-            standing_pauses: number of pauses before this one since which each foot never left the ground, by leg.
+            picture: laser-off image of the scan, as `TerrainMap.update` takes it.
+            standing_pauses: by leg, number of previous pauses through which the foot has stayed on the ground.
 
         Raises:
             kinematics.KinematicsError: the stance does not fit the robot.
         """
         state = self._state
         if state.last is not None and (epoch, step) == (state.epoch, state.step) and stance == state.stance:
-            # A further scan of a pause, on request: the ground was fused with the first.
+            # Another scan of the same pause, on request: its ground was fused with the first one.
             return state.last
         refused, standing = "", None
         if state.step is None and self._journal is not None and self._journal.claims:
@@ -123,7 +123,7 @@ class WalkMap:
         return state.last
 
     def gravity(self, step: int, stance: Stance, *, epoch: str = "") -> GravityEstimate | None:
-        """Gravity that the walk carries to a pause, for its scan; None where it carries none, or with an IMU.
+        """Gravity from leg odometry for the scan of a pause; None if it is unknown, or if there is an IMU.
 
         Args:
             step, stance, epoch: as in `update`.
@@ -141,7 +141,7 @@ class WalkMap:
 
     @property
     def pose(self) -> OdometryPose | None:
-        """Odometry of the newest pause, with the feet's slip by texture where it showed that; None before the first."""
+        """Odometry of the newest pause, with the feet's slip if images measured it; None before the first."""
         return self._state.pose
 
     def keep(self) -> None:
@@ -152,7 +152,7 @@ class WalkMap:
             self._journal.claims = ()
 
     def claim(self, time: float) -> Claim | None:
-        """The walk for a journal, after a pause whose scan ended at `time` [s]; None before the first."""
+        """Claim for the journal after a pause whose scan ended at `time` [s]; None before the first pause."""
         state = self._state
         odometry = state.odometry.state
         if state.step is None or state.stance is None or odometry is None:
@@ -161,14 +161,14 @@ class WalkMap:
         return Claim(state.epoch, state.step, state.stance, time, odometry, state.map.copy(), restarts)
 
     def withdraw(self, terrain: TerrainGrid, *, time: float | None = None) -> TerrainGrid:
-        """Undo all updates since `keep`; return the map of the pauses before, in base_footprint of the withdrawn one.
+        """Undo all updates since `keep`; return the map of the earlier pauses, in base_footprint of the withdrawn one.
 
         Args:
             terrain: grid of the withdrawn pause, without a known cell; its health gives the reason.
             time: as in `update`.
 
         Raises:
-            InvalidInput: no pause was fused since.
+            InvalidInput: no pause was fused yet.
         """
         pose = self._state.pose
         if pose is None:
@@ -176,12 +176,12 @@ class WalkMap:
         began_again = self._state.map is not self._kept.map
         self._state = self._kept
         if self._state.last is None:
-            # No pause was kept: this map never held anything else.
+            # No pause was kept: the map has only what is withdrawn.
             self._state.map = TerrainMap(self._robot)
         else:
             self._state.map.take_back()
         self._kept = self._state.copy()
-        # A map that began again with this pause has another `odom` than the map before, of which nothing may be shown.
+        # A map that restarted with this pause has another `odom`: nothing of the earlier map may be shown in it.
         known = TerrainMap(self._robot) if began_again else self._state.map
         view = known.view(terrain, pose, time=time)
         self.latest = view.restated(**self._reported(pose), health=terrain.record.health)
@@ -196,7 +196,7 @@ class WalkMap:
         time: float,
         picture: GroundPicture | str | None,
     ) -> tuple[str, Sequence[str] | None]:
-        """Go on from the newest claim before a pause, if its scan fits.
+        """Continue from the newest claim before a pause, if its scan fits.
 
         Args:
             journal: the journal with the claims.
@@ -204,7 +204,7 @@ class WalkMap:
             stance, terrain, time, picture: as in `update`.
 
         Returns:
-            Reason why a new walk begins, empty if it goes on; and the feet that stood since the claim.
+            Reason why a new walk begins, empty if the claimed one continues; and the feet that stood since the claim.
         """
         epoch, step, standing_pauses = pause
         claim = next((each for each in journal.claims if (each.epoch, each.step < step) == (epoch, True)), None)
@@ -226,7 +226,7 @@ class WalkMap:
         return "", standing
 
     def _slips(self, pose: OdometryPose, fused: TerrainGrid) -> dict[str, float] | None:
-        """Distance by which each foot that stood slid since the last pause [m]; None if texture did not show both."""
+        """Distance by which each standing foot slid since the last pause [m]; None if images did not locate both."""
         told, before = fused.metadata, self._state.soles
         is_shown = self._state.step is None or "visual_corners" in told
         if not is_shown or "visual_refused" in told or "transform_base_to_footprint" not in told:
@@ -254,7 +254,7 @@ class WalkMap:
             return self._state.odometry.update(stance)
 
     def _restart(self, reason: str) -> None:
-        logger.warning("the map starts again: %s", reason)
+        logger.warning("the map restarts: %s", reason)
         self._state.restarts.append(reason)
         self._state.odometry.reset()
         self._state.map, self._state.soles, self._state.step = TerrainMap(self._robot), None, None

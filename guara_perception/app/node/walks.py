@@ -1,4 +1,4 @@
-"""Assignment of announcements to walks, and rejection of late ones and those for another node."""
+"""Assignment of announcements to walks; announcements that are late or for another robot are rejected."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ REMEMBERED = 64
 
 
 class Walks:
-    """Register of walks: rejects ended ones, and names those of a gait without epochs."""
+    """Register of walks: rejects announcements of ended walks, and names the walks of a gait without epochs."""
 
     def __init__(self, robot: str, run: str) -> None:
         """Start before the first walk.

@@ -94,7 +94,7 @@ MISTAKES = (
     ),
     (
         "new robot, not measured",
-        "--simulated needs none of them",
+        "not needed with --simulated",
         "guara_perception/app/commands/test_scan_and_run.py",
         "a_real_robot_does_not_walk_on_assumed_values",
     ),

@@ -87,7 +87,7 @@ def test_a_real_robot_does_not_walk_on_assumed_values(
     toml.write_text(text + assumed)
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 2
     error = capsys.readouterr().err
-    assert "sole of 'guara' not measured" in error and "--simulated needs none of them" in error
+    assert "sole of 'guara' are assumed, not measured" in error and "not needed with --simulated" in error
     toml.write_text(text + assumed.replace('"sole" = "measure a foot"\n', ""))
     assert run(["run", "-c", str(calibration_file), "--robot", str(folder)]) == 1
     assert "no laser board" in capsys.readouterr().err

@@ -151,10 +151,10 @@ def test_a_restarted_node_goes_on_as_if_it_had_not_been(
 ) -> None:
     """The map of the next pause is that of an uninterrupted node, bit for bit; files are for their user alone."""
     journal, walk_map = opened()
-    assert "goes on if the next pause fits" in journal.item().message
+    assert "continues if the next pause fits" in journal.item().message
     assert same(walk[-1].fuse(walk_map), uninterrupted)
     item = journal.item()
-    assert (item.level, item.message) == (Health.OK, "walk 'w' goes on from step 3")
+    assert (item.level, item.message) == (Health.OK, "walk 'w' continues from step 3")
     assert item.values["resumed"] == "1"
     assert [stat.S_IMODE(path.stat().st_mode) for path in killed] == [0o600, 0o600]
     assert stat.S_IMODE(killed[0].parent.stat().st_mode) == 0o700
@@ -170,7 +170,7 @@ def test_the_journal_before_stands_in_for_one_that_was_cut(
         journal, walk_map = opened()
         assert [claim.step for claim in journal.claims] == [LAST - 1]
     fused = walk[-1].fuse(walk_map)
-    assert journal.item().message == "walk 'w' goes on from step 2"
+    assert journal.item().message == "walk 'w' continues from step 2"
     known, then = (np.isfinite(each.elevation) for each in (fused, uninterrupted))
     assert known.sum() > 0.99 * then.sum()
 
@@ -181,7 +181,7 @@ def test_that_a_walk_goes_on_is_logged(
     """As an event, also where the log holds warnings only."""
     _, walk_map = opened()
     walk[-1].fuse(walk_map)
-    assert "walk 'w' goes on from step 3" in caplog.text
+    assert "walk 'w' continues from step 3" in caplog.text
 
 
 def test_a_pause_that_is_scanned_again_goes_on_from_the_pause_before(
@@ -190,10 +190,10 @@ def test_a_pause_that_is_scanned_again_goes_on_from_the_pause_before(
     """A node that is started within a pause hears its BEGIN once more."""
     journal, walk_map = opened()
     walk[LAST].fuse(walk_map)
-    assert journal.item().message == "walk 'w' goes on from step 2"
+    assert journal.item().message == "walk 'w' continues from step 2"
 
 
-NOT_SAID = "the gait does not say of two feet that they never left the ground since step 3"
+NOT_SAID = "the gait reports fewer than two feet that never left the ground since step 3"
 MISFITS = {
     "an earlier gait": ({"standing_pauses": {}}, NOT_SAID),
     "lifted": ({"standing_pauses": dict.fromkeys(LEGS, 0) | {"rh": 4}}, NOT_SAID),
@@ -300,7 +300,7 @@ def test_a_withdrawn_first_pause_proves_nothing(
     withdrawn = walk_map.withdraw(nothing, time=BEGUN + PERIOD * LAST)
     assert not np.isfinite(withdrawn.elevation).any()
     assert same(walk[-1].fuse(walk_map), uninterrupted)
-    assert journal.item().message == "walk 'w' goes on from step 3"
+    assert journal.item().message == "walk 'w' continues from step 3"
 
 
 SEALS = {"instance": "other", "robot": "00", "calibration": "11", "boot": "22"}
@@ -382,7 +382,7 @@ def test_a_journal_that_cannot_be_written_stops_no_scan(walk: list[Scanned], ope
         journal.write(walk_map.claim(BEGUN))
         journal.confirm()
     assert journal.item().level is Health.WARN
-    assert journal.item().message.startswith("none was found: the walk begins; the last one was not written: ")
+    assert journal.item().message.startswith("none was found: a new walk begins; the last one was not written: ")
     assert journal.item().values["failed"] == "1"
 
 

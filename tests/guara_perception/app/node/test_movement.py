@@ -204,7 +204,7 @@ def test_a_second_begin_of_a_gait_without_epochs_is_another_pause(bench: Bench) 
 
 @pytest.mark.parametrize(
     ("position", "expected_text"),
-    [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints are where none can be")],
+    [(1e6, "is at 1e+06 rad, half a turn or more beyond its limits"), (3.0, "joints have impossible positions")],
 )
 def test_joints_that_no_robot_can_have_are_refused(bench: Bench, position: float, expected_text: str) -> None:
     """At a million radians, or where no encoder is: reported in the status, not scanned, the next pause is served."""
@@ -425,7 +425,7 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
         bench.gait.say(0, PausePhase.BEGIN)
         both(bench, 0)
         bench.gait.say(0, PausePhase.END)
-        assert reported(bench, "the gait does not tell the clock of its stamps on guara/gait/v1/clock")
+        assert reported(bench, "the clock of the gait's stamps is not known from guara/gait/v1/clock")
         assert reported(bench, "Announce pauses by this version's StancePublisher")
         message = bench.client._client.receiver().latest().message
         assert message.provisional and not message.withdrawn

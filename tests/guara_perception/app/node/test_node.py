@@ -298,7 +298,7 @@ def test_a_full_disk_costs_the_recording_and_not_the_scan(
         try:
             bench.gait.say(0, PausePhase.BEGIN)
             terrain = bench.client.wait_for_step(0, timeout=TIMEOUT)
-            reported = "step 0 is not, or not wholly, recorded: cannot write"
+            reported = "step 0 is not recorded completely: cannot write"
             assert wait_until(lambda: any(reported in item.message for item in bench.status.items()))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)

@@ -1,4 +1,4 @@
-"""Stream of the gait's joints as the node's status tells it."""
+"""Stream of the gait's joints in the node's status."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_rate_is_told_and_one_that_is_of_no_use_is_a_warning(watched: Watche
     for _ in range(60):
         watched.watch.add(watched.batch(1, 20.0))
     level, message = watched.said
-    assert level is Health.WARN and "20 samples a second; 50 to 1000 are of use" in message
+    assert level is Health.WARN and "20 samples a second; allowed: 50 to 1000" in message
     watched.now += 5.0
     assert watched.said == (Health.WARN, "no sample for 5.0 s")
     watched.now += 6.0
@@ -97,7 +97,7 @@ def test_what_is_not_of_this_robot_is_refused_and_told(watched: Watched) -> None
     batch = watched.batch()
     names = ("no_joint", *batch.joint_names[1:])
     for wrong, text in (
-        (replace(batch, robot="lobo"), "of robot 'lobo' came on the key of 'guara'"),
+        (replace(batch, robot="lobo"), "of robot 'lobo' arrived on the key of 'guara'"),
         (replace(batch, joint_names=names), "no_joint"),
         (replace(batch, legs=("arm", *batch.legs[1:])), "arm"),
     ):
