@@ -25,7 +25,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-# Name -> module, as `__init__.pyi` has it.
+# Module of each public name, read from `__init__.pyi`.
 _MODULES = {
     alias.name: statement.module
     for statement in ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
@@ -33,7 +33,7 @@ _MODULES = {
     for alias in statement.names
 }
 _HOME = Path(__file__).resolve().parent.parent
-# Those that the distribution guara-client lacks.
+# Modules that are not installed, since the distribution guara-client lacks them.
 _MISSING = {
     module
     for module in {*_MODULES.values()}

@@ -12,13 +12,13 @@ Float = npt.NDArray[np.float64]
 Float32 = npt.NDArray[np.float32]
 # Indices, and counts.
 Index = npt.NDArray[np.intp]
-# As OpenCV gives and takes them.
+# Indices in the type that OpenCV uses.
 Index32 = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 Flags = npt.NDArray[np.uint16]
-# Small whole numbers: statuses, materials, masks as OpenCV takes them.
+# Small whole numbers: statuses, materials, masks for OpenCV.
 Codes = npt.NDArray[np.uint8]
-# A picture of grey levels, (h, w).
+# A grey picture, (h, w).
 Grey = npt.NDArray[np.uint8]
 # A camera's picture, (h, w) or (h, w, 3), uint8 or uint16.
 Image = npt.NDArray[Any]

@@ -69,11 +69,11 @@ def optional_library(name: str, extra: str | None, purpose: str) -> Any:
 
     Args:
         name: name of the module.
-        extra: extra of this package that brings it; None = the whole package.
-        purpose: function that needs it, for the message.
+        extra: extra of this package that includes it; None = the package itself.
+        purpose: what needs the library, for the message.
 
     Raises:
-        MissingExtra: it is not installed.
+        MissingExtra: the library is not installed.
     """
     try:
         return importlib.import_module(name)
@@ -86,22 +86,22 @@ def refuse_stale(stale_because: tuple[str, ...], allow_stale: bool) -> None:
     """Reject a query of a stale grid, unless the caller allows it.
 
     Args:
-        stale_because: reasons for which the grid is stale; empty for a current one.
+        stale_because: reasons why the grid is stale; empty for a current one.
         allow_stale: answer from a stale grid too.
 
     Raises:
-        transport.StaleTerrain: it is stale, and that is not allowed.
+        transport.StaleTerrain: the grid is stale, which is not allowed.
     """
     if stale_because and not allow_stale:
         # Imported here: programs that only compute grids do not load transport.
         from transport.exceptions import StaleTerrain
 
-        raise StaleTerrain(f"{'; '.join(stale_because)}. Ask a newer grid; allow_stale=True answers from this one")
+        raise StaleTerrain(f"{'; '.join(stale_because)}. Query a newer grid; allow_stale=True answers from this one")
 
 
 @contextmanager
 def errors_as(kind: type[PerceptionError], source: object, *causes: type[Exception]) -> Iterator[None]:
-    """Convert errors of these `causes` to one of this `kind`, with `source` in front of the text."""
+    """Convert errors of the types `causes` to an error of type `kind`, with `source` before the text."""
     try:
         yield
     except causes as error:

@@ -1,4 +1,4 @@
-"""Reads typed fields out of parsed JSON, with errors that name file, field, what was given and what is allowed."""
+"""Typed reading of parsed JSON, with errors that name file, field, given value and allowed values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_ITEMS = 10_000
 KINDS: dict[type, str] = {
     dict: "an object",
     list: "a list",
-    str: "a text",
+    str: "text",
     bool: "true or false",
     int: "a whole number",
     float: "a number",
@@ -52,7 +52,7 @@ def parse_json(content: bytes, source: str) -> Fields:
     """
     try:
         data = json.loads(content.decode())
-    except (ValueError, RecursionError) as error:  # ValueError: no JSON, no UTF-8, a number of thousands of digits
+    except (ValueError, RecursionError) as error:  # ValueError: not JSON, not UTF-8, a number of thousands of digits
         raise FileFormatError(f"{source}: not a JSON file ({error})") from None
     if not isinstance(data, dict):
         raise FileFormatError(f"{source}: the top level is {_kind(data)}, it must be a JSON object")
@@ -64,7 +64,7 @@ def refuse_not_finite(data: Any, source: str, path: str = "") -> None:
     """Refuse NaN and infinity anywhere in parsed JSON, also in fields that are not read yet.
 
     Raises:
-        FileFormatError: naming `source`, the path and the value.
+        FileFormatError: a value is not finite; the message names `source`, path and value.
     """
     if isinstance(data, dict):
         for name, value in data.items():
@@ -102,7 +102,7 @@ class Fields:
         return self.data.get(name) is not None
 
     def raw(self, name: str) -> Any:
-        """The field as parsed; missing or null is refused."""
+        """The field as parsed; a missing or null field is refused."""
         if name not in self.data:
             raise FileFormatError(f"{self.path_to(name)} is missing")
         value = self.data[name]
@@ -124,7 +124,7 @@ class Fields:
         return value
 
     def number(self, name: str, minimum: float | None = None, maximum: float | None = None, unit: str = "") -> float:
-        """A finite number within bounds (inclusive), whose unit is named if it is not."""
+        """A finite number within bounds (inclusive); messages append `unit` to the bounds."""
         try:
             number = float(self._of_type(name, float))
         except OverflowError:
@@ -172,7 +172,7 @@ class Fields:
         return found
 
     def _of_type(self, name: str, kind: type) -> Any:
-        """The field, of one type; whole numbers are numbers, and true and false are neither."""
+        """The field, of one type. A whole number is a number too; true and false are neither."""
         value = self.raw(name)
         if isinstance(value, bool) or not isinstance(value, (int, float) if kind is float else kind):
             raise FileFormatError(f"{self.path_to(name)} is {_kind(value)}, it must be {KINDS[kind]}")
@@ -188,7 +188,7 @@ class Fields:
 
 
 def _holds_numbers_only(value: Any) -> bool:
-    """Test that a nested list holds nothing but numbers: NumPy would take "1" and true for numbers."""
+    """Test that a nested list holds nothing but numbers: NumPy would convert "1" and true to numbers."""
     if isinstance(value, list):
         return all(map(_holds_numbers_only, value))
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,4 +1,4 @@
-"""Untrusted files read within bounds that are checked first; files written whole or not at all."""
+"""Size-limited reading of untrusted files, and atomic writing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from guara_perception.arrays import Array
 from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFile
 
-# Largest text file [byte]: a calibration of 70 stripes with all covariances has under 1 MB.
+# Largest text file [byte]: a calibration of 70 stripes with all covariances takes less than 1 MB.
 LARGEST_TEXT = 16 * 1024 * 1024
 # Largest size of all arrays of a grid file together [byte]: all layers of the largest grid take 160 MB.
 LARGEST_ARRAYS = 192 * 1024 * 1024
@@ -26,10 +26,10 @@ LARGEST_HEADER = 10_000
 
 
 def read_bounded(path: Path, largest: int) -> bytes:
-    """The bytes of a file.
+    """Read a file.
 
     Raises:
-        FileFormatError: it is longer than `largest`, or cannot be read.
+        FileFormatError: the file is longer than `largest` [byte], or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -42,33 +42,32 @@ def read_bounded(path: Path, largest: int) -> bytes:
 
 
 def read_toml(path: Path, largest: int) -> dict[str, Any]:
-    """The tables of a TOML file.
+    """Read a TOML file.
 
     Raises:
-        FileFormatError: it is longer than `largest` [byte], or no TOML.
+        FileFormatError: the file is longer than `largest` [byte], cannot be read, or is not TOML.
     """
-    if path.stat().st_size > largest:
-        raise FileFormatError(f"{path} has {path.stat().st_size} bytes, {largest} are allowed")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_bounded(path, largest).decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         hint = "; text needs quotes" if "Invalid value" in str(error) else ""
-        raise FileFormatError(f"{path}: no valid TOML: {error}{hint}") from None
+        raise FileFormatError(f"{path}: not valid TOML: {error}{hint}") from None
 
 
 def read_arrays(
     path: Path, wanted: Sequence[str], kind: str = "terrain", largest: int = LARGEST_ARRAYS
 ) -> dict[str, Array]:
-    """Read those of the wanted arrays that an .npz file holds; others are not unpacked.
+    """Read the wanted arrays of an .npz file as far as it has them; others are not unpacked.
 
     Args:
-        path: the file.
+        path: path of the file.
         wanted: names of arrays.
         kind: kind of file, for messages.
-        largest: bound of the size of all wanted arrays together [byte].
+        largest: largest total size of the wanted arrays [byte].
 
     Raises:
-        FileFormatError: no such file, or its arrays are larger than they are said to be, or than `largest`.
+        FileFormatError: the file is missing or invalid, an array is shorter than its header states, or the arrays
+            exceed `largest`.
     """
     found: dict[str, Array] = {}
     left = largest
@@ -86,7 +85,7 @@ def read_arrays(
                     found[name] = _read_array(file, info.file_size, f"{path}: not a {kind} file ({name}")
     except FileFormatError:
         raise
-    except Exception as error:  # the archive, the decompressor and the header each raise errors of their own
+    except Exception as error:  # archive, decompressor and header raise errors of many types
         raise FileFormatError(f"{path}: not a {kind} file ({error})") from None
     return found
 
@@ -98,19 +97,21 @@ def _read_array(file: Any, size: int, source: str) -> Array:
     count = math.prod(shape)
     length = count * dtype.itemsize
     if dtype.hasobject or length < 0 or length > size:
-        raise FileFormatError(f"{source} is said to be {dtype} of shape {shape}, {length} bytes; it has {size})")
+        raise FileFormatError(
+            f"{source}: its header states {dtype} {shape}, {length} bytes, but only {size} are stored)"
+        )
     content = file.read(length)
     if len(content) != length:
-        raise FileFormatError(f"{source} is cut)")
+        raise FileFormatError(f"{source} is truncated)")
     array = np.frombuffer(content, dtype, count)
     return array.reshape(shape[::-1]).T if is_fortran else array.reshape(shape)
 
 
 def existing_file(path: str | Path, remedy: str = "") -> Path:
-    """Path of a file that is there.
+    """Path of an existing file.
 
     Raises:
-        MissingFile: there is none; the message ends with `remedy`.
+        MissingFile: there is no such file; the message ends with `remedy`.
     """
     path = Path(path)
     if not path.is_file():
@@ -119,17 +120,17 @@ def existing_file(path: str | Path, remedy: str = "") -> Path:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse an output folder that is a file, before work is spent on what goes there.
+    """Refuse an output folder that is a file, before time is spent on its contents.
 
     Raises:
-        InvalidInput: it is a file.
+        InvalidInput: `path` is a file.
     """
     if path.exists() and not path.is_dir():
         raise InvalidInput(f"{path} is a file, a folder is needed")
 
 
 def check_target(path: str | Path, *endings: str) -> Path:
-    """Refuse an output path that cannot be written, before work is spent on what goes there.
+    """Refuse an output path that cannot be written, before time is spent on its contents.
 
     Args:
         path: file to write.

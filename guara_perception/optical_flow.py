@@ -1,4 +1,4 @@
-"""Places of the texture of one picture in another (Lucas-Kanade)."""
+"""Tracking of points from one image to another (Lucas-Kanade)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from guara_perception.arrays import Float, Image
 
 
 def follow(before: Image, after: Image, points: Float, window: int, levels: int) -> Float:
-    """(n, 2) where points (n, 2) of one grey picture are in another [px]; NaN where they were lost.
+    """Track points from one grey image to another; return their positions (n, 2) [px], NaN where they were lost.
 
     Args:
         before, after: (h, w) uint8.
-        points: x and y [px].
+        points: (n, 2) x and y in `before` [px].
         window: side of the square about a point that is compared [px].
-        levels: number of times that the pictures are halved, for motions larger than the window.
+        levels: number of times that the images are halved, for motions larger than the window.
     """
     if not len(points):
         return np.empty((0, 2))

@@ -1,4 +1,4 @@
-"""Pictures read from untrusted files within bounds that are checked first."""
+"""Size-limited decoding of picture files from untrusted sources."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ import numpy as np
 from guara_perception.arrays import Image
 from guara_perception.exceptions import FileFormatError
 
-# Largest picture file [byte], and largest number of its pixels: the largest cameras of this kind have 12 Mpx.
+# Largest picture file [byte], and most pixels in it: the largest cameras of this kind have 12 Mpx.
 LARGEST_PICTURE = 128 * 1024 * 1024
 MOST_PIXELS = 16_000_000
 # Formats of pictures, as Pillow names them; PPM includes PGM.
 PICTURE_FORMATS = "PNG", "JPEG", "BMP", "TIFF", "PPM"
 TIFF_BEGINNINGS = b"II*\0", b"MM\0*"
-# Orientation of the pixels in the file, whatever EXIF says.
+# Decoding without conversion and without the rotation that EXIF asks for.
 AS_STORED = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def decode_picture(content: bytes, source: str) -> Image:
-    """A picture as it is: BGR or grey, 8 or 16 bit.
+    """Decode a picture as it is stored: BGR or grey, 8 or 16 bit.
 
     Raises:
-        FileFormatError: none of the formats, too many pixels, no 8 or 16 bit, or it cannot be decoded.
+        FileFormatError: another format, too many pixels, other than 8 or 16 bit unsigned, an EXIF tag that rotates or
+            mirrors it, or damaged data.
     """
     picture = _decode(content, AS_STORED) if _is_bounded(content, source) else None
     if picture is None:
@@ -32,13 +33,13 @@ def decode_picture(content: bytes, source: str) -> Image:
             f"{source}: not a readable picture ({len(content)} bytes), it must be PNG, JPEG, BMP, TIFF or PGM"
         )
     if picture.dtype not in (np.uint8, np.uint16):
-        raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit without sign")
+        raise FileFormatError(f"{source}: a picture of {picture.dtype}, allowed: 8 or 16 bit unsigned")
     if b"Exif\0\0" in content or b"eXIf" in content or content[:4] in TIFF_BEGINNINGS:
         shown = _decode(content, AS_STORED & ~cv2.IMREAD_IGNORE_ORIENTATION)
         if shown is not None and (shown.shape != picture.shape or not np.array_equal(shown, picture)):
             raise FileFormatError(
                 f"{source}: its EXIF orientation tag turns the picture, allowed: pictures as the sensor delivers them; "
-                "remove the tag, and turn the picture as those of the calibration are"
+                "remove the tag, and turn the picture like those of the calibration"
             )
     return picture
 
@@ -53,7 +54,7 @@ def _is_bounded(content: bytes, source: str) -> bool:
             width, height = header.size
     except Image.DecompressionBombError as error:
         raise FileFormatError(f"{source}: {error}, allowed: {MOST_PIXELS} px in all") from None
-    except Exception:  # the reader of each format raises errors of its own
+    except Exception:  # the readers of the formats raise errors of many types
         return False
     if not 0 < width * height <= MOST_PIXELS:
         raise FileFormatError(f"{source}: a picture of {width} x {height} px, allowed: {MOST_PIXELS} px in all")

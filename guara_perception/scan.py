@@ -54,11 +54,11 @@ class Scan:
         calibration_hash: hash of the calibration that was in use, or None.
         source: file or folder that the scan came from, for messages.
         read_frame: function that returns the picture, (h, w) or (h, w, 3), of a frame by its name.
-        withdrawn: reason for which the node withdrew the grid of this scan, as recorded; empty when it did not.
-        dark_after: indices of the stripes after which the sweep had a dark flash; empty when it had no code.
-        camera_identity: maker, model and serial number as the camera told them; empty if unknown.
-        read_track: function that reads where the body was during the scan, from the robot's model and the calibrated
-            transform_camera_to_base, as a stream of its joints tells it; None without a stream.
+        withdrawn: recorded reason why the node withdrew the grid of this scan; empty if it did not.
+        dark_after: indices of the stripes after which the sweep had a dark flash; empty if it had none.
+        camera_identity: maker, model and serial number reported by the camera; empty if unknown.
+        read_track: function that returns the body's motion during the scan from its joint stream, given the robot model
+            and the calibrated transform_camera_to_base; None without a stream.
     """
 
     robot: str
@@ -89,11 +89,11 @@ class Scan:
         """Refuse a scan whose grid the node withdrew.
 
         Raises:
-            InvalidInput: it did; the message has its reason.
+            InvalidInput: the grid was withdrawn; the message has the reason.
         """
         if self.withdrawn:
             raise InvalidInput(
-                f"{self.source}: its grid was withdrawn on the robot ({self.withdrawn}), so nothing is made of it"
+                f"{self.source}: its grid was withdrawn on the robot ({self.withdrawn}), so it is not processed"
             )
 
     @property

@@ -17,7 +17,7 @@ from kinematics.findings import Findings
 from kinematics.toml_table import Table
 
 MODES = ("coarse", "standard")
-# Largest limits: a larger value is a mistake of units (degrees, millimetres). Lengths have this one [m].
+# Largest limits, of lengths [m] and of the others; a larger value is a mistake of units (degrees, millimetres).
 LARGEST_LENGTH = 1.0
 LARGEST_LIMIT = {"slope": np.pi / 2, "confidence": 10.0}
 RobotLike: TypeAlias = RobotModel | str | Path
@@ -27,8 +27,8 @@ RobotLike: TypeAlias = RobotModel | str | Path
 class TraversabilityLimits:
     """Traversability limits of the robot's feet. A cell that exceeds any of them is a hazard.
 
-    A limit that is added later needs a default that excludes nothing, since grids of older versions lack it. It sets
-    the existing flag of `Hazard` that fits best, which the records of its grids name under `limit_flags`.
+    A limit added later needs a default that excludes nothing, since grids of older versions lack it. It sets the
+    existing flag of `Hazard` that fits best, and the records of grids list it under `limit_flags`.
 
     Attributes:
         slope: largest angle to the horizontal [rad].
@@ -71,7 +71,7 @@ class Settings:
         minimum_height, maximum_height: heights that count as terrain [m].
         join_height: largest height difference between neighbouring stripes on one surface [m].
         stripes: number of stripes of the standard pattern.
-        coarse_every: stride of a coarse scan: it fires every stripe whose index this number divides.
+        coarse_every: stride of a coarse scan, which fires the stripes whose index is a multiple of it.
         mirror_angles: nominal first and last mirror angle, for a first calibration only [rad].
         limits: traversability limits.
         validity_pauses, validity_seconds: age up to which an observation may be used.

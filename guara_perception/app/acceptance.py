@@ -1,4 +1,4 @@
-"""Acceptance of a rangefinder: known blocks on a flat floor, measured in scans between which it was off."""
+"""Acceptance of a rangefinder: known blocks on a flat floor, measured in scans with a power cycle before each."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 FORMAT: Final = "guara-acceptance/1"
 REPORT_FILE: Final = "report.html"
-# Lower blocks do not count as obstacles of a grid, and a robot does not step on higher ones.
+# Lowest block that counts as an obstacle of a grid, and highest that a robot may step on.
 LOWEST_M, HIGHEST_M = 0.008, 0.5
-# Blocks are matched by height: closer heights could be confused.
+# Least difference of heights, since blocks are identified by height; and most blocks.
 LEAST_APART_M, MOST_BLOCKS = 0.005, 6
 # Cells closer than this to the outline of a block may contain its edge.
 RIM_M = 0.010
@@ -97,7 +97,7 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
         layer[rows, columns].astype(np.float64)
         for layer in (terrain.elevation, terrain.variance, terrain.variance_local)
     )
-    # Floor and blocks stand in one frame.
+    # Without the variance of the pose, whose error is the same for floor and blocks.
     sigma = np.sqrt(np.maximum(variance - pose_variance(terrain, x, y), local))
     floor = fit_floor(x, y, z)
     found = []
@@ -114,8 +114,8 @@ def measure(terrain: TerrainGrid, heights: Sequence[float]) -> Turn:
         seen = ", ".join(f"{1e3 * height:.1f}" for height in measured) or "none"
         raise AcceptanceFailed(
             f"blocks of {seen} mm are seen, allowed: those of --blocks, "
-            f"{', '.join(f'{1e3 * height:g}' for height in heights)} mm: lay them 5 cm or more apart, wholly in the "
-            f"scanned area, each {4e3 * RIM_M:.0f} mm wide or wider, with nothing else in view"
+            f"{', '.join(f'{1e3 * height:g}' for height in heights)} mm: place them 5 cm or more apart, entirely in "
+            f"the scanned area, each {4e3 * RIM_M:.0f} mm wide or wider, with nothing else in view"
         )
     record = terrain.record
     reasons = record.health.reasons if record.health else ()
@@ -128,7 +128,7 @@ def device_facts(rangefinder: Rangefinder, calibration: Calibration, picture: Im
     Args:
         rangefinder: open devices.
         calibration: their calibration.
-        picture: a picture without the laser.
+        picture: image with the laser off.
     """
     brightness = float(picture.mean()) / np.iinfo(picture.dtype).max
     identity, locked = rangefinder.board.identity, rangefinder.settings

@@ -1,4 +1,4 @@
-"""First power of a laser board that was built by docs/build.md: point by point, measured where the board can tell."""
+"""First power-up of a laser board built as in docs/build.md: point by point, with measurements by the board itself."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from drivers.board.protocol import BoardFault, describe_faults
 from drivers.errors import HomeNotFound, LaserDead, LaserRefused, LaserStuckOn
 from guara_perception.exceptions import InvalidInput, PerceptionError
 
-# Points without which no laser is driven, and the points in their order; 4 is for the LED alone.
+# Points that must have passed with an LED before a laser is driven.
 DARK = ("5", "6")
 RECORD = "bring_up.json"
 TRIES = 3
-# [s] The silence after which the laser must be dark, beyond the board's own time; the period of commands; and the
-# margin by which a light that is watched ends before the board's limit.
+# [s] Time beyond the board's watchdog after which the laser must be dark; period of commands; time before the board's
+# limit at which a light that is watched is turned off.
 LATE, PERIOD, BEFORE_LIMIT = 0.06, 0.1, 2.0
 HOMINGS = 10
 
 
 class PointFailed(PerceptionError):
-    """A point of the first power did not pass; the message names the remedy."""
+    """A point of the first power-up did not pass; the message names the remedy."""
 
 
 class BringUp:
-    """First power with one operator, who is asked and told on the terminal."""
+    """First power-up, with an operator who is guided and questioned on the terminal."""
 
     def __init__(self, board: LaserBoard, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> None:
         """Prepare; nothing is opened yet.
 
         Args:
             board: the board, closed.
-            folder: where the points that passed are recorded.
+            folder: folder of the record of passed points.
             ask: shows a question and returns the answer.
             tell: shows a line.
         """
@@ -41,11 +41,11 @@ class BringUp:
         self._laser = False
 
     def run(self) -> None:
-        """Lead through all points that the light at J1 allows.
+        """Lead the operator through all points for the light at J1, an LED or a laser.
 
         Raises:
-            PointFailed: a point did not pass; what it proved before is forgotten.
-            InvalidInput: an answer, or a laser too early.
+            PointFailed: a point did not pass; it is removed from the record if it passed before.
+            InvalidInput: no valid answer, or a laser before the points that need an LED have passed.
             DriverError: the board cannot be reached.
         """
         self._laser = self._choose("What is wired to J1?", ("led", "laser")) == "laser"
@@ -84,11 +84,11 @@ class BringUp:
         with self._board as board:
             status, identity = board.status(), board.identity
         if status.laser_sensed:
-            raise PointFailed("LIGHT is high though no light was asked for: check R11, D3 and U3, or leave it open")
+            raise PointFailed("LIGHT is high though the laser is off: check R11, D3 and U3, or leave LIGHT open")
         return f"board {board.serial} speaks protocol {identity.protocol[0]}.{identity.protocol[1]}"
 
     def _dark(self) -> str:
-        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1; nothing talks to the board")
+        self._do("Wire everything but photodiode and motor (with a laser: all), close SW1; send the board nothing")
         self._confirm(
             "Is it dark, and does a voltmeter at CHAIN show 0 V?",
             "Q1 conducts without heartbeats: check R1, R2, R3, and that ALIVE is low. Open SW1",
@@ -102,7 +102,7 @@ class BringUp:
             try:
                 board.laser_on()
             except LaserDead:
-                return "the missing photodiode was noticed"
+                return "the missing photodiode was detected"
         raise PointFailed("the board senses light without a photodiode: LIGHT must be low; check U3 and R10")
 
     def _silence(self) -> str:
@@ -118,7 +118,7 @@ class BringUp:
                 raise PointFailed(f"still lit {taken:.2f} s after the last command. Open SW1; flash the firmware again")
         self._confirm(
             "Did it light up and go out by itself within half a second?",
-            "the board believes what your eyes do not see: D3 must see J1's light alone. Open SW1",
+            "the photodiode senses light that you do not see: D3 must see J1's light alone. Open SW1",
         )
         self._do("Bridge Q4 from CHAIN to LASER_PLUS: stuck on")
         with self._board as board:
@@ -132,12 +132,12 @@ class BringUp:
             timing.sleep(LATE)
             status = board.status()
             if BoardFault.LASER_STUCK_ON not in status.faults or status.laser_sensed:
-                raise PointFailed("a light that is stuck on was not noticed: is Q4 bridged, does D3 see it? Open SW1")
+                raise PointFailed("the board did not detect the stuck light: is Q4 bridged, does D3 see it? Open SW1")
             self._confirm("Is it dark now?", "SUPPLY is low and Q1 conducts: check Q1, Q2 and R1. Open SW1")
-            self._do("Take the bridge away")
+            self._do("Remove the bridge")
             faults = board.clear_faults().faults
             if faults:
-                raise PointFailed(f"without the bridge the board still says: {describe_faults(faults)}. Open SW1")
+                raise PointFailed(f"without the bridge the board still reports: {describe_faults(faults)}. Open SW1")
         return f"dark {taken:.2f} s after the last command at the latest; stuck on opens the supply"
 
     def _cut(self) -> str:
@@ -149,16 +149,16 @@ class BringUp:
                 False,
                 "the monostable does not end by itself: check C4, RV1 and that R8 is there",
             ),
-            ("open SW1", "Close SW1", False, "SW1 does not lie in the laser's current: check the wire from F1 to Q1"),
+            ("open SW1", "Close SW1", False, "SW1 is not in the laser's circuit: check the wire from F1 to Q1"),
         ):
-            self._do(f"Get ready to {action}: it lights up for some seconds, do it then")
+            self._do(f"Get ready to {action}: do it while the light is on, which is for some seconds")
             self._lose_light(action, reset, remedy)
             self._confirm("Did it go dark at once, within half a second?", f"{remedy}. Open SW1")
             self._do(back)
         return "dark by reset, without heartbeats and by hand"
 
     def _lose_light(self, action: str, reset: bool, remedy: str) -> None:
-        """Light, watched until it is lost in the expected way."""
+        """Turn the light on, and watch it until it is lost in the expected way."""
         lit = False
         try:
             with self._board as board:
@@ -177,16 +177,16 @@ class BringUp:
             if not lit:
                 raise
             if not reset or isinstance(gone, LaserRefused | LaserStuckOn):
-                raise PointFailed(f"expected the light to go while the board answers, but: {gone}") from gone
+                raise PointFailed(f"expected the light to go out while the board answers, but: {gone}") from gone
             return
-        raise PointFailed(f"the light stayed until the time was over: {action} in time, or {remedy}. Open SW1")
+        raise PointFailed(f"the light stayed on: {action} in time, or {remedy}. Open SW1")
 
     def _light(self, board: LaserBoard) -> None:
-        """Switch the light on, from a state without faults."""
+        """Clear faults, then turn the light on."""
         status = board.clear_faults()
         if status.laser_sensed or status.faults:
             said = describe_faults(status.faults)
-            raise PointFailed(f"light is sensed before any was asked for ({said}): trim RV2, shade D3, check Q4")
+            raise PointFailed(f"light is sensed before it is turned on ({said}): trim RV2, shade D3, check Q4")
         try:
             board.laser_on()
         except LaserDead as dark:
@@ -224,7 +224,7 @@ class BringUp:
             if answer in allowed:
                 return answer
             self._tell(f"the answer is {answer!r}, allowed: {', '.join(allowed)}")
-        raise InvalidInput(f"{TRIES} answers to {question!r} were none of these, allowed: {', '.join(allowed)}")
+        raise InvalidInput(f"no valid answer to {question!r} in {TRIES} tries, allowed: {', '.join(allowed)}")
 
     def _passed(self, serial: str) -> set[str]:
         """Points that this board has passed with an LED."""
@@ -234,7 +234,7 @@ class BringUp:
         except FileNotFoundError:
             return set()
         except (ValueError, KeyError, TypeError) as error:
-            raise InvalidInput(f"{self._path} is no record of a first power: remove it and begin again") from error
+            raise InvalidInput(f"{self._path} is no record of a first power-up: remove it, begin again") from error
 
     def _write(self, serial: str, passed: set[str]) -> None:
         record = {"serial": serial, "passed": sorted(passed)}
@@ -242,13 +242,13 @@ class BringUp:
 
 
 def bring_up(board: object, folder: Path, ask: Callable[[str], str], tell: Callable[[str], None]) -> bool:
-    """Lead through the first power; return True when every point passed.
+    """Lead through the first power-up; return True if every point passed.
 
     Raises:
-        InvalidInput: another board than `LaserBoard`, an answer that is none, or a laser too early.
+        InvalidInput: a board other than `LaserBoard`; see also `BringUp.run`.
     """
     if not isinstance(board, LaserBoard):
-        raise InvalidInput(f"the first power is for the board of docs/build.md, not for {type(board).__name__}")
+        raise InvalidInput(f"the first power-up is for the board of docs/build.md, not for {type(board).__name__}")
     try:
         BringUp(board, folder, ask, tell).run()
     except (PointFailed, DriverError) as failure:

@@ -32,7 +32,7 @@ def calibrate(
         distortion: lens coefficients to estimate: "k1k2", "k1k2p1p2" or "k1k2p1p2k3".
         camera_info: file of a known lens (OpenCV, ROS or Kalibr): pictures of the board then only check it, and may
             be left out.
-        square: edge of the board's squares [m]; None = as the session says.
+        square: edge of the board's squares [m]; None = that of the session.
         not_mirrored: assert that the images are not mirrored, whatever the colours of the board.
         force: return a calibration whose verdict is `refused` instead of raising.
 
@@ -57,7 +57,7 @@ def calibrate_folder(
     not_mirrored: bool,
     progress: Progress | None = None,
 ) -> CalibrationResult:
-    """Calibrate as `calibrate`, without refusing; return all the evidence, for reports."""
+    """Calibrate as `calibrate` with `force`; return the whole result, for reports."""
     session = open_session(session_folder, square)
     model = robot_model(session.robot if robot is None else robot)
     camera = None if camera_info is None else read_camera_info(camera_info)
@@ -67,10 +67,10 @@ def calibrate_folder(
 
 
 def refuse(result: CalibrationResult) -> None:
-    """Raise if the verdict is `refused`.
+    """Refuse a calibration whose verdict is `refused`.
 
     Raises:
-        CalibrationRefused: it is.
+        CalibrationRefused: the verdict is `refused`; the message has the reasons.
     """
     if result.verdict == "refused":
         raise CalibrationRefused(f"{result.session.source}: calibration refused: {'; '.join(result.reasons)}")

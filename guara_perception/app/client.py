@@ -138,14 +138,14 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             StaleTerrain: the newest summary may not be used, and no newer one came in time.
             transport.ReceiveTimeout: none came in time although the node is alive.
             ScannerGone, ScannerUnavailable: none came, and the node went away or was never there.
-            UnsafeGrid: it breaks the safety invariant and must not be used.
+            UnsafeGrid: the summary breaks the safety invariant and must not be used.
         """
         return message_to_summary(self._client.summary(timeout=timeout, max_age=max_age, **accepted))
 
     def regions(
         self, timeout: float = 30.0, max_age: float | None = None, **accepted: Unpack[AcceptedState]
     ) -> MapRegions:
-        """The convex steppable regions of the newest fused map, largest first, without the map itself.
+        """Convex steppable regions of the newest fused map, largest first, without the map itself.
 
         Arguments and errors are those of `summary`; a client that connects later gets the last message at once.
         """
@@ -185,9 +185,9 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
     def on_terrain(
         self, callback: Callable[[TerrainGrid], None], extent: str = "footprint", **accepted: Unpack[Accepted]
     ) -> None:
-        """Call `callback` with the newest grid whenever one comes, on the client's own thread; older ones are skipped.
+        """Call `callback` with the newest grid when one arrives, on the client's own thread; older ones are skipped.
 
-        The grids and arguments are those of `stream`. One that may not be used, or breaks the safety invariant, is
+        The grids and arguments are those of `stream`. A grid that may not be used or breaks the safety invariant is
         logged and not passed on.
         """
 
@@ -252,15 +252,15 @@ class TerrainClient(AbstractContextManager["TerrainClient"]):
             mode: "coarse" or "standard".
             timeout: seconds to wait for the grid.
             on_progress: called with every progress report.
-            accepted: allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed it, before which
-                it is provisional.
+            accepted: allow_stale as in `latest`; confirmed_only to wait until the gait has confirmed the grid, which is
+                provisional until then.
 
         Raises:
             ScanBusy: a scan is under way.
-            ScanFailed: the node refused or could not finish.
-            ScanTimeout: it was not finished in time.
+            ScanFailed: the node refused the scan or could not finish it.
+            ScanTimeout: the scan was not finished in time.
             ScannerGone: the node went away meanwhile.
-            ScannerUnavailable: no node, or this client has no right to request scans.
+            ScannerUnavailable: there is no node, or this client may not request scans.
         """
         return message_to_terrain(
             self._client.request_scan(mode=mode, timeout=timeout, on_progress=on_progress, **accepted)

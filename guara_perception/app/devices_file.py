@@ -21,7 +21,7 @@ _Device = TypeVar("_Device")
 FORMAT = "guara-devices/1"
 # Largest size of a devices file, which normally has a dozen lines.
 LARGEST_BYTES = 64 * 1024
-# Numbers of the camera and their limits; all but the first two are settings, locked and read back.
+# Numeric keys of [camera] with their limits; all but the first two are settings, which are locked and read back.
 NUMBERS = {
     "fps": (0.1, 10_000.0),
     "lag": (0.0, 2.0),
@@ -32,7 +32,7 @@ NUMBERS = {
 }
 UNITS = dict.fromkeys(("lag", "exposure"), " s (8 ms are 0.008)")
 LINES = ("trigger", "exposure_output", "pixel_format")
-# Prefixes of a camera's source for classes that know more of the camera than OpenCV does.
+# Prefixes of a camera's source that select a driver other than OpenCV.
 ARAVIS, V4L2 = "aravis", "v4l2"
 # Frames with the laser off: one for the scan, one per stripe (in changing light), or none.
 OFF_FRAMES = ("one", "per stripe", "none")
@@ -51,7 +51,7 @@ class Devices:
 
     Attributes:
         source: source of the camera: number, device path, GStreamer pipeline, "aravis" or "aravis:NAME" for GigE and
-            USB3 Vision, "v4l2:/dev/video0" for V4L2 with the kernel's numbers of frames, or "package.module:Class" of a
+            USB3 Vision, "v4l2:/dev/video0" for V4L2 with the kernel's frame numbers, or "package.module:Class" of a
             `drivers.Camera`.
         size: picture width and height [px], or None for the camera's own.
         fps: frames per second to ask for, or None.
@@ -87,8 +87,8 @@ class Devices:
             free: let it run freely although it has a trigger, for images outside a sweep.
 
         Raises:
-            InvalidInput: "package.module:Class" cannot be imported, or is no `drivers.Camera`; a trigger for a camera
-                that has none.
+            InvalidInput: "package.module:Class" cannot be imported or is not a `drivers.Camera`; a trigger is given for
+                a camera without trigger input.
         """
         from drivers import AravisCamera, Camera, OpenCvCamera, V4l2Camera
 
@@ -114,22 +114,22 @@ class Devices:
             raise InvalidInput(str(error)) from None
         if self.trigger is not None and not free and not made.triggered:
             raise InvalidInput(
-                f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or take a "
+                f"trigger is {self.trigger!r}, but camera {self.source!r} cannot wait for one: leave it out, or use a "
                 "GigE Vision or USB3 Vision camera (`guara doctor --cameras` lists them)"
             )
         return made
 
     def sweep_options(self) -> SweepOptions | None:
-        """Options of sweeps of the board itself, for a triggered camera; None for one that runs freely.
+        """Options of sweeps run by the board, for a triggered camera; None if the camera runs freely.
 
         Raises:
-            InvalidInput: the exposure is not one for which the laser may shine.
+            InvalidInput: the exposure is not an allowed duration of a laser flash.
         """
         from drivers import SweepOptions
 
         if self.trigger is None:
             return None
-        with errors_as(InvalidInput, "the laser shines while a triggered camera exposes", ValueError):
+        with errors_as(InvalidInput, "the laser is on while a triggered camera exposes", ValueError):
             return SweepOptions(flash=self.settings.get("exposure", TRIGGERED_EXPOSURE_S))
 
     def camera_settings(self) -> CameraSettings:
@@ -144,7 +144,7 @@ class Devices:
         """Create the laser board; it is not opened.
 
         Raises:
-            InvalidInput: its class cannot be imported, or is no `drivers.Board`.
+            InvalidInput: its class cannot be imported or is not a `drivers.Board`.
         """
         from drivers import Board, BoardConfig, LaserBoard
 
@@ -173,14 +173,14 @@ def devices_of(
     """
     known = Devices() if path is None else load_devices(path)
     if camera is not None:
-        # Another camera than that of the file.
+        # The identity in the file is that of another camera.
         known = replace(known, identity="")
     given: dict[str, Any] = {"source": camera, "trigger": trigger, "fps": fps, "off_frames": off_frames}
     return replace(known, **{name: value for name, value in given.items() if value})
 
 
 def load_devices(path: str | Path) -> Devices:
-    """Read and check a file of devices.
+    """Read and check devices.toml.
 
     Raises:
         MissingFile: no such file.
@@ -203,7 +203,7 @@ def load_devices(path: str | Path) -> Devices:
         board.update({name: ids.text(name) for name in ("serial", "source") if ids.has(name)})
         if "source" in board and len(board) > 1:
             raise FileFormatError(
-                f"{path}: board.source names a class of your own, which knows its ids: leave them out"
+                f"{path}: board.source is a class of your own: leave out vendor_id, product_id and serial"
             )
     size = None
     if camera.has("size"):
@@ -229,7 +229,7 @@ def load_devices(path: str | Path) -> Devices:
 
 
 def save_devices(devices: Devices, path: str | Path) -> None:
-    """Write a file of devices, whole or not at all.
+    """Write devices.toml, whole or not at all.
 
     Raises:
         MissingFile: the folder does not exist.
@@ -273,5 +273,5 @@ def _own(kind: type[_Device], what: str, source: str, folder: Path | None) -> _D
 
 
 def _toml_lines(values: Mapping[str, Any]) -> list[str]:
-    # Texts, numbers and lists of numbers are written alike in JSON and TOML.
+    # Strings, numbers and lists of numbers are written alike in JSON and TOML.
     return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items() if value is not None]

@@ -34,10 +34,10 @@ CALIBRATION_AGE_DAYS = 30
 # A standard scan with its recording takes about 60 MB; ten of them should fit.
 DISK_BYTES = 1_000_000_000
 NO_FLOOR = (
-    "scan again with more floor in view; where flat, empty floor fills the view, the calibration is of another camera "
-    "or mount"
+    "scan again with more floor in view; if flat, empty floor fills the view, the calibration is of another camera or "
+    "mount"
 )
-# Limit for one stripe of 1280x1024 px: below half the time between frames at 30 per second.
+# Longest time for one stripe of 1280x1024 px: less than half the time between frames at 30 per second.
 STRIPE_SECONDS = 0.015
 
 
@@ -137,10 +137,10 @@ def check_camera(devices: Devices) -> Finding:
         triggered.open()
         triggered.close()
     height, width = frame.image.shape[:2]
-    said = f"camera {devices.source}{named} gives {width}x{height} px; {held}it {evidence_of(triggered)}"
+    said = f"camera {devices.source}{named} delivers {width}x{height} px; {held}it {evidence_of(triggered)}"
     if devices.size is not None and (width, height) != tuple(devices.size):
         wanted = f"{devices.size[0]}x{devices.size[1]}"
-        return Finding(FAIL, f"{said}; its file says {wanted}: a calibration holds for one size only")
+        return Finding(FAIL, f"{said}; devices.toml says {wanted}: a calibration is valid for one size only")
     return Finding(OK, said)
 
 
@@ -173,11 +173,11 @@ def check_endpoint(listen: str) -> Finding:
 
 
 def check_calibration(path: Path | None, devices: Devices) -> Finding:
-    """Check that a calibration loads and is of the camera of the devices; report its verdict and age."""
+    """Check that a calibration loads and is of the camera in devices.toml; report its verdict and age."""
     if path is None:
         return Finding(WARN, "none given: -c calibration.json; `guara calibrate` makes one")
     calibration = load_calibration(path)
-    check_identity(devices.identity, calibration.camera.identity, "the file of devices")
+    check_identity(devices.identity, calibration.camera.identity, "devices.toml")
     return judge_calibration(calibration)
 
 

@@ -1,4 +1,4 @@
-"""Search for the cameras of this machine, and how the frames of each can be verified."""
+"""Search for the cameras of this machine; reports how the frames of each can be verified."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FoundCamera:
         source: its name for --camera and devices.toml.
         description: maker and model, and how it is reached.
         evidence: how its frames are verified.
-        lines: lines on which it can be triggered, for --trigger; empty when it can only run freely.
+        lines: lines on which it can be triggered, for --trigger; empty if it can only run freely.
     """
 
     source: str

@@ -1,4 +1,4 @@
-"""Scan folders and calibration sessions made of pictures that somebody took with his own program."""
+"""Import of pictures taken by another program as scan folders and calibration sessions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from guara_perception.exceptions import FileFormatError, InvalidInput, MissingFi
 from guara_perception.settings import MODES, Settings
 from kinematics import KinematicsError, RobotModel, Stance
 
-# A revolute joint of a leg turns less than this [rad]: more are degrees.
+# Largest position of a joint of a leg [rad]; larger ones are given in degrees.
 LARGEST_ANGLE = 2 * math.pi
 
 
@@ -29,8 +29,8 @@ def check_sizes(pictures: Sequence[Path]) -> tuple[int, int]:
     """Width and height of all pictures.
 
     Raises:
-        InvalidInput: they differ; the message names those of the rarer size.
-        MissingFile, FileFormatError: one cannot be read.
+        InvalidInput: the sizes differ; the message names the pictures of rarer sizes.
+        MissingFile, FileFormatError: a picture cannot be read.
     """
     sizes = {path: read_picture(path).shape[1::-1] for path in pictures}
     (width, height), _ = Counter(sizes.values()).most_common(1)[0]
@@ -38,8 +38,8 @@ def check_sizes(pictures: Sequence[Path]) -> tuple[int, int]:
     if other:
         w, h = sizes[other[0]]
         raise InvalidInput(
-            f"pictures of two sizes: {names_of(other)} {w}x{h} px, the others {width}x{height}: a scan or session is "
-            "of one camera at one setting"
+            f"pictures of different sizes: {names_of(other)} {w}x{h} px, the others {width}x{height}: all pictures of "
+            "a scan or session must come from one camera at one setting"
         )
     return width, height
 
@@ -50,11 +50,11 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
     Args:
         pairs: pictures in order.
         robot: robot whose pattern was scanned.
-        mode: pattern; None = the one that has as many stripes.
-        is_index: the numbers in the names are the indices.
+        mode: pattern; None = the one that has as many stripes as there are pairs.
+        is_index: True if the numbers in the names are the indices.
 
     Raises:
-        InvalidInput: the pattern has another number of stripes, or no such index.
+        InvalidInput: the pattern has another number of stripes, or lacks an index.
     """
     settings = Settings.of(robot)
     if is_index:
@@ -78,12 +78,12 @@ def stripe_indices(pairs: Sequence[PicturePair], robot: RobotModel, mode: str | 
 
 
 def mode_of(indices: Sequence[int], robot: RobotModel) -> str:
-    """Mode of a scan: "coarse" where all stripes are of the coarse pattern."""
+    """Mode of a scan: "coarse" if all stripes belong to the coarse pattern."""
     return "coarse" if set(indices) <= set(Settings.of(robot).pattern("coarse")) else "standard"
 
 
 def mirror_angles(indices: Sequence[int], robot: RobotModel, calibration: Calibration | None) -> dict[int, float]:
-    """Commanded mirror angle [rad] of each stripe, of a calibration or of robot.toml's pattern.
+    """Commanded mirror angle [rad] of each stripe, from a calibration or from the pattern in robot.toml.
 
     Raises:
         CalibrationMismatch: a stripe was not calibrated.
@@ -98,7 +98,7 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: a line that is none, an angle in degrees, a joint that is missing or not of the robot.
+        FileFormatError: a line is invalid, an angle is in degrees, or a joint is missing or not of the robot.
     """
     if not path.is_file():
         raise MissingFile(f"{path}: no such file")
@@ -106,7 +106,7 @@ def read_joints(path: Path, robot: RobotModel) -> Stance:
     try:
         rows = [row for row in csv.reader(path.read_text(encoding="utf-8").splitlines()) if any(map(str.strip, row))]
     except (csv.Error, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: no CSV file ({error})") from None
+        raise FileFormatError(f"{path}: not a CSV file ({error})") from None
     for number, row in enumerate(rows):
         try:
             name, angle = row[0].strip(), float(row[1])
@@ -141,7 +141,7 @@ def write_session(
     """Write a session folder of these pictures and scan folders, whole or not at all.
 
     Args:
-        folder: folder to make.
+        folder: folder to be created.
         plan: board, crosses, heights of the plates and stance.
         boards: pictures of the board in many poses.
         ground: picture of the board on the floor.
@@ -161,7 +161,7 @@ def write_session(
         writer.write(CROSSES_PICTURE, read_picture(crosses))
         for name, plate in zip(writer.plate_names, plates, strict=True):
             if not plate.is_dir():
-                raise MissingFile(f"--plate: {plate}: no such folder; `guara import` makes one of the plate's pictures")
+                raise MissingFile(f"--plate: {plate}: no such folder; `guara import` makes it from pictures")
             shutil.copytree(plate, staging / name)
         writer.finish()
         open_session(staging)

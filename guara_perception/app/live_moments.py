@@ -42,7 +42,7 @@ ROUTER_TIMEOUT_S = 2.0
 
 
 class LiveMoments(AbstractContextManager["LiveMoments"]):
-    """Receives grids, points and pictures of one robot and shows each pause as far as it is known.
+    """Receives grids, points and pictures of one robot and shows each pause with all that has arrived of it.
 
     Messages with equal stamps belong together. Once maps arrive, a scan is shown with its map, in odom.
     """
@@ -87,9 +87,9 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         self._client.close()
 
     def missing(self) -> str:
-        """Description of the missing message, and the robots alive on this router; empty once a moment was shown.
+        """Text on what is missing for the first moment, with the robots on this router; empty once one was shown.
 
-        The query of the router can take `ROUTER_TIMEOUT_S`.
+        Asking the router can take `ROUTER_TIMEOUT_S`.
         """
         if self._has_shown:
             return ""
@@ -98,10 +98,8 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         except SessionClosed:
             return ""
         if self._robot in robots or self._client.is_alive:
-            return f"waiting for the first grid of {self._robot!r}: its node lives and has sent none yet"
-        others = (
-            f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot that may be seen lives here"
-        )
+            return f"waiting for the first grid of {self._robot!r}: its node is running but has sent none yet"
+        others = f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot is visible here"
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def state(self) -> tuple[str, bool]:
@@ -140,7 +138,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
         message = received.message
         image = cv2.imdecode(np.asarray(message.data, dtype=np.uint8), cv2.IMREAD_COLOR)
         if image is None:
-            logger.warning("skipping the camera's picture: it is no %s", message.format)
+            logger.warning("skipping camera picture: cannot be decoded as %r", message.format)
             return
         with self._lock:
             self._picture = read_time(message.header.stamp), image
@@ -153,7 +151,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             self._show_scan(terrain)
 
     def _show_scan(self, terrain: TerrainGrid) -> None:
-        """Show the scan of a grid as far as it is known."""
+        """Show the scan of a grid with all messages of its stamp."""
         grids = {name: self._grids[name] for name in EXTENTS if name in self._grids}
         grids = {name: grid for name, grid in grids.items() if grid.stamp == terrain.stamp}
         parts: dict[str, Any] = {}

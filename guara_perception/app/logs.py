@@ -36,7 +36,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class JournalFormatter(logging.Formatter):
-    """Prefixes the priority to each line, so that journald files an error as an error."""
+    """Formats lines for journald, each with the priority of its record as a prefix."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the lines of a record."""
@@ -45,7 +45,7 @@ class JournalFormatter(logging.Formatter):
 
 
 class RateLimit(logging.Filter):
-    """Lets through MOST records of one message within WITHIN_S; the next one says how many were left out."""
+    """Passes MOST records of one message within WITHIN_S; the first one later reports how many were dropped."""
 
     def __init__(self) -> None:
         """Start with nothing logged."""
@@ -53,7 +53,7 @@ class RateLimit(logging.Filter):
         self._windows: dict[tuple[str, int, str], list[float]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Decide about a record, and note on it what was left out before."""
+        """Return False to drop a record; append the number of records dropped before to one that passes."""
         now, key = time.monotonic(), (record.name, record.levelno, str(record.msg))
         if len(self._windows) >= MOST_MESSAGES:
             self._windows.clear()
@@ -70,14 +70,14 @@ class RateLimit(logging.Filter):
 
 
 class StderrHandler(logging.StreamHandler[TextIO]):
-    """Handler of the command line, told apart from those of a program that calls it."""
+    """Handler of the command line; the class distinguishes it from handlers of a calling program."""
 
 
 def log_to_stderr(style: str = "text") -> None:
-    """Log to standard error, instead of as set up before; does nothing where a calling program handles the log.
+    """Log to standard error, in this style from now on; does nothing if a calling program handles the log.
 
     Args:
-        style: one of STYLES; as text, lines have a priority where standard error is the journal.
+        style: one of STYLES; text lines have priorities if standard error goes to the journal.
     """
     root = logging.getLogger()
     for before in [handler for handler in root.handlers if isinstance(handler, StderrHandler)]:

@@ -32,50 +32,51 @@ GROUPS = {
     "Run": {
         "run": "Start the node: scan at each stance pause and publish",
         "scan": "Scan once and keep the frames",
-        "listen": "Print the grids of a node, or list the robots that are alive",
+        "listen": "Print the grids of a node, or list the robots that are running",
         "view": "Show a walk in a browser, live or from a file",
     },
     "Files": {
-        "import": "Make a scan or session of pictures taken by another program",
+        "import": "Import pictures taken by another program as a scan or session",
         "process": "Compute the terrain of a recorded scan",
         "replay": "Replay recorded scans of a walk, with fusion over pauses",
         "convert": "Convert, export or repair a recording, scan or grid",
         "info": "Describe a file or folder",
     },
     "Robots and sites": {
-        "robot": "Make, check and accept a robot, and install it as a service",
-        "security": "Make and check certificates and access rules",
+        "robot": "Create and check a robot folder; install its node as a service",
+        "security": "Create and check certificates and access rules",
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
-# Commands whose names are words of Python.
+# Modules of commands whose names are reserved words in Python.
 MODULES = {"import": "import_"}
-# Earlier names of commands, still accepted, with the command of which each is a part now.
+# Earlier commands, still accepted, and the command that each is now part of.
 ALIASES = {
     "export": "convert",
     "recover": "convert",
     "acceptance": "robot",
     "service": "robot",
 }
-# Earlier commands, still accepted, that are options of others now.
+# Earlier commands, still accepted, that are now options of others.
 EARLIER = {"cameras": ["doctor", "--cameras"], "fleet": ["listen", "--all"]}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
 # Set before numpy and OpenCV are loaded. Matrices are small: threads of linear algebra would only spin, which costs
 # a quarter of the processor time of a scan. OpenCV's own warnings repeat our errors.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
-# Warnings that differ only in these are one warning.
+# Numbers in warnings; warnings that differ only in numbers are printed once.
 NUMBER = re.compile(r"(?<=\s)-?\d+(\.\d+)?")
-# [characters] Longest word of an error that is printed whole.
+# Longest word of an error message that is printed in full [characters].
 LONGEST_WORD = 300
 # Errors of a full or broken disk, which are not errors of the input.
 DISK_FAILED = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+LOG_HELP = "Log progress to standard error."
 
 
 class LazyGroup(click.Group):
     """Command group that imports a command only when it is called or its help is shown."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the groups."""
+        """Names of the commands, in the order of the groups."""
         return list(COMMANDS)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -131,7 +132,7 @@ def _accept_verbose(command: click.Command) -> None:
             is_flag=True,
             expose_value=False,
             callback=_show_logs,
-            help="Log what is going on, to standard error.",
+            help=LOG_HELP,
         )
     )
     for inner in getattr(command, "commands", {}).values():
@@ -140,7 +141,7 @@ def _accept_verbose(command: click.Command) -> None:
 
 @click.group(cls=LazyGroup, context_settings=CONTEXT)
 @click.version_option(package_name="guara-perception", prog_name="guara")
-@click.option("-v", "--verbose", is_flag=True, help="Log what is going on, to standard error.")
+@click.option("-v", "--verbose", is_flag=True, help=LOG_HELP)
 def guara(verbose: bool) -> None:
     """Terrain perception for walking robots: one camera, a swept laser stripe, grids that planners receive.
 
@@ -153,7 +154,7 @@ def guara(verbose: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with a code of `exit_codes`, 0 when done; never a traceback for a user."""
+    """Run the command line and exit with a code from `exit_codes`, 0 on success; only a defect shows a traceback."""
     sys.exit(run(arguments))
 
 
@@ -222,7 +223,7 @@ def is_bad_input(error: BaseException) -> bool:
 
 
 def _code_of(error: Exception, given: Sequence[str]) -> int:
-    """Exit code of an expected error; a service manager must tell a calibration from a configuration."""
+    """Exit code of an expected error; `guara run` has its own for a calibration, so that a service stays down."""
     kinds = {kind.__name__ for kind in type(error).__mro__}
     if "run" in given and kinds & {"CalibrationMismatch", "CalibrationRefused"}:
         return EXIT_CALIBRATION
@@ -230,7 +231,7 @@ def _code_of(error: Exception, given: Sequence[str]) -> int:
 
 
 def text_of(error: Exception) -> str:
-    """Text of an error; file system errors are written like our own, with the file first and without a number."""
+    """Text of an error; errors of the file system are written like our own: file first, without an error number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
     return f"{error} (Debian: apt install libgomp1)" if "libgomp" in str(error) else str(error)

@@ -40,7 +40,7 @@ FULL_SCORE = 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainSummary(Gridded):
-    """Heights to the millimetre, flags and traversability of the fused map, as `TerrainClient.summary` gives them.
+    """Heights to the millimetre, flags and traversability of the fused map, as returned by `TerrainClient.summary`.
 
     For display and path planning. Choose footholds on the map itself, which has the sigma of every height.
     Made only from layers that satisfy the safety invariant; arrays are (ny, nx), a[iy, ix], read-only.
@@ -54,7 +54,7 @@ class TerrainSummary(Gridded):
         frame: "base_footprint".
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
-        sequence: number of the map that it was made from.
+        sequence: number of the summarised map.
         epoch: identity of the walk.
         is_provisional: the pause has not yet confirmed that the robot stood still.
         stale_because: as in `TerrainGrid`.
@@ -176,14 +176,14 @@ def message_to_summary(message: SummaryMessage) -> TerrainSummary:
 
 @dataclass(frozen=True, slots=True)
 class MapRegions:
-    """Convex steppable regions of the fused map, as `TerrainClient.regions` gives them, without the map itself.
+    """Convex steppable regions of the fused map, as returned by `TerrainClient.regions`.
 
     Attributes:
         robot: instance name.
-        regions: `steppable_regions` of the map, largest first, without a leg's reach; in base_footprint of the pause.
+        regions: `steppable_regions` of the map, largest first, for no particular leg; in base_footprint of the pause.
         stamp: time of the scan [ns since the epoch].
         step: number of the stance pause.
-        sequence: number of the map that the regions were made from.
+        sequence: number of the map.
         epoch: identity of the walk.
         is_provisional: the pause has not yet confirmed that the robot stood still.
         stale_because: as in `TerrainGrid`.
@@ -227,6 +227,6 @@ def message_to_regions(message: RegionsMessage) -> MapRegions:
 
 
 def _source(message: SummaryMessage | RegionsMessage) -> dict[str, Any]:
-    """Fields of a summary, or of regions, that name the map it was made from."""
+    """Fields that identify the map of a summary or of regions."""
     names = ("stamp", "step", "sequence", "epoch", "stale_because")
     return {"is_provisional": message.provisional, **{name: getattr(message, name) for name in names}}

@@ -77,7 +77,7 @@ def terrain_to_message(
         transforms=_transforms(record),
         obstacles=_obstacles(terrain),
         point_counts=scan.points or {},
-        stage_ms={name: 1e3 * seconds for name, seconds in (scan.seconds or {}).items()},
+        stage_ms={name: 1e3 * spent for name, spent in (scan.seconds or {}).items()},
         coverage=float(record.coverage or 0.0),
         health=LEVELS.get(health.level, Level.WARN),
         health_reasons=health.reasons,
@@ -164,7 +164,7 @@ def _obstacles(terrain: TerrainGrid) -> tuple[ObstacleMessage, ...]:
 
 
 def add_samples(track: BodyTrack, robot: RobotModel, batch: StanceStream, begin: int) -> None:
-    """Add a batch of the gait's stream to a track whose times count from a stamp [ns]; samples of the past are dropped.
+    """Add a batch of joint samples to a track with times relative to `begin` [ns]; only samples after its last count.
 
     Raises:
         kinematics.KinematicsError: the batch lacks a joint of the robot.

@@ -1,4 +1,4 @@
-"""OpenMetrics endpoint of a node on a local port: numbers of its status, and of its process."""
+"""OpenMetrics endpoint of a node on a local port: numbers in its status, and metrics of its process."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COUNTERS = {
     "guara_withdrawn_clock",
     "guara_withdrawn_late",
 }
-# Of a value of the status and of its unit, as in "12.5" or "0.31 s".
+# Values of the status that become metrics, such as "12.5".
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 WORDS = {"true": 1.0, "false": 0.0}
 

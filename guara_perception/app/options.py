@@ -1,4 +1,4 @@
-"""Options that several commands share, earlier spellings of options, and the file with options of the node."""
+"""Options shared by several commands, earlier spellings of options, and node.toml with the node's options."""
 
 from __future__ import annotations
 
@@ -15,21 +15,19 @@ from guara_perception.exceptions import FileFormatError
 if TYPE_CHECKING:
     from kinematics import RobotModel, Stance
 
-# A file or folder that an argument or option names, as a Path.
+# Type of an argument or option that is a file or folder.
 FILE = click.Path(path_type=Path)
-NOT_MIRRORED = click.option(
-    "--not-mirrored", is_flag=True, help="you vouch that the driver does not mirror the pictures"
-)
+NOT_MIRRORED = click.option("--not-mirrored", is_flag=True, help="assert that the driver does not mirror the pictures")
 NODE_FORMAT = "guara-node/1"
 # Key of `click.Context.meta` with the mistakes in node.toml.
 MISTAKES = "guara.mistakes"
-# Largest size of a file of options, which normally has some twenty lines.
+# Largest size of node.toml, which normally has some twenty lines [byte].
 LARGEST_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceOptions:
-    """Devices by the options of a live command.
+    """Robot, calibration and devices selected by the options of a live command.
 
     Attributes:
         calibration: calibration file; may be left out for simulated devices, and for scans to calibrate with.
@@ -51,7 +49,7 @@ class DeviceOptions:
 
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of `DeviceOptions` to a command, which gets them as its argument `chosen`."""
+    """Add the options of `DeviceOptions` to a command, which receives them as its argument `chosen`."""
     camera = "as `guara doctor --cameras` lists it; default: that of --devices, or 0"
     off_frames = click.Choice(["one", "per stripe", "none"])
     options = (
@@ -76,7 +74,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def method_options(command: Callable[..., Any], *, hides_threshold: bool = False) -> Callable[..., Any]:
     """Add the options --method and --threshold to a command."""
     method = "precise, paper, paper-literal-lens or paper-literal-ortho"
-    threshold = "paper's threshold of the binarisation, 0 ... 255 grey levels; default: chosen by each frame"
+    threshold = "binarisation threshold of the paper's methods, 0 ... 255 grey levels; default: chosen for each frame"
     options = (
         click.option("--method", default="precise", help=f"stripe extraction: {method}"),
         click.option("--threshold", type=float, hidden=hides_threshold, help=threshold),
@@ -93,13 +91,13 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--pattern",
             type=pattern,
             default="checkerboard",
-            help="pattern of the board; a charuco board need not be wholly in the picture",
+            help="pattern of the board; a charuco board may be partly outside the picture",
         ),
         click.option("--square", type=float, default=0.030, help="edge of the board's squares [m]"),
         click.option(
             "--plates",
             default="0,0.04,0.08",
-            help="heights of the plates [m]; 0 is the bare floor; a height again for a small plate that is moved",
+            help="heights of the plates [m]; 0 is the bare floor; repeat a height for a small plate that is moved",
         ),
     )
     return _with_options(command, options)
@@ -156,7 +154,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
     Mistakes are collected for `refuse_mistakes`.
 
     Raises:
-        MissingFile, FileFormatError: there is no such file, or none of this format.
+        MissingFile, FileFormatError: the file does not exist, or has another format.
     """
     from guara_perception.files import existing_file, read_toml
 
@@ -179,9 +177,9 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
         kind = options[name].type
         try:
             if isinstance(value, bool) != isinstance(kind, click.types.BoolParamType):
-                raise click.BadParameter("true and false are for options without a value, which take nothing else")
+                raise click.BadParameter("an option without a value must be true or false, any other must not")
             if isinstance(kind, click.Path | click.types.StringParamType) and not isinstance(value, str):
-                raise click.BadParameter("a text is needed")
+                raise click.BadParameter("it must be text in quotes")
             options[name].type_cast_value(context, value)
         except click.BadParameter as error:
             mistakes.append(f"{path}: {name} is {value!r}: {error.message}")
@@ -191,7 +189,7 @@ def read_node_file(context: click.Context, parameter: click.Parameter, path: Pat
 
 
 def refuse_mistakes(context: click.Context, parameter: click.Parameter, is_check: bool) -> bool:
-    """Reject a node.toml with mistakes; a check continues, to find those outside the file too.
+    """Reject a node.toml with mistakes; with --check, go on to find the mistakes outside the file too.
 
     Raises:
         FileFormatError: all mistakes of the file.

@@ -40,9 +40,8 @@ def process_scan(
         robot: model of the robot that carried it, or its name or folder; None = the one that the scan names.
         method: one of `guara_perception.scanning.stripe_finder.METHODS`.
         resolution: cell edge [m]; None = the robot's default.
-        threshold: of the binarisation of the paper's methods [grey levels of 8 bits]; None = chosen by each frame.
-        area: "footprint", or "wide": as far along y as the robot's map, for `TerrainMap.update`, which knows more
-            ground with it.
+        threshold: binarisation threshold of the paper's methods [grey levels of 8 bits]; None = chosen for each frame.
+        area: "footprint", or "wide": as far along y as the robot's map, so that `TerrainMap.update` gets more ground.
         pictures: also draw the range images (`terrain.pictures`).
         strict: reject a scan with an unusable frame; otherwise the ground of its stripe stays unknown.
         progress: called with (stripes done, stripes in all).
@@ -54,7 +53,7 @@ def process_scan(
         CalibrationMismatch: robot, stripes or image size of scan and calibration do not match.
         InvalidInput: no calibration; unknown method or area, bad threshold or resolution, a stance or a stripe index
             that does not fit the robot; a scan whose grid the node withdrew; with `strict` a frame that cannot be used.
-        MissingFile, FileFormatError: scan, calibration or robot is not there or not valid; a frame cannot be read
+        MissingFile, FileFormatError: scan, calibration or robot is missing or invalid; a frame cannot be read
             (with `strict`), or none can.
         kinematics.KinematicsError: no such robot.
     """

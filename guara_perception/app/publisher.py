@@ -1,4 +1,4 @@
-"""Publisher of the grids of one robot as Terrain, OccupancyGrid and GridMap, which never makes a scan wait."""
+"""Publication of grids as Terrain, OccupancyGrid and GridMap messages; a scan never waits for it."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def send_terrain(
 
     Args:
         server: the node's side of the transport.
-        terrain: grid of either extent; of a footprint the occupancy and the grid map go out too, of a map its
-            summary and its steppable regions.
+        terrain: grid of either extent. A footprint is also sent as OccupancyGrid and GridMap, a map as summary and
+            steppable regions.
         scan_start, scan_end: first and last frame [ns since the epoch]; None = the grid's stamp.
         scan_end_clock: last frame by `transport.clock` [s]; None = computed from `scan_end` and the wall clock.
-        valid_for: at most this long after `scan_end`, besides the grid's own validity [s].
-        stated: fields of the record that differ in the message.
+        valid_for: upper limit of the grid's validity after `scan_end` [s].
+        stated: fields of the record to replace in the message.
 
     Raises:
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
@@ -76,11 +76,11 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     Args:
         session: open session, of `transport.open_node` or `transport.open_client`.
         terrain: grid of either extent.
-        name: instance name under which clients find it; "" = that of the grid's robot with `_own` behind it, since the
-            robot's own name is that of its perception node.
+        name: instance name under which clients find it; "" = the name of the grid's robot with the suffix `_own`, since
+            the name itself belongs to the robot's perception node.
 
     Raises:
-        InvalidInput: no TerrainGrid.
+        InvalidInput: `terrain` is not a TerrainGrid.
         UnsafeGrid: the grid breaks the safety invariant; nothing is sent.
         transport.NameTaken: a node of this name is alive.
         transport.KeyNameError: the name cannot be part of a key.
@@ -89,7 +89,7 @@ def publish_terrain(session: Session, terrain: TerrainGrid, name: str = "") -> N
     if not isinstance(terrain, TerrainGrid):
         given = type(terrain).__name__
         raise InvalidInput(
-            f"terrain is a {given}; allowed: a TerrainGrid, as assess_terrain makes of an array of heights"
+            f"terrain is a {given}; allowed: a TerrainGrid, such as assess_terrain makes from an array of heights"
         )
     name = name or f"{terrain.record.robot or DEFAULT_ROBOT}_own"
     servers = _SERVERS.setdefault(session, {})

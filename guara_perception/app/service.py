@@ -42,7 +42,7 @@ def unit(name: str, node: Path, user: str) -> str:
         if not value.replace("-", "").replace("_", "").isalnum() or not value.isascii():
             raise InvalidInput(f"{what} is {value!r}; allowed: letters, digits, - and _")
     if user == "root":
-        raise InvalidInput("--user is 'root'; allowed: a user of its own, who may use camera and board by their groups")
+        raise InvalidInput("--user is 'root'; allowed: a user of its own, whose groups may use camera and board")
     # The program of this installation; `%` begins a specifier of systemd.
     program = [sys.executable, "-m", "guara_perception.app.main"]
     return UNIT.read_text(encoding="utf-8").format(
@@ -78,7 +78,11 @@ class ServiceManager:
     """Notifies systemd of readiness, watchdog and stop of a node while the `with` block runs."""
 
     def __init__(self, is_well: Callable[[], bool]) -> None:
-        """`is_well` returns True while the node works; otherwise no notification is sent, and systemd restarts it."""
+        """Prepare the notifications.
+
+        Args:
+            is_well: returns True while the node works; else no notification is sent, and systemd restarts it.
+        """
         self._is_well = is_well
         self._ended = threading.Event()
         microseconds = os.environ.get("WATCHDOG_USEC", "")

@@ -20,7 +20,7 @@ from transport.supervision import supervised
 
 # A signal delivered to another thread is handled within this time [s].
 WAKE_PERIOD = 0.5
-# [s] A driver takes some seconds to give up a disconnected camera; the recording is closed before.
+# [s] Time for closing devices: a driver takes some seconds to give up a disconnected camera.
 CLOSE_TIMEOUT_S = 30.0
 
 
@@ -97,8 +97,8 @@ def _arm(alarm: threading.Timer, seconds: float) -> None:
 def _end(seconds: float) -> None:
     try:
         click.echo(
-            f"guara: camera or laser board did not close within {seconds:g} s, ended without them; the board's "
-            "watchdog turns the laser off: check that it is dark, then plug both in again",
+            f"guara: camera or laser board did not close within {seconds:g} s, exiting without them; the board's "
+            "watchdog turns the laser off: check that it is dark, then reconnect both",
             err=True,
         )
     finally:

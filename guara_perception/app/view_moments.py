@@ -40,7 +40,7 @@ def load_moments(path: str | Path, robot: RobotModel, calibration: Calibration |
     Raises:
         MissingFile: the path does not exist.
         InvalidInput: a scan folder without calibration; a file of another kind.
-        FileFormatError: the file is broken, or holds neither grids nor scans.
+        FileFormatError: the file is damaged, or holds neither grids nor scans.
     """
     path = Path(path)
     if not path.exists():
@@ -140,5 +140,5 @@ def _picture(scan: Scan) -> Image | None:
     try:
         return scan.read_frame(in_order[len(in_order) // 2].on)
     except (MissingFile, FileFormatError) as error:
-        logger.warning("skipping the camera's picture: %s", error)
+        logger.warning("skipping camera picture: %s", error)
         return None

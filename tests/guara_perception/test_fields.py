@@ -99,11 +99,11 @@ def test_has_is_false_for_null():
 @pytest.mark.parametrize(
     ("reader", "value", "reported"),
     [
-        ("text", 1, "is a whole number, it must be a text"),
+        ("text", 1, "is a whole number, it must be text"),
         ("integer", 1.5, "is a number, it must be a whole number"),
         ("integer", True, "is true or false, it must be a whole number"),
-        ("integer", "1", "is a text, it must be a whole number"),
-        ("number", "1", "is a text, it must be a number"),
+        ("integer", "1", "is text, it must be a whole number"),
+        ("number", "1", "is text, it must be a number"),
         ("number", False, "is true or false, it must be a number"),
         ("number", float("nan"), "is nan, it must be finite"),
         ("number", 10**400, "is inf, it must be finite"),

@@ -22,7 +22,7 @@ from guara_perception.app.options import FILE
 @click.option("--security", type=FILE, help="security folder whose certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
 @click.option("--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with what each can prove")
-@click.option("--bring-up", "powers_up", is_flag=True, help="lead through the first power of a board just built")
+@click.option("--bring-up", "powers_up", is_flag=True, help="lead through the first power-up of a board just built")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")
 @click.pass_context
 def command(

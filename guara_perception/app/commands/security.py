@@ -12,7 +12,7 @@ from guara_perception.app.options import FILE
 
 @click.group(name="security")
 def command() -> None:
-    """Make and check certificates and access rules.
+    """Create and check certificates and access rules.
 
     \b
     Example:

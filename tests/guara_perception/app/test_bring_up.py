@@ -40,7 +40,7 @@ DEEDS: dict[str, Deed] = {
     "Leave D3": inject(FaultKind.LASER_STUCK_OFF),
     "Connect D3": lambda board: board.mend(),
     "Bridge Q4": inject(FaultKind.LASER_STUCK_ON),
-    "Take the bridge": lambda board: board.mend(),
+    "Remove the bridge": lambda board: board.mend(),
     "Get ready to hold RUN": inject(FaultKind.UNPLUG, request=Request.LASER, skip=3),
     "Release RUN": lambda board: board.replug(),
     "Get ready to pull": cut_while_lit,
@@ -110,7 +110,7 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     with pytest.raises(InvalidInput, match="5 and 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text("{")
-    with pytest.raises(InvalidInput, match="remove it and begin again"):
+    with pytest.raises(InvalidInput, match="remove it, begin again"):
         bench.run(What="laser")
     assert not bench.board.view().laser_on
 
@@ -120,14 +120,14 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     [
         ({"Leave D3": lambda board: None}, "senses light without a photodiode", "23"),
         ({"Connect D3": lambda board: None}, "no light: close SW1", "234"),
-        ({"Bridge Q4": lambda board: None}, "stuck on was not noticed", "234"),
-        ({"Take the bridge": lambda board: None}, "without the bridge the board still says", "234"),
-        ({"Get ready to hold RUN": lambda board: None}, "the light stayed until the time was over", "2345"),
+        ({"Bridge Q4": lambda board: None}, "did not detect the stuck light", "234"),
+        ({"Remove the bridge": lambda board: None}, "without the bridge the board still reports", "234"),
+        ({"Get ready to hold RUN": lambda board: None}, "the light stayed on: hold RUN", "2345"),
         ({"Get ready to hold RUN": cut_while_lit}, "the board still answers: hold RUN", "2345"),
         ({"Release RUN": lambda board: None}, "laser board", "2345"),
         ({"Get ready to pull": lambda board: None}, "check C4, RV1", "2345"),
         ({"Get ready to pull": DEEDS["Get ready to hold RUN"]}, "expected the light to go", "2345"),
-        ({"Get ready to open": lambda board: None}, "SW1 does not lie in the laser's current", "2345"),
+        ({"Get ready to open": lambda board: None}, "SW1 is not in the laser's circuit", "2345"),
         ({"Connect motor": inject(FaultKind.NO_HOME_SWITCH)}, "swap one coil's wires", "23456"),
         (
             {"Connect motor": inject(FaultKind.LOST_STEP, request=Request.GO_TO, skip=2, amount=7)},

@@ -70,10 +70,10 @@ def test_what_is_written_is_read_back(devices: Devices, tmp_path: Path):
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nexposure = 8', "1.0 s (8 ms are 0.008)"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\nsize = [1, 2]', "camera.size is [1, 2], allowed: 64"),
         ('format = "guara-devices/1"\n[camera]\nsource = "0"\n[board]\nvendor_id = 70000', "board.vendor_id is 70000"),
-        ("format = ", "no valid TOML"),
+        ("format = ", "not valid TOML"),
         ("format = guara-devices/1", "(at line 1, column 10); text needs quotes"),
-        ("a = " + "[" * 20_000, "no valid TOML"),
-        ("#" * 100_000, "has 100000 bytes, 65536 are allowed"),
+        ("a = " + "[" * 20_000, "not valid TOML"),
+        ("#" * 100_000, "has more than 65536 bytes"),
     ],
 )
 def test_wrong_files_are_refused_by_field(tmp_path: Path, text: str, reported: str):
@@ -164,7 +164,7 @@ def test_classes_that_are_no_boards_are_refused(devices_toml: Path):
         with pytest.raises(gp.InvalidInput, match=reported):
             load_devices(devices_toml).laser_board()
     devices_toml.write_text(text + "vendor_id = 7\n")
-    with pytest.raises(gp.FileFormatError, match="knows its ids: leave them out"):
+    with pytest.raises(gp.FileFormatError, match="is a class of your own: leave out vendor_id"):
         load_devices(devices_toml)
 
 

@@ -162,7 +162,7 @@ def test_the_file_of_devices_is_checked(tmp_path: Path, monkeypatch: pytest.Monk
     finding = attempt(doctor.check_camera, devices)
     assert finding.level == OK and "gives 96x64 px; exposure 0.004 held" in finding.message
     other = attempt(doctor.check_camera, dataclasses.replace(devices, size=(640, 512)))
-    assert other.level == FAIL and "its file says 640x512" in other.message
+    assert other.level == FAIL and "devices.toml says 640x512" in other.message
     refused = attempt(doctor.check_camera, dataclasses.replace(devices, settings={"exposure": 0.6}))
     assert refused.level == FAIL and "exposure is locked at 0.5 s at the most" in refused.message
     save_devices(dataclasses.replace(devices, settings={"exposure": 0.6}), tmp_path / "devices.toml")

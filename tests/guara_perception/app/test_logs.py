@@ -38,7 +38,7 @@ def test_each_line_for_the_journal_has_its_priority() -> None:
 
 
 def test_a_repeated_message_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The next record after the minute tells how many were left out; other messages pass meanwhile."""
+    """The next record after the minute reports how many were dropped; other messages pass meanwhile."""
     now = 100.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
     limit = RateLimit()

@@ -290,7 +290,7 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
     assert node.line() == "ready"
     for instance, expected_text in (
         ("guara", "name 'guara': no such node on this router; alive here: rex (--instance NAME)\n"),
-        ("rex", "waiting for the first grid of 'rex': its node lives and has sent none yet\n"),
+        ("rex", "waiting for the first grid of 'rex': its node is running but has sent none yet\n"),
     ):
         stop, said = threading.Event(), ""
         arguments = (lambda _: None, robot, free_endpoint, instance, None, stop, "http://127.0.0.1:1")

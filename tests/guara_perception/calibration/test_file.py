@@ -146,7 +146,7 @@ BAD = {
         "plane of stripe 2: the normal has length 2",
     ),
     "unknown verdict": (lambda c: c["quality"].update(verdict="fine"), "quality.verdict is 'fine', allowed: 'good'"),
-    "reasons a text": (lambda c: c["quality"].update(reasons="x"), "quality.reasons is a text, it must be a list"),
+    "reasons a text": (lambda c: c["quality"].update(reasons="x"), "quality.reasons is text, it must be a list"),
     "NaN in the paper's constants": (
         lambda c: c.update(paper={"H": [1, float("nan")]}),
         "paper.H[1] is nan, it must be finite",
@@ -155,7 +155,7 @@ BAD = {
         lambda c: c.update(covariance={"a": float("inf")}),
         "covariance.a is inf, it must be finite",
     ),
-    "hash a number": (lambda c: c.update(hash=5), "hash is a whole number, it must be a text"),
+    "hash a number": (lambda c: c.update(hash=5), "hash is a whole number, it must be text"),
     "robot null": (lambda c: c.update(robot=None), "robot is null, a value is needed"),
 }
 

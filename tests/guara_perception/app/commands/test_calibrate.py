@@ -131,7 +131,7 @@ BROKEN: list[tuple[Edit, str]] = [
         "a ChArUco board of 44x44 inner corners needs 1012 markers, there are 1000: take fewer and larger squares",
     ),
     (lambda c: c["board"].update(inner_corners=[2, 7]), "board has 2x7 inner corners"),
-    (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is a text, it must be a number"),
+    (lambda c: c["board"].update(square="30 mm"), "session.json: board.square is text, it must be a number"),
     (lambda c: c["board"].update(square=30), "squares of 0.001 ... 1 m are allowed"),
     (lambda c: c["board_images"].append("board_99.jpg"), "board_99.jpg does not exist"),
     (lambda c: c["board_images"].append(3), "session.json: board_images: 3 is not a file name"),

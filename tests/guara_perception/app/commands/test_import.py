@@ -108,7 +108,7 @@ def test_a_session(guara, data: Path, tmp_path: Path, robot: RobotModel):
     session = open_session(tmp_path / "session")
     assert len(session.board_images) == 14 and [plate.height for plate in session.plates] == [0.0, 0.04, 0.08]
     wrong = guara("import", pictures, "-o", tmp_path / "other", *options[:-1], f"0.08={tmp_path / 'none'}")
-    assert wrong.code == 2 and "none: no such folder; `guara import` makes one of the plate's pictures" in wrong.err
+    assert wrong.code == 2 and "none: no such folder; `guara import` makes it from pictures" in wrong.err
     moved = guara("import", pictures, "-o", tmp_path / "other", *options, "--posture", "standing")
     assert moved.code == 2 and "degrees away from the session's stance" in moved.err and ".other-" not in moved.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crosses.json", "pictures", "session"]
@@ -184,7 +184,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         (odd_name, "pictures in no order that can be told: extra.png do not have 1 numbers in the name as the others"),
         (unnumbered, "pictures in no order that can be told: a.png, b.png have no number in the name"),
         (alone, "pictures without a partner: off_3.png, on_2.png"),
-        (sizes, "pictures of two sizes: 2.png 80x60 px, the others 64x48"),
+        (sizes, "pictures of different sizes: 2.png 80x60 px, the others 64x48"),
         (dark_only, "all 2 pictures are without the laser by their names: give --off PATTERN"),
         (broken, "1.png: not a readable picture (1 bytes), it must be PNG, JPEG, BMP, TIFF or PGM"),
         (lambda folder: [], "no picture in it"),

@@ -138,7 +138,7 @@ def test_options_that_are_set_once_stand_in_node_toml(tmp_path: Path) -> None:
         ("ros2 = 1", "ros2 is 1: "),
         ("name = true", "name is True: "),
         ("security = 3", "security is 3: "),
-        ("mode = ", "no valid TOML"),
+        ("mode = ", "not valid TOML"),
     ],
 )
 def test_a_wrong_node_toml_is_refused(

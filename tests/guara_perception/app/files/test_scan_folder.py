@@ -68,13 +68,13 @@ BAD_FIELDS = {
     "another format": (lambda c: c.update(format="guara-scan/2"), "format is 'guara-scan/2', allowed: 'guara-scan/1'"),
     "format of a calibration": (lambda c: c.update(format="guara-calibration/1"), "allowed: 'guara-scan/1'"),
     "no robot": (lambda c: c.pop("robot"), "robot is missing"),
-    "robot a number": (lambda c: c.update(robot=7), "robot is a whole number, it must be a text"),
+    "robot a number": (lambda c: c.update(robot=7), "robot is a whole number, it must be text"),
     "unknown mode": (lambda c: c.update(mode="fine"), "mode is 'fine', allowed: 'coarse', 'standard'"),
     "no stamp": (lambda c: c.pop("stamp"), "stamp is missing"),
     "negative stamp": (lambda c: c.update(stamp=-1), "stamp is -1, allowed: 0 ... "),
     "stamp in seconds": (lambda c: c.update(stamp=1.7e9), "stamp is a number, it must be a whole number"),
     "stamp beyond 64 bits": (lambda c: c.update(stamp=2**63), f"stamp is {2**63}, allowed: 0 ... {2**63 - 1}"),
-    "step a text": (lambda c: c.update(step="1"), "step is a text, it must be a whole number"),
+    "step a text": (lambda c: c.update(step="1"), "step is text, it must be a whole number"),
     "step null": (lambda c: c.update(step=None), "step is null, a value is needed"),
     "stripes an object": (lambda c: c.update(stripes={}), "stripes is an object, it must be a list"),
     "no stripe": (lambda c: c.update(stripes=[]), "the scan holds no stripe"),
@@ -97,7 +97,7 @@ BAD_FIELDS = {
     "no on": (lambda c: c["stripes"][0].pop("on"), "stripes[0].on is missing"),
     "on null": (lambda c: c["stripes"][0].update(on=None), "stripes[0].on is null, a value is needed"),
     "no off": (lambda c: c["stripes"][0].pop("off"), "stripes[0].off is missing, it must be a frame name or null"),
-    "off a number": (lambda c: c["stripes"][0].update(off=3), "stripes[0].off is a whole number, it must be a text"),
+    "off a number": (lambda c: c["stripes"][0].update(off=3), "stripes[0].off is a whole number, it must be text"),
     "frame not there": (
         lambda c: c["stripes"][5].update(on="x.png"),
         "stripe index 10 names frame x.png, it is not there",
@@ -127,7 +127,7 @@ BAD_FIELDS = {
     "gravity zero": (lambda c: c["stance"].update(gravity_in_base=[0, 0, 0]), "stance.gravity_in_base: z = 0"),
     "unknown stance field": (lambda c: c["stance"].update(gravity=[0, 0, -1]), "stance.gravity: unknown field"),
     "bad second stance": (lambda c: c.update(stance_end={"joint_positions": {}}), "stance_end.support_feet is missing"),
-    "hash a number": (lambda c: c.update(calibration_hash=1), "calibration_hash is a whole number, it must be a text"),
+    "hash a number": (lambda c: c.update(calibration_hash=1), "calibration_hash is a whole number, it must be text"),
     "infinity in a comment": (lambda c: c.update(comment=[float("inf")]), "comment[0] is inf, it must be finite"),
 }
 
