@@ -174,5 +174,5 @@ def test_nested_fields_are_named_by_their_path():
     items = top.sub("a").items("b")
     assert next(items).integer("c") == 1
     second = next(items)
-    assert refusal(lambda: second.integer("c")).startswith("some.json: a.b[1].c is a text")
+    assert refusal(lambda: second.integer("c")).startswith("some.json: a.b[1].c is text")
     assert refusal(lambda: next(items)) == "some.json: a.b[2] is a whole number, it must be an object"

@@ -1,4 +1,4 @@
-"""`guara robot acceptance`: measure blocks of known height again and again, and report how well the device does."""
+"""`guara robot acceptance`: measure blocks of known height in several scans, and report the errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @device_options
 @click.option("--simulated", is_flag=True, help="simulated robot, blocks and devices")
 @click.option("--blocks", default="0.01,0.02,0.05", help="heights of all blocks on the floor [m]")
-@click.option("--scans", type=click.IntRange(2, 100), default=10, help="scans, each after the device was off")
+@click.option("--scans", type=click.IntRange(2, 100), default=10, help="number of scans, each after a power cycle")
 @click.option("--note", default="", help="light, floor and blocks in your words, for the report")
 @click.pass_context
 def command(
@@ -36,9 +36,9 @@ def command(
 ) -> None:
     """Scan blocks of known height on a flat floor, write FOLDER/report.html; exit 1 when an error is too large.
 
-    Gauge blocks, or whatever was measured with a caliper, lie on the floor all at once. Before each scan the device
-    is to be switched off and on. An error is too large beyond three of the standard deviations that the grid states.
-    After an interruption the same command continues; the grids are kept in FOLDER.
+    Put all blocks on the floor at once: gauge blocks, or objects measured with a caliper. Switch the device off and on
+    before each scan. An error is too large if it exceeds three of the standard deviations that the grid states.
+    After an interruption, the same command continues; the grids are kept in FOLDER.
 
     \b
     Example:
@@ -101,7 +101,7 @@ def scan(rig: Rig, kept: Path, show: Progress) -> dict[str, str]:
 
 
 def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
-    """A simulated robot before blocks in a row on a flat floor.
+    """Simulated robot in front of a row of blocks on a flat floor.
 
     Raises:
         InvalidInput: options name a real device.
@@ -114,7 +114,7 @@ def rig_with(heights: tuple[float, ...], chosen: DeviceOptions) -> Rig:
     from kinematics import load_robot
 
     if chosen.devices is not None:
-        raise InvalidInput("--simulated brings its own devices: leave --devices out")
+        raise InvalidInput("--simulated has its own devices: leave --devices out")
     model = load_robot(chosen.robot or "guara")
     (x0, x1), (y0, y1) = Settings.of(model).footprint_x, Settings.of(model).footprint_y
     pitch = (y1 - y0) / len(heights)

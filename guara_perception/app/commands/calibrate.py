@@ -15,7 +15,7 @@ from guara_perception.exceptions import MissingFile
 @click.argument("session", type=FILE)
 @click.option("-o", "--out", required=True, type=FILE, help="calibration file to write, .json")
 @click.option("--report", type=FILE, help="folder for the report, report.html")
-@click.option("--force", is_flag=True, help="write the calibration even when its verdict is `refused`")
+@click.option("--force", is_flag=True, help="write the calibration even if its verdict is `refused`")
 @NOT_MIRRORED
 @click.option("--robot", help="name or folder of the robot; default: the session's")
 @click.option("--distortion", default="k1k2", help="lens coefficients: k1k2, k1k2p1p2 or k1k2p1p2k3")
@@ -25,7 +25,7 @@ from guara_perception.exceptions import MissingFile
     default="measured",
     help="stripes to write; those without pictures follow from the mirror model",
 )
-@click.option("--camera-info", type=FILE, help="known lens, a file of OpenCV, ROS or Kalibr; boards only check it")
+@click.option("--camera-info", type=FILE, help="known lens, a file of OpenCV, ROS or Kalibr; pictures only check it")
 @click.option("--square", type=float, help="edge of the board's squares [m]; default: the session's")
 @click.option("--save-camera-info", type=FILE, help="also write the lens as ROS camera_info, .yaml")
 def command(
@@ -43,7 +43,7 @@ def command(
 ) -> None:
     """Calibrate camera, mount and laser from the pictures of one SESSION folder.
 
-    When the verdict is `refused` it exits 1 and writes no calibration, unless forced; a report is written in any case.
+    If the verdict is `refused`, it exits 1 and writes no calibration without --force; the report is always written.
 
     \b
     Example:
@@ -61,7 +61,7 @@ def command(
 
     check_target(out, ".json")
     if camera_info is not None and not camera_info.is_file():
-        raise MissingFile(f"--camera-info is {camera_info}: no such file; to write the lens, --save-camera-info")
+        raise MissingFile(f"--camera-info is {camera_info}: no such file; --save-camera-info writes one")
     if save_camera_info is not None:
         check_target(save_camera_info, ".yaml", ".yml")
     if report is not None:

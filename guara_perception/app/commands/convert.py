@@ -1,4 +1,4 @@
-"""`guara convert`: convert recordings, scans and grids between formats, and repair cut recordings."""
+"""`guara convert`: convert recordings, scans and grids between formats, and repair truncated recordings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,8 @@ from guara_perception.terrain.layers.layered_grid import EXTENTS
 GRID_ENDINGS = (".ply", ".pcd", ".csv")
 
 file_argument = click.argument("source", type=FILE)
-step_option = click.option("--step", type=int, help="which pause of a recording; default: its only scan, its last grid")
-extent_option = click.option(
-    "--extent", type=click.Choice(EXTENTS), help="which grid of a recording; default: footprint"
-)
+step_option = click.option("--step", type=int, help="pause of a recording; default: its only scan, or its last grid")
+extent_option = click.option("--extent", type=click.Choice(EXTENTS), help="grid of a recording; default: footprint")
 
 
 @click.command(name="convert")
@@ -27,12 +25,12 @@ extent_option = click.option(
 @step_option
 @extent_option
 def command(source: Path, target: Path, step: int | None, extent: str | None) -> None:
-    """Convert SOURCE into TARGET, by what SOURCE is and by the ending of TARGET.
+    """Convert SOURCE into TARGET, depending on the kind of SOURCE and the ending of TARGET.
 
     \b
     scan folder -> .mcap       recording of the scan
     .mcap -> folder            scan folder
-    .mcap -> .mcap             copy of all that is whole in a cut or damaged recording, with an index
+    .mcap -> .mcap             copy of all intact data of a truncated or damaged recording, with an index
     .npz, .mcap -> .ply, .pcd  grid, a point per known cell
     .npz, .mcap -> .csv        grid, a line per cell, with the cause where it is unknown
 
@@ -46,7 +44,7 @@ def command(source: Path, target: Path, step: int | None, extent: str | None) ->
         export_grid(source, target, step, extent)
         return
     if extent is not None:
-        raise InvalidInput(f"--extent goes with {', '.join(GRID_ENDINGS)}; {target} is none of them: leave it out")
+        raise InvalidInput(f"--extent is for {', '.join(GRID_ENDINGS)}; {target} is none of them: leave it out")
     if source.suffix == target.suffix == ".mcap":
         if step is not None:
             raise InvalidInput("--step: a repaired recording keeps all pauses: leave it out")
@@ -69,7 +67,7 @@ def export_grid(source: Path, target: Path, step: int | None, extent: str | None
 
 
 def repair(source: Path, target: Path) -> None:
-    """Copy all that is whole in a recording."""
+    """Copy all intact data of a recording."""
     from guara_perception.files import existing_file
     from transport.recording import recover_recording
 
@@ -98,7 +96,7 @@ def export(source: Path, out: Path, step: int | None, extent: str | None) -> Non
 @file_argument
 @click.option("-o", "--out", type=FILE, help="new file; default: SOURCE-recovered.mcap")
 def recover(source: Path, out: Path | None) -> None:
-    """Copy all that is whole in a cut or damaged .mcap: `guara convert SOURCE OUT.mcap`.
+    """Copy all intact data of a truncated or damaged .mcap: `guara convert SOURCE OUT.mcap`.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""`guara doctor`: checks of this machine, with the remedy for what fails."""
+"""`guara doctor`: checks of this machine, with a remedy for each failure."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ from guara_perception.app.options import FILE
 @click.option("--trigger", metavar="LINE", help="line of the camera that the board triggers")
 @click.option("--listen", default="tcp/127.0.0.1:7447", help="where the node would listen")
 @click.option("--scan", type=FILE, help="recorded scan with floor in view, for the drift check")
-@click.option("--security", type=FILE, help="security folder whose certificates to check")
+@click.option("--security", type=FILE, help="security folder with the certificates to check")
 @click.option("--only", "checks", multiple=True, help="run only this check; repeatable", metavar="NAME")
-@click.option("--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with what each can prove")
+@click.option(
+    "--cameras", "lists_cameras", is_flag=True, help="only list the cameras, with how their frames are verified"
+)
 @click.option("--bring-up", "powers_up", is_flag=True, help="lead through the first power-up of a board just built")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per check or camera instead")
 @click.pass_context
@@ -38,8 +40,8 @@ def command(
 ) -> None:
     """Check camera, USB board, permissions, Zenoh, calibration, disk and speed; exit 1 when a check fails.
 
-    The first column of --cameras is what --camera and devices.toml take. --bring-up asks step by step, records what
-    passed in bring_up.json and refuses a laser before an LED has gone dark in time.
+    --cameras lists first what to give to --camera or in devices.toml. --bring-up asks step by step, records the passed
+    points in bring_up.json, and refuses a laser until an LED has gone dark in time.
 
     \b
     Example:

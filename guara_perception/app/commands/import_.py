@@ -1,4 +1,4 @@
-"""`guara import`: make a scan folder or a calibration session of pictures taken by another program."""
+"""`guara import`: create a scan folder or a calibration session from pictures taken by another program."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCAN, SESSION = "scan", "session"
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Options of the command, as its help describes them."""
+    """Options of the command; its help describes them."""
 
     posture: str | None
     joints: Path | None
@@ -43,14 +43,14 @@ class Given:
 
 @click.command(name="import")
 @click.argument("pictures", nargs=-1, required=True, type=FILE)
-@click.option("-o", "--out", required=True, type=FILE, help="folder to make")
-@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to make; default: by the options, else scan")
+@click.option("-o", "--out", required=True, type=FILE, help="folder to create")
+@click.option("--kind", type=click.Choice([SCAN, SESSION]), help="what to create; default: by the options, else scan")
 @click.option("--robot", default="guara", help="name or folder of the robot")
-@click.option("--posture", help="posture of the robot's folder in which it stood; default: the scan posture")
-@click.option("--joints", type=FILE, help="CSV with `joint, angle [rad]`, in place of a posture")
-@click.option("--stance", type=FILE, help="JSON with the stance, with feet and gravity, in place of a posture")
+@click.option("--posture", help="posture in which the robot stood, from its folder; default: the scan posture")
+@click.option("--joints", type=FILE, help="CSV with `joint, angle [rad]`, instead of a posture")
+@click.option("--stance", type=FILE, help="JSON with the stance, with feet and gravity, instead of a posture")
 @click.option("--off", default="", metavar="PATTERN", help="names without the laser; default: with off, dark ...")
-@click.option("--number", type=int, help="number of the names that gives the order: 1 the first, -1 the last")
+@click.option("--number", type=int, help="which number in the names gives the order: 1 the first, -1 the last")
 @click.option("--mode", type=click.Choice(["standard", "coarse"]), help="pattern; default: by the number of pictures")
 @click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
 @click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: robot.toml's")
@@ -63,10 +63,10 @@ class Given:
 @click.option("--plate", multiple=True, metavar="HEIGHT=FOLDER", help="session: scan folder of a plate, its height [m]")
 @click.option("--preview", is_flag=True, help="only show what belongs together")
 def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str, preview: bool, **values: Any) -> None:
-    """Make a scan folder or a calibration session of PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
+    """Create a scan folder or a calibration session from PICTURES: PNG, JPEG, BMP, TIFF or PGM, in any order.
 
-    Pictures of a scan are put in order by a number in their names, and in pairs by it and by words such as on and off.
-    On a terminal what is not given is asked, and nothing is written before what belongs together was shown.
+    Pictures of a scan are ordered by a number in their names, and paired by that number and words such as on and off.
+    On a terminal, missing options are asked for, and what belongs together is shown before anything is written.
 
     \b
     Example:
@@ -103,7 +103,7 @@ def command(pictures: tuple[Path, ...], out: Path, kind: str | None, robot: str,
 
 
 def _ask(question: str, default: str) -> str | None:
-    """Answer of a person at a terminal; None where there is none."""
+    """Answer of the user at a terminal; None without a terminal."""
     return str(click.prompt(question, default=default, err=True)) if sys.stdin.isatty() else None
 
 
@@ -123,7 +123,7 @@ def _standing(robot: RobotModel, given: Given) -> Stance:
 
 
 def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
-    """Show which pictures belong to which stripe; return the function that writes the scan."""
+    """Print which pictures belong to which stripe; return the function that writes the scan."""
     from guara_perception.app.files.pair_pictures import pair_pictures
     from guara_perception.app.import_pictures import mirror_angles, stripe_indices, write_scan
     from guara_perception.calibration.file import load_calibration
@@ -140,7 +140,7 @@ def _scan(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given
 
 
 def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, given: Given) -> Callable[[], None]:
-    """Show what each picture is of; return the function that writes the session."""
+    """Print what each picture shows; return the function that writes the session."""
     from guara_perception.app.import_pictures import write_session
     from guara_perception.app.record.record import check_crosses
     from guara_perception.app.record.session_writer import SessionPlan
@@ -159,7 +159,7 @@ def _session(files: list[Path], out: Path, robot: RobotModel, stance: Stance, gi
     floor, mat = (by_name[str(name)] for name in chosen.values())
     boards = [path for path in files if path not in (floor, mat)]
     if floor == mat or not boards:
-        raise InvalidInput("a session needs pictures of the board, one of it on the floor and one of the crosses")
+        raise InvalidInput("a session needs pictures of the board, one of these on the floor, and one of the crosses")
     pieces = given.plate or tuple((_ask("plates, HEIGHT=FOLDER with spaces between", "") or "").split())
     tops = parse_heights(",".join(piece.partition("=")[0] for piece in pieces))
     scans = [Path(piece.partition("=")[2]) for piece in pieces]

@@ -10,7 +10,7 @@ import click
 
 from guara_perception.app.options import FILE
 
-# A walk holds hundreds of scans; --json names all of them.
+# Longest list printed in full: a walk has hundreds of scans. --json prints all.
 LONGEST_LIST = 8
 
 

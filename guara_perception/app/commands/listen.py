@@ -1,4 +1,4 @@
-"""`guara listen`: grids of a node as a planner receives them, or the robots that are alive."""
+"""`guara listen`: grids of a node as a planner receives them, or a list of the robots that are running."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ COLUMNS = ("robot", "step", "age", "health", "links")
 )
 @click.option("--security", type=FILE, help="folder of a role made by `guara security init`")
 @click.option("--count", type=click.IntRange(min=1), help="end after this many grids; default: until Ctrl-C")
-@click.option("--timeout", type=click.FloatRange(min=0.1), help="fail when no grid comes for this many seconds")
-@click.option("--all", "lists_robots", is_flag=True, help="list the robots that are alive instead, once")
+@click.option("--timeout", type=click.FloatRange(min=0.1), help="fail if no grid arrives for this many seconds")
+@click.option("--all", "lists_robots", is_flag=True, help="list the robots that are running instead, once")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead, or one list of robots")
 def command(
     endpoint: str | None,
@@ -51,10 +51,10 @@ def command(
     lists_robots: bool,
     as_json: bool,
 ) -> None:
-    """Print one line per grid that the node publishes; the last one comes at once.
+    """Print one line per grid that the node publishes, beginning with the last one.
 
-    With --all: the robots that are alive, each with its pause, the age of its last grid, health and links. Signs of
-    life and status are asked for, grids are not touched.
+    With --all: the robots that are running, each with its pause, the age of its last grid, health and links. Only
+    liveliness and status are queried, no grids.
 
     \b
     Example:
@@ -69,7 +69,7 @@ def command(
     from guara_perception.app.summary import facts, summary
 
     if len(names) > 1:
-        raise InvalidInput(f"--name is {', '.join(names)}: one robot is listened to at a time; --all lists several")
+        raise InvalidInput(f"--name is {', '.join(names)}: allowed: one robot; --all lists several")
     robot = names[0] if names else DEFAULT_ROBOT
     seen = 0
     connecting = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)
@@ -91,7 +91,7 @@ def command(
 def list_robots(
     endpoint: str | None, names: tuple[str, ...], security: Path | None, timeout: float, as_json: bool
 ) -> None:
-    """Print a table of the robots that are alive."""
+    """Print a table of the robots that are running."""
     from transport import open_client
     from transport.fleet import robot_states
 

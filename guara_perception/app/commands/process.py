@@ -20,7 +20,7 @@ from guara_perception.exceptions import InvalidInput
 @click.option("--resolution", type=float, help="cell edge in metres, must divide the area; default: the robot's")
 @click.option("--figures", type=FILE, help="folder for pictures of every stage")
 @click.option("--robot", help="name or folder of the robot; default: the scan's")
-@click.option("--step", type=int, help="pause to process, when the recording holds several")
+@click.option("--step", type=int, help="pause to process, if the recording has several")
 @click.option("--keep-going", is_flag=True, help="leave the ground of a bad or missing frame unknown")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object per grid instead of text")
 def command(
@@ -38,7 +38,7 @@ def command(
 ) -> None:
     """Turn a recorded SCAN (folder or .mcap) into terrain.
 
-    With several methods, separated by commas, the first grid is written to OUT, each other one to OUT-METHOD.npz.
+    With several methods, separated by commas, the first grid is written to OUT, each further one to OUT-METHOD.npz.
 
     \b
     Example:
@@ -61,7 +61,7 @@ def command(
     for name in methods:
         if name not in METHODS:
             raise InvalidInput(f"--method holds {name!r}, allowed: {', '.join(METHODS)}; several separated by commas")
-        # Beside a paper's method, precise goes without it.
+        # Among several methods, only those of the paper get the threshold.
         check_method(name, threshold if METHODS[name] is not None or len(methods) == 1 else None)
     recorded = open_scan(scan, step, missing_ok=keep_going)
     calibrated = calibration_for(scan, calibration)

@@ -15,7 +15,7 @@ from guara_perception.exceptions import InvalidInput
 
 # Length of the ruler of `guara targets` printed to scale [mm].
 RULER_MM = 150.0
-# Options that change a part of the plan; with --redo the others are those of the first time.
+# Options of each part of the plan; with --redo, a part keeps its earlier values unless one of its options is given.
 OPTIONS_OF = {
     "board": {"board", "pattern", "square", "printed_150"},
     "crosses": {"crosses", "printed_150"},
@@ -65,9 +65,9 @@ def command(
 ) -> None:
     """Record a calibration SESSION: exposure, board, floor, crosses, plates, in this order; then calibrate it.
 
-    A page in the browser shows what the camera sees and what to do. After an interruption, the same command goes on
-    where it stopped. With --redo, options that are not given are those of the first time. SESSION/calibration.json and
-    SESSION/devices.toml are what the other commands take.
+    A page in the browser shows what the camera sees and what to do. After an interruption, the same command continues
+    where it stopped. With --redo, options that are not given keep their earlier values. The other commands use the
+    resulting SESSION/calibration.json and SESSION/devices.toml.
 
     \b
     Example:
@@ -96,7 +96,7 @@ def command(
     from kinematics import load_robot
 
     if simulated and (devices is not None or camera is not None):
-        raise InvalidInput("--simulated brings its own devices: leave --devices and --camera out")
+        raise InvalidInput("--simulated has its own devices: leave --devices and --camera out")
     if not 0.9 * RULER_MM <= printed_150 <= 1.1 * RULER_MM:
         raise InvalidInput(f"--printed-150 is {printed_150:g} mm, allowed: 135 ... 165; print at 100 %")
     scale = printed_150 / RULER_MM

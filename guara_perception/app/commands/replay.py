@@ -41,8 +41,8 @@ def command(
 ) -> None:
     """Replay recorded SCANs (folders or .mcap) in the order given, with fusion over pauses.
 
-    A scan whose step is not higher than that of the scan before begins another walk with a new map. A scan whose grid
-    the node withdrew is left out.
+    A scan begins another walk with a new map if its step is not higher than that of the scan before. Scans whose grids
+    were withdrawn by the node are left out.
 
     \b
     Example:
@@ -65,13 +65,13 @@ def command(
     extents = tuple(dict.fromkeys(name.strip() for name in extent.split(",")))
     for name in extents:
         if name not in EXTENTS:
-            raise InvalidInput(f"--extent holds {name!r}, allowed: {', '.join(EXTENTS)}, both with a comma between")
+            raise InvalidInput(f"--extent holds {name!r}, allowed: {', '.join(EXTENTS)}, or both with a comma between")
     if out is not None:
         check_folder(out)
     if not publish and (listen or connect or security):
-        raise InvalidInput("--listen, --connect and --security say where to publish: give --publish too")
+        raise InvalidInput("--listen, --connect and --security need --publish: give it too")
     calibrated = calibration_for(scans[0], calibration)
-    # A pause may hold two scans, a coarse one and then the same with the stripes in between: the later one has more.
+    # A pause may have two scans, a coarse one and then the same with the stripes between: the later one has more.
     found = [scan for path in scans for scan in {scan.step: scan for scan in open_scans(path)}.values()]
     for scan in found:
         if scan.withdrawn:
@@ -88,7 +88,7 @@ def command(
             click.echo(f"{model.name}: publishing on {', '.join(session.endpoints)}")
         for number, scan in enumerate(walk):
             if last is not None and scan.step <= last:
-                click.echo(f"step {scan.step} after step {last}: another walk, the map starts again")
+                click.echo(f"step {scan.step} after step {last}: another walk, the map restarts")
                 walk_map = WalkMap(model, calibrated)
             last = scan.step
             with progress(f"Step {scan.step}") as show:

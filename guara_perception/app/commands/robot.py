@@ -1,4 +1,4 @@
-"""`guara robot`: make the folder of a robot, check it, accept its device, and install its node as a service."""
+"""`guara robot`: create and check a robot folder, accept the robot's device, and install its node as a service."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guara_perception.app.options import FILE
 
 @click.group(name="robot")
 def command() -> None:
-    """Make and check the folder of a robot, accept its device, and install its node as a service.
+    """Create and check a robot folder, accept the robot's device, and install its node as a service.
 
     \b
     Example:
@@ -28,14 +28,14 @@ command.add_command(service.command)
 
 @command.command(name="new")
 @click.argument("urdf", type=FILE)
-@click.option("-o", "--out", type=FILE, required=True, help="folder to make")
+@click.option("-o", "--out", type=FILE, required=True, help="folder to create")
 @click.option("--name", help="name of the robot; default: the folder's")
 @click.option("--height", type=click.FloatRange(0.02, 5.0), help="height of the hips over the soles in a scan [m]")
 def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
     """Write robot.toml, URDF, SRDF and README for a robot, from its URDF alone.
 
     Legs, feet, soles, postures, camera and laser mounts, scan pattern and limits are proposed, each with its reason.
-    Values that nobody has measured are listed in the table [assumed] of robot.toml.
+    Values that were not measured are listed in the table [assumed] of robot.toml.
 
     \b
     Example:
@@ -62,7 +62,7 @@ def new(urdf: Path, out: Path, name: str | None, height: float | None) -> None:
 @command.command(name="check")
 @click.argument("folder", type=FILE)
 @click.option("--picture", type=FILE, help="draw robot, scanned area, camera and laser (.png)")
-@click.option("--walk", is_flag=True, help="also walk it for ten pauses in simulation, scanning")
+@click.option("--walk", is_flag=True, help="also let it walk for ten pauses in simulation, with scans")
 @click.option("--view", is_flag=True, help="show it in a browser until Ctrl-C (extra `view`)")
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, help="port of the page of --view")
 @click.option("--json", "as_json", is_flag=True, help="print one JSON object with all findings instead")

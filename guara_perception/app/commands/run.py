@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 from guara_perception.exceptions import FileFormatError, InvalidInput
 
-# It shifts stripes by 0.035 px rms and needs a ninth of the disk space (640 x 512, simulated).
+# JPEG of this quality shifts stripes by 0.035 px rms and takes a ninth of the disk space (640 x 512 px, simulated).
 JPEG_QUALITY = 90
 
 
@@ -40,14 +40,14 @@ JPEG_QUALITY = 90
     "--gait",
     type=click.Choice(["wave", "external"]),
     default="wave",
-    help="with --simulated: external = stands where the stance pauses of your own gait put it",
+    help="with --simulated: external = the stance pauses of your own gait place the robot",
 )
 @click.option("--world", default="demo", help="with --simulated: terrain and light, demo, sunlit or a world file")
 @click.option(
     "--record",
     type=FILE,
-    help="record every scan into this .mcap file, the next (w-2.mcap after w.mcap) where it is there already, or into "
-    'files of 1 GB in this folder; `record_limit` of node.toml, as "50GB", removes the oldest',
+    help="record every scan to this .mcap file (to w-2.mcap if w.mcap exists), or to files of 1 GB in this folder; "
+    'with `record_limit` in node.toml, such as "50GB", the oldest files are removed',
 )
 @click.option("--ros2", is_flag=True, help="publish for ROS 2 too: grids, clouds, markers, camera and status")
 @click.option("--listen", help="where clients connect; default: tcp/127.0.0.1:7447, or the security folder's")
@@ -66,7 +66,7 @@ JPEG_QUALITY = 90
     "--check", is_flag=True, callback=refuse_mistakes, help="only check the configuration; no device is opened"
 )
 # Set once for a robot, normally in node.toml.
-@click.option("--record-limit", hidden=True, help="what all files of the folder may take: the oldest are removed")
+@click.option("--record-limit", hidden=True, help="total size of the files in the folder; the oldest are removed")
 @click.option(
     "--mode",
     type=click.Choice(["adaptive", "standard", "coarse"]),
@@ -79,13 +79,13 @@ JPEG_QUALITY = 90
     type=click.IntRange(0, 100),
     default=JPEG_QUALITY,
     hidden=True,
-    help="quality of recorded frames; 0: every bit of them, nine times the size",
+    help="quality of recorded frames; 0: lossless, nine times the size",
 )
 @earlier_option("--lossless", "jpeg", "--jpeg 0", constant=0)
 @click.option(
     "--metrics", type=click.IntRange(1, 65535), hidden=True, help="port of this machine for OpenMetrics, such as 9464"
 )
-@click.option("--state", type=FILE, hidden=True, help="folder of the journal, from which a restarted node goes on")
+@click.option("--state", type=FILE, hidden=True, help="folder of the journal, for continuing a walk after a restart")
 @click.option("--log", type=click.Choice(STYLES), default="text", hidden=True, help="json: a JSON object per line")
 @click.option("--ros2-tf", is_flag=True, hidden=True, help="with --ros2: also TF and URDF, below /<robot>")
 @click.option(
@@ -97,7 +97,7 @@ JPEG_QUALITY = 90
 )
 @click.option("--domain", type=click.IntRange(0, 232), default=0, hidden=True, help="ROS 2 domain")
 @click.option("--connect", hidden=True, help="use an external Zenoh router instead of being one")
-@click.option("--uplink", hidden=True, help="dial a further router too; planner and gait stay on this one")
+@click.option("--uplink", hidden=True, help="connect to another router too; planner and gait stay on this one")
 @click.option("--allow-insecure", is_flag=True, hidden=True, help="listen beyond this machine without security")
 @click.pass_context
 def command(
@@ -130,7 +130,7 @@ def command(
     """Scan at each stance pause that the gait announces, and publish, until Ctrl-C; one line per scan.
 
     Camera and trigger are set in devices.toml; what is set once for a robot (size and quality of recordings, routers,
-    ROS 2 domain and TF, a fixed threshold, and every option here) may stand in node.toml.
+    ROS 2 domain and TF, a fixed threshold, and every option here) can be set in node.toml.
 
     \b
     Example:
@@ -169,7 +169,7 @@ def command(
     if all(context.get_parameter_source(name) is ParameterSource.COMMANDLINE for name in ("jpeg", "earlier_lossless")):
         raise InvalidInput("--lossless and --jpeg contradict one another: give one of them")
     check_method(method, threshold)
-    # A damaged installation is told now, not at the first scan.
+    # Report a damaged installation now, not at the first scan.
     kernel()
     log_to_stderr(log)
     say = click.echo if log == "text" else _say_as_json
@@ -178,9 +178,9 @@ def command(
         _check(context.meta.get(MISTAKES, []), chosen, simulated, security)
         return
     if not ros2 and (ros2_tf or ros2_unknown != "100"):
-        raise InvalidInput("--ros2-tf and --ros2-unknown go with --ros2: give it too")
+        raise InvalidInput("--ros2-tf and --ros2-unknown need --ros2: give it too")
     if not simulated and (gait != "wave" or world != "demo"):
-        raise InvalidInput("--gait and --world go with --simulated: give it too; a real robot follows its own gait")
+        raise InvalidInput("--gait and --world need --simulated: give it too; a real robot follows its own gait")
     quality = jpeg or None
     final: list[Failure] = []
     with ExitStack() as stack:
@@ -216,7 +216,7 @@ def command(
         server = PerceptionServer(
             session, robot=instance, collect_status=status.items, ros2_domain=domain if ros2 else None
         )
-        # Before the session: what is being drawn for ROS 2 is still sent.
+        # Closed before the session, so that what is being drawn for ROS 2 is still sent.
         stack.callback(server.close)
         scene = Scene(rig.robot, rig.calibration)
         mirror = SceneMirror(server, scene, unknown=int(ros2_unknown), with_tf=ros2_tf) if ros2 else None
@@ -271,7 +271,7 @@ def command(
         if recorder is not None:
             say(f"recording to {recorder.path}: {recording_size(quality)}")
             if cut := recorder.cut:
-                say(f"files that were cut: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
+                say(f"incomplete files: {len(cut)}; `guara recover {cut[-1]}` makes the newest readable")
         stack.enter_context(ServiceManager(node.is_well))
         if gait == "external":
             say(f"{instance}: waiting for your gait: stance pauses on {stance_key(instance)}")
@@ -287,10 +287,10 @@ def command(
 
 
 def _check(mistakes: list[str], chosen: DeviceOptions, simulated: bool, security: Path | None) -> None:
-    """Name all mistakes in the configuration.
+    """Report all mistakes in the configuration.
 
     Raises:
-        FileFormatError: there are some.
+        FileFormatError: there are mistakes.
     """
     from guara_perception.app.node.configuration import mistakes_of
 
@@ -305,7 +305,7 @@ def _say_as_json(text: str) -> None:
 
 
 def _report_scan(say: Callable[[str], None], terrain: TerrainGrid) -> None:
-    """Print one line per scan, for the service manager too; a closed output (`| head`) never costs a scan."""
+    """Print one line per scan, for the service manager too; a closed output (`| head`) does not stop the node."""
     from guara_perception.app.service import notify
     from guara_perception.app.summary import summary
 

@@ -27,9 +27,9 @@ def command() -> None:
 @click.option("--robot", "robots", multiple=True, default=["guara"], help="instance name; repeatable")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach the node; repeatable")
 def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
-    """Make a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
+    """Create a CA and one folder per role (node, gait, planner, viewer) in the new FOLDER.
 
-    With several robots, FOLDER holds one folder per robot, which holds the folders of its roles.
+    With several robots, FOLDER has one folder per robot, with the folders of its roles.
 
     \b
     Example:
@@ -48,7 +48,7 @@ def init(folder: Path, robots: tuple[str, ...], hosts: tuple[str, ...]) -> None:
 @click.argument("name")
 @click.option("--host", "hosts", multiple=True, help="name or address by which clients reach its node; repeatable")
 def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
-    """Add the robot NAME to FOLDER: the same CA, a folder per role of its own.
+    """Add the robot NAME to FOLDER, with the same CA and its own folder per role.
 
     \b
     Example:
@@ -72,7 +72,7 @@ def add_robot(folder: Path, name: str, hosts: tuple[str, ...]) -> None:
 @click.option("--summary-only", is_flag=True, help="send only summaries, status and liveliness to the uplink")
 @click.option("--place", help="path of its folder on the machine where it runs; default: as created")
 def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> None:
-    """Make the certificate and configuration of a Zenoh router (`zenohd`) that serves several robots.
+    """Create the certificate and configuration of a Zenoh router (`zenohd`) that serves several robots.
 
     \b
     Example:
@@ -97,7 +97,7 @@ def router(folder: Path, robots: tuple[str, ...], uplink: str, **given: Any) -> 
 @click.option("--robot", help="instance name of the robot; default: all of the folder")
 @click.pass_context
 def check(context: click.Context, folder: Path, robot: str | None) -> None:
-    """Connect to each node and router as each role and print its rights; exit 1 if they differ from the rules.
+    """Connect to each node and router as each role, and print the role's rights; exit 1 if they differ from the rules.
 
     \b
     Example:

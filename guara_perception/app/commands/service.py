@@ -16,7 +16,7 @@ NODE = Path("/etc/guara/node.toml")
 
 
 def unit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that a unit is made of to a command."""
+    """Add the options of a unit to a command."""
     for option in (
         click.option("--node", type=FILE, default=NODE, help="node.toml of the node"),
         click.option("--name", default="guara", help="name of the service"),
@@ -54,9 +54,9 @@ def print_unit(node: Path, name: str, user: str) -> None:
 @command.command(name="install")
 @unit_options
 @click.option("--units", type=FILE, default=UNITS, help="folder of systemd's units")
-@click.option("--force", is_flag=True, help="replace a unit that is there")
+@click.option("--force", is_flag=True, help="replace an existing unit")
 def install(node: Path, name: str, user: str, units: Path, force: bool) -> None:
-    """Write the unit, and say which commands start it.
+    """Write the unit, and print the commands that start it.
 
     \b
     Example:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # [s] Time without a pause after which a live view reports what it waits for.
 SILENCE = 5.0
-# [s] Between two updates of the line about the newest grid.
+# [s] Time between two updates of the line about the newest grid.
 TELLING = 1.0
 
 
@@ -52,8 +52,8 @@ def command(
     """Show a walk in a browser: robot, terrain, stripes, obstacles, planned footholds, camera; Ctrl-C ends it.
 
     FILE is a grid (.npz), a recording (.mcap) or a scan folder; without it, what a running node publishes is shown.
-    A click on the ground shows what is known of that cell. The page is served to this machine only. With --rerun a
-    recording opens as one scene in Rerun's own viewer.
+    A click on the ground shows what is known of that cell. The page is served to this machine only. With --rerun, the
+    recording opens as one scene in the Rerun viewer.
 
     \b
     Example:
@@ -63,7 +63,7 @@ def command(
     if rerun or save is not None:
         if calibration is not None:
             raise InvalidInput(
-                "-c is for the browser's view; --rerun shows what the recording holds: leave one of them out"
+                "-c is for the view in a browser, --rerun shows recorded data only: leave one of them out"
             )
         show_in_rerun(file, rerun, save)
         return
@@ -90,7 +90,7 @@ def show_in_rerun(file: Path | None, rerun: bool, save: Path | None) -> None:
     from guara_perception.app.scene.rerun_scene import open_in_rerun, save_rerun_scene
 
     if not rerun:
-        raise InvalidInput("--save goes with --rerun: guara view --rerun FILE --save OUT.rrd")
+        raise InvalidInput("--save needs --rerun: guara view --rerun FILE --save OUT.rrd")
     if file is None:
         raise InvalidInput("--rerun shows a recording: give its FILE (.mcap)")
     if save is not None:
@@ -109,9 +109,9 @@ def show_live(
     address: str,
     tell: Callable[[str, bool], None] = lambda text, is_stale: None,
 ) -> None:
-    """Show every new pause until stopped; when none comes within some seconds, print the cause.
+    """Show every new pause until stopped; if none arrives within some seconds, print the cause.
 
-    Once a second `tell` gets a line about the newest grid, and whether it is stale.
+    `tell` is called once a second with a line about the newest grid and whether it is stale.
     """
     from guara_perception.app.live_moments import LiveMoments
 

@@ -71,7 +71,7 @@ def draw_range_image(
         mask = remaining & ((flags & int(cause)) != 0)
         handles += _hatch(axes, mask, extent, colour, label)
         remaining &= ~mask
-    # Pixels are finer than cells: with a grid, one without a cause is a gap between samples of a known cell.
+    # Pixels are finer than cells: with a grid, a pixel without a cause lies between samples of a known cell.
     rest = "unknown" if terrain is None else "between samples of a known cell"
     handles += _hatch(axes, remaining, extent, OTHER_COLOUR, rest)
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3)

@@ -35,7 +35,7 @@ def draw_figures(
         Paths of the files, in the order of the paper's figures.
 
     Raises:
-        InvalidInput: the grid carries no range images, or the folder is a file.
+        InvalidInput: the grid has no range images, or the folder is a file.
     """
     folder = Path(folder)
     if "ortho_image_mm" not in terrain.pictures:

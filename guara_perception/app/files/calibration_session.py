@@ -15,7 +15,7 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-calibration-session/1"
 SESSION_FILE = "session.json"
-# The board of a session without pictures of one: nothing asks for it.
+# Placeholder for a session without pictures of a board; never used.
 NO_BOARD = BoardSpec(3, 3, 0.03)
 # Plausible heights of a plate above the soles [m].
 PLATE_HEIGHTS = (-0.5, 0.5)
@@ -26,11 +26,11 @@ def open_session(folder: str | Path, square: float | None = None) -> Calibration
 
     Args:
         folder: the session's folder.
-        square: edge of the board's squares [m]; None = as the session says.
+        square: edge of the board's squares [m]; None = that of the session.
 
     Raises:
         MissingFile: the folder, its session.json, or an image or scan named there does not exist.
-        FileFormatError: a field is wrong; the message names file and field, the value and what is allowed.
+        FileFormatError: a field is invalid; the message names file, field, value and what is allowed.
         InvalidInput: the plates were scanned by another robot or in another stance, or one scan is named twice.
     """
     folder = Path(folder)

@@ -1,4 +1,4 @@
-"""Camera models in the files of ROS (`camera_info`), OpenCV and Kalibr: all are read, ROS's are written."""
+"""Files of camera models: reading of those of ROS (`camera_info`), OpenCV and Kalibr, writing for ROS."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from guara_perception.fields import Fields
 from guara_perception.files import existing_file, read_bounded, whole_file
 
 MODEL = "plumb_bob"
-# Names of one field in files of OpenCV, old and new, without case and underscores.
+# Names of ROS's fields in files of OpenCV, old and new, in lower case and without underscores.
 OPENCV_NAMES = {
     "camera_matrix": ("cameramatrix", "k", "m"),
     "distortion_coefficients": ("distortioncoefficients", "distcoeffs", "d"),
     "image_width": ("imagewidth", "width"),
     "image_height": ("imageheight", "height"),
 }
-# k1, k2, p1, p2, k3: OpenCV's longer models begin with these, shorter ones end before.
+# Number of k1, k2, p1, p2, k3. Longer models of OpenCV begin with these; shorter ones lack the last.
 COEFFICIENTS = 5
 
 
@@ -74,9 +74,9 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     from ruamel.yaml.error import YAMLError
 
     try:
-        # Such files have under 1 kB; YAML's aliases can make a large object of a small file.
+        # Such files have less than 1 kB; YAML's aliases can expand a small file into a large object.
         text = read_bounded(path, 64 * 1024).decode()
-        # OpenCV writes a directive and tags that no other reader of YAML takes.
+        # OpenCV writes a directive and tags that no other reader of YAML accepts.
         text = re.sub(r"\A%YAML:1\.0\s*\n", "", text).replace("!!opencv-matrix", "")
         content = YAML(typ="safe").load(text)
     except (YAMLError, ValueError, RecursionError) as error:
@@ -104,7 +104,7 @@ def _of_ros_or_opencv(fields: Fields) -> CameraModel:
 
 def _of_kalibr(content: dict[str, Any], cameras: list[str], source: str) -> CameraModel:
     if len(cameras) > 1:
-        raise FileFormatError(f"{source}: holds {', '.join(cameras)}, allowed: one camera; leave this rangefinder's")
+        raise FileFormatError(f"{source}: holds {', '.join(cameras)}, allowed: one camera; keep this rangefinder's")
     fields = Fields(content, source).sub(cameras[0])
     fields.text("camera_model", ("pinhole",))
     fields.text("distortion_model", ("radtan",))

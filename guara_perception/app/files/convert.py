@@ -28,7 +28,8 @@ def convert(
         progress: called with (stripes done, stripes in all).
 
     Raises:
-        InvalidInput: the target exists, both are of one kind, or the grid of the scan was withdrawn.
+        InvalidInput: the target exists, both are of one kind, or a folder cannot hold the scan: its grid was withdrawn,
+            or it has a joint stream.
         MissingFile, FileFormatError: the source cannot be read.
     """
     source, target = Path(source), Path(target)
@@ -78,12 +79,12 @@ def _write_recording(
 
 
 def _write_folder(scan: Scan, calibration: Calibration | None, target: Path, progress: Progress | None) -> None:
-    # scan.json has no field for this, and none for a stream.
+    # scan.json has no field for a withdrawal, and none for a joint stream.
     scan.refuse_withdrawn()
     if scan.read_track is not None:
         raise InvalidInput(
-            f"{scan.source}: a stream of joints tells where the body was at each flash, and a scan folder cannot hold "
-            "it: use the recording"
+            f"{scan.source}: the scan has a joint stream, which gives the body's pose at each flash and does not fit "
+            "into a scan folder: use the recording"
         )
     with ScanFolderWriter(target) as writer:
         reader = FrameReader(scan)

@@ -85,7 +85,7 @@ def _write_pcd(terrain: LayeredGrid, path: Path) -> int:
 
 
 def _write_points(path: Path, header: list[str], cloud: dict[str, Array]) -> int:
-    """Write lines of text, then the points, field after field of each; return their number."""
+    """Write the header, then the points as packed records; return the number of points."""
     points = np.rec.fromarrays(list(cloud.values()), dtype=[(name, values.dtype) for name, values in cloud.items()])
     path.write_bytes("\n".join([*header, ""]).encode("ascii") + points.tobytes())
     return int(points.size)

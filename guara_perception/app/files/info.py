@@ -23,9 +23,9 @@ def describe_file(path: str | Path) -> dict[str, Any]:
     """Contents of a file or folder as plain values; the entry "kind" names its type.
 
     Raises:
-        MissingFile: nothing there.
+        MissingFile: the path does not exist.
         InvalidInput: a file or folder of another kind.
-        FileFormatError: it is damaged; the message names the field.
+        FileFormatError: the file is damaged; the message names the field.
     """
     path = Path(path)
     if not path.exists():
@@ -38,7 +38,7 @@ def describe_file(path: str | Path) -> dict[str, Any]:
         describe_suffix = FILES.get(path.suffix)
         if describe_suffix is not None:
             return describe_suffix(path)
-    raise InvalidInput(f"{path}: not known; it must be {KINDS}")
+    raise InvalidInput(f"{path}: unknown kind of file; it must be {KINDS}")
 
 
 def _grid(path: Path) -> dict[str, Any]:

@@ -15,17 +15,17 @@ def open_scan(path: str | Path, step: int | None = None, *, missing_ok: bool = F
 
     Args:
         path: scan folder or recording.
-        step: pause to open, for a recording that holds several.
-        missing_ok: open a folder although frames that it names are not there; what they would show stays unknown.
+        step: pause to open, for a recording that has several.
+        missing_ok: open a folder although some of its frames are missing; their ground stays unknown.
 
     Raises:
-        MissingFile: nothing there.
+        MissingFile: the path does not exist.
         FileFormatError: not a scan; the message names file and field.
-        InvalidInput: neither a folder nor an .mcap file; or the recording holds several scans and `step` does not
-            say which.
+        InvalidInput: neither a folder nor an .mcap file; or the recording has no scan, none of this step, or several
+            while `step` is None.
     """
     scans = open_scans(path, missing_ok=missing_ok)
-    # A pause may hold two scans, a coarse one and the same with the stripes between: the later one has more stripes.
+    # A pause may have two scans, a coarse one and the same with the stripes between: the later one has more stripes.
     scans = list({scan.step: scan for scan in scans}.values())
     chosen = scans if step is None else [scan for scan in scans if scan.step == step]
     if len(chosen) == 1:

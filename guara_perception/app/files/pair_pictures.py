@@ -1,4 +1,4 @@
-"""Pictures of a scan put in order and in pairs, laser on and off, by the numbers and words in their names."""
+"""Ordering of a scan's pictures, and their pairing (laser on and off), by numbers and words in their names."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from guara_perception.exceptions import InvalidInput, MissingFile
 # Words that mark a picture without the laser.
 OFF_WORDS = {"off", "dark", "background", "bg", "ambient", "without"}
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
-# Names that a message lists.
+# Most names that a message lists.
 MOST_NAMES = 6
 
 
@@ -34,11 +34,11 @@ class PicturePair:
 
 
 def picture_files(given: Sequence[Path]) -> list[Path]:
-    """The pictures given, those of a folder for a folder.
+    """List the given pictures, with the pictures of a folder in place of it.
 
     Raises:
-        MissingFile: one does not exist, or a folder holds none.
-        InvalidInput: one is given twice.
+        MissingFile: a picture does not exist, or a folder has none.
+        InvalidInput: a picture is given twice.
     """
     found: list[Path] = []
     for path in given:
@@ -58,10 +58,10 @@ def pair_pictures(pictures: Sequence[Path], off: str = "", number: int | None = 
     Args:
         pictures: all pictures, in any order.
         off: pattern of the names without the laser, as in a shell; empty = those with a word such as off or dark.
-        number: which number of a name gives the order, 1 the first, -1 the last; None = the one that can be told.
+        number: which number of a name gives the order, 1 the first, -1 the last; None = any, if the order is clear.
 
     Raises:
-        InvalidInput: no order can be told, or a picture has no partner; the message names the pictures.
+        InvalidInput: the order is not clear, or a picture has no partner; the message names the pictures.
     """
     dark = [path for path in pictures if (fnmatch(path.name, off) if off else _is_off(path))]
     lit = [path for path in pictures if path not in dark]
@@ -101,14 +101,14 @@ def _has(order: dict[int, Path], path: Path, place: int) -> bool:
 
 
 def _orders(pictures: Sequence[Path], number: int | None) -> dict[int, dict[int, Path]]:
-    """Picture by number, for each place in the name whose numbers all differ; all of these give one order."""
+    """Pictures by number, for each place in the name where all numbers differ; all places give the same order."""
     counts = Counter(len(numbers_of(path)) for path in pictures)
     usual = counts.most_common(1)[0][0]
     odd = [path for path in pictures if len(numbers_of(path)) != usual]
     if odd or not usual:
         raise InvalidInput(
-            f"pictures in no order that can be told: {names_of(odd or pictures)} "
-            f"{f'do not have {usual} numbers in the name as the others' if usual else 'have no number in the name'}"
+            f"the order of the pictures is not clear: {names_of(odd or pictures)} "
+            f"{f'do not have {usual} numbers in the name like the others' if usual else 'have no number in the name'}"
         )
     places = list(range(usual))
     if number is not None:
@@ -120,13 +120,13 @@ def _orders(pictures: Sequence[Path], number: int | None) -> dict[int, dict[int,
     if not orders:
         order = by_place[places[-1]]
         raise InvalidInput(
-            f"pictures in no order that can be told: {names_of([p for p in pictures if p not in order.values()])} have "
-            "the number of another picture"
+            f"the order of the pictures is not clear: {names_of([p for p in pictures if p not in order.values()])} "
+            "have the number of another picture"
         )
     if len({tuple(path for _, path in sorted(order.items())) for order in orders.values()}) > 1:
         listed = ", ".join(str(place + 1) for place in orders)
         raise InvalidInput(
-            f"pictures in no order that can be told: numbers {listed} of names such as {pictures[0].name} give "
+            f"the order of the pictures is not clear: numbers {listed} of names such as {pictures[0].name} give "
             "different orders: give --number, 1 for the first"
         )
     return orders

@@ -49,7 +49,7 @@ def write_range_images(folder: Path, terrain: TerrainGrid) -> list[Path]:
 
 
 def to_16_bit(image: Float32) -> Image:
-    """Heights [mm] as whole numbers of SCALE_MM above OFFSET_MM, 0 where unknown."""
+    """Heights above OFFSET_MM in units of SCALE_MM, 0 where unknown."""
     values = np.clip(np.rint((np.nan_to_num(image, nan=OFFSET_MM) - OFFSET_MM) / SCALE_MM), 1, 65535)
     return np.where(np.isfinite(image), values, 0).astype(np.uint16)
 

@@ -23,11 +23,11 @@ from transport.recording import open_recording as open_messages
 class Recording(AbstractContextManager["Recording"]):
     """Recording (.mcap) that is read piece by piece; use it in a `with` block.
 
-    Iterating over it gives its footprint grids, one per pause.
+    Iterating over it yields its footprint grids.
 
     Attributes:
         path: path of the file.
-        scans: the recorded scans, in order; `process_scan` makes terrain of each, also with other settings.
+        scans: the recorded scans, in order; `process_scan` processes each again, also with other settings.
         calibration: the attached calibration, or None.
 
     Example:
@@ -71,7 +71,7 @@ class Recording(AbstractContextManager["Recording"]):
         """The recorded announcements of stance pauses, in order.
 
         Raises:
-            FileFormatError: one is damaged.
+            FileFormatError: an announcement is damaged.
         """
         with file_errors(f"{self.path}: "):
             yield from self._messages.stance_pauses()
@@ -86,7 +86,7 @@ def open_recording(path: str | Path) -> Recording:
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: it is no recording, or was cut; then `guara recover` restores what is in it.
+        FileFormatError: the file is not a recording, or is truncated; then `guara recover` restores what is in it.
     """
     return Recording(path)
 
@@ -100,7 +100,7 @@ def open_grid(path: str | Path, step: int | None = None, extent: str | None = No
         extent: extent of the grid in a recording, "footprint" or "map"; None = footprint.
 
     Raises:
-        MissingFile, FileFormatError: the file is not there or cannot be read.
+        MissingFile, FileFormatError: the file does not exist or cannot be read.
         InvalidInput: a step or extent that the file does not hold.
     """
     path = Path(path)

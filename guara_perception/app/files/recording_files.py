@@ -13,11 +13,11 @@ from guara_perception.exceptions import InvalidInput
 from transport.exceptions import RecordingError, os_errors
 
 SUFFIX = ".mcap"
-# [byte] Size at which the next file of a folder is begun: 12 minutes of JPEG frames, 100 s of lossless ones.
+# [byte] Size at which the next file of a folder is started: 12 minutes of JPEG frames, 100 s of lossless ones.
 FILE_SIZE = 1_000_000_000
-# With a limit a file holds a fifth of it at most, so that finished files remain when the oldest is removed.
+# With a limit, a file takes at most a fifth of it, so that finished files remain when the oldest is removed.
 FILES_IN_LIMIT = 5
-# [byte] A fifth of it still holds a pause of lossless frames (39 MB), so that the files stay below the limit.
+# [byte] Least limit; a fifth of it has room for a pause of lossless frames (39 MB), so that the limit can be kept.
 LEAST_LIMIT = 200_000_000
 UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?) ?([MGT]B)", re.IGNORECASE)
@@ -26,13 +26,13 @@ MAGIC = b"\x89MCAP0\r\n"
 
 
 class RecordingFiles:
-    """Files that follow one another: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
+    """Successive files of a recording: `w.mcap`, `w-2.mcap` ..., or `<robot>-000001.mcap` ... in a folder.
 
-    No existing file is written to. Only files with these names in a folder are removed, and none that a process still
-    writes.
+    Existing files are never written to. Only files of a folder with these names are removed, and none that a process is
+    still writing.
 
     Attributes:
-        file_size: [byte] at which the next file is begun; None for never.
+        file_size: size at which the next file is started [byte]; None for never.
     """
 
     def __init__(self, path: Path, robot: str, limit: int | None = None) -> None:
@@ -41,10 +41,10 @@ class RecordingFiles:
         Args:
             path: a name that ends with .mcap, or else a folder, which is created if it does not exist.
             robot: instance name.
-            limit: [byte] that the files of a folder may take together, from `read_limit`.
+            limit: largest total size of the files of a folder [byte], from `read_limit`.
 
         Raises:
-            RecordingError: the folder cannot be made.
+            RecordingError: the folder cannot be created.
         """
         is_folder = _is_folder(path)
         self._folder = path if is_folder else path.parent
@@ -52,8 +52,8 @@ class RecordingFiles:
             try:
                 path.mkdir(parents=True, exist_ok=True)
             except OSError as error:
-                why = "a file of this name is there" if path.is_file() else error.strerror
-                raise RecordingError(f"cannot make the folder {path} for recordings: {why}") from error
+                why = "a file has this name" if path.is_file() else error.strerror
+                raise RecordingError(f"cannot create the folder {path} for recordings: {why}") from error
         self._limit = limit
         self._first = None if is_folder else path
         number = r"-(\d{6,})" if is_folder else r"(?:-(\d+))?"
@@ -78,7 +78,7 @@ class RecordingFiles:
         return self._folder / f"{self._stem}-{max(numbers) + 1}{SUFFIX}"
 
     def make_room(self) -> None:
-        """Remove the oldest files until the next one, once full and with its last pause, stays within the limit.
+        """Remove the oldest finished files until there is room for a full file and the pause that may exceed its size.
 
         Raises:
             RecordingError: a file beyond the limit cannot be removed.
@@ -94,10 +94,10 @@ class RecordingFiles:
                 if excess > 0 and _remove_finished(path):
                     excess -= size
         except OSError as error:
-            raise RecordingError(f"the limit is passed: {error.filename}: {error.strerror}") from error
+            raise RecordingError(f"cannot keep --record-limit: {error.filename}: {error.strerror}") from error
 
     def cut(self) -> list[Path]:
-        """Files without an end, oldest first: the running one, and those whose process was killed."""
+        """Incomplete files, oldest first: the one being written, and those whose process was killed."""
         with suppress(OSError):
             return [path for _, path in self._found() if path.is_file() and not _has_end(path)]
         return []
@@ -125,11 +125,11 @@ def _has_end(path: Path) -> bool:
 
 
 def read_limit(text: str, path: Path | None) -> int:
-    """Number of bytes in a text such as "50GB".
+    """Parse a size such as "50GB"; return it in bytes.
 
     Args:
-        text: size as given by the user.
-        path: file or folder to record to, None for none.
+        text: size given by the user.
+        path: file or folder to record to, or None.
 
     Raises:
         InvalidInput: not a size, too small, or given for a single file.
@@ -142,8 +142,8 @@ def read_limit(text: str, path: Path | None) -> int:
         )
     if path is None or not _is_folder(path):
         raise InvalidInput(
-            f"--record-limit goes with --record and a folder, given: {path or 'nothing'}; files of a name that "
-            f"you chose are never removed: record into a folder, as in `--record recordings`"
+            f"--record-limit needs --record with a folder, such as `--record recordings`; given: {path or 'nothing'} "
+            "(a file that you name yourself is never removed)"
         )
     return limit
 

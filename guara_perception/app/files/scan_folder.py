@@ -28,7 +28,7 @@ from kinematics import KinematicsError, Stance
 
 FORMAT = "guara-scan/1"
 SCAN_FILE = "scan.json"
-# Range of a step in the grid file and in messages.
+# Largest stamp and step in grid files and messages.
 MAXIMUM_STAMP = 2**63 - 1
 MAXIMUM_STEP = 2**31 - 1
 # Fast and lossless: compression 1 takes a third of the default's time and 5 % more bytes on camera frames.
@@ -44,7 +44,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
 
     Raises:
         MissingFile: the folder, its scan.json or a frame named there does not exist.
-        FileFormatError: a field is wrong; the message names file and field, the value and what is allowed.
+        FileFormatError: a field is invalid; the message names file, field, value and what is allowed.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -61,7 +61,7 @@ def open_scan_folder(folder: str | Path, *, missing_ok: bool = False) -> Scan:
                 )
             if name is not None and not missing_ok and not (folder / name).is_file():
                 raise MissingFile(
-                    f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}, it is not there"
+                    f"{folder / SCAN_FILE}: stripe index {stripe.index} names frame {name}, which does not exist"
                 )
     with errors_as(FileFormatError, folder / SCAN_FILE, KinematicsError):
         stance = Stance.from_dict(fields.sub("stance").data)
@@ -92,7 +92,7 @@ def read_picture(path: Path) -> npt.NDArray[np.generic]:
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: it cannot be decoded.
+        FileFormatError: the file is not an image that can be used; see `decode_picture`.
     """
     return decode_picture(read_bounded(existing_file(path), LARGEST_PICTURE), str(path))
 
@@ -165,13 +165,13 @@ class ScanFolderWriter(AbstractContextManager["ScanFolderWriter"]):
             dark: frame of the dark flash after the stripe, or None.
 
         Raises:
-            OSError: a picture cannot be written.
+            OSError: an image cannot be written.
         """
         entry: dict[str, object] = {"index": index, "mirror_angle": mirror_angle, "on": f"on_{index:03d}.png"}
         self._write(str(entry["on"]), on)
         entry["off"] = None
         if off is not None:
-            # The array is held until the next one comes: the id of a freed array may be another's.
+            # The array is kept for this comparison: a new array can get the address of a freed one.
             if off is not self._off:
                 self._off, self._alone = off, ("alone", index)
             key = self._alone if off_key is None else off_key

@@ -21,13 +21,13 @@ from kinematics import BodyTrack, KinematicsError, RobotModel
 from transport import TerrainMessage, TransportError
 from transport.recording import FrameReference, Recording, ScanRecord, StripeRecord, open_recording
 
-# [ns] Samples of a scan were written so long before its begin, or after its last stripe, at the most.
+# [ns] Longest times before the beginning of a scan and after its last stripe within which its samples were written.
 BEFORE_NS, AFTER_NS = 5_000_000_000, 10_000_000_000
 
 
 @contextmanager
 def file_errors(before: str = "") -> Iterator[None]:
-    """Convert errors of the transport's reader to FileFormatError, with `before` in front of the text."""
+    """Convert errors of the transport's reader to FileFormatError, with `before` as a prefix of the text."""
     try:
         yield
     except TransportError as error:
@@ -35,11 +35,11 @@ def file_errors(before: str = "") -> Iterator[None]:
 
 
 def open_recorded_scans(path: str | Path) -> list[Scan]:
-    """Open the scans of a recording that hold a frame, in order; frames are loaded on demand.
+    """Open the scans of a recording that have a frame, in order; frames are loaded on demand.
 
     Raises:
         MissingFile: no such file.
-        FileFormatError: not a recording, cut (then `guara recover` helps), or a scan in it is not valid.
+        FileFormatError: the file is not a recording, is truncated (then `guara recover` helps), or has an invalid scan.
     """
     path = existing_file(path)
     with file_errors():
@@ -48,7 +48,7 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
         withdrawn = _reasons(recording.scans, [grid for grid in recording.terrains() if grid.withdrawn])
     identity = ""
     if recording.calibration is not None:
-        # One that is damaged is reported where it is used.
+        # A damaged calibration is reported where it is used.
         with suppress(FileFormatError):
             identity = parse_calibration(recording.calibration, str(path)).camera.identity
     return [
@@ -62,15 +62,15 @@ def open_recorded_scans(path: str | Path) -> list[Scan]:
 def _reasons(scans: Sequence[ScanRecord], taken_back: list[TerrainMessage]) -> dict[int, str]:
     """Reasons for withdrawn grids, by index of the scan.
 
-    A withdrawn grid withdraws all scans of its pause. This holds too when the map was confirmed before the robot moved:
-    the recording does not show the difference. A gait that starts counting again repeats a step: the last scan of that
-    step that began before the grid was withdrawn.
+    A withdrawn grid withdraws all scans of its pause, even if the map was confirmed before the robot moved: the
+    recording does not show the difference. If a gait that restarted its count repeats a step, the grid belongs to the
+    last pause of that step whose scan began before the grid was withdrawn.
     """
     found: dict[int, str] = {}
     for grid in taken_back:
         of_step = [index for index, scan in enumerate(scans) if scan.step == grid.step]
         before = [index for index in of_step if scans[index].stamp <= grid.stamp]
-        # If the clock was set back, no scan may appear to begin before: then all scans of the step are taken.
+        # After a clock was set back, no scan may seem to have begun before: then all scans of the step are withdrawn.
         last = before[-1:] or of_step
         while last and last[0] > 0 and scans[last[0] - 1].step == grid.step:
             last.insert(0, last[0] - 1)

@@ -66,7 +66,7 @@ MISTAKES = (
         "drivers/sweep/test_acquisition_faults.py",
         "dead_laser_behind_a_blind_sensor_shows_in_the_pictures",
     ),
-    ("frame deleted", "it is not there", PROCESS, "keep_going_goes_on_without_a_missing_frame"),
+    ("frame deleted", "which does not exist", PROCESS, "keep_going_goes_on_without_a_missing_frame"),
     (
         "no permission on USB",
         "udevadm control --reload-rules",

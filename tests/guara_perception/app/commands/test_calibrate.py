@@ -172,7 +172,7 @@ def test_broken_session_file(
         (["-o", "c.json", "--save-camera-info", "lens.xml"], "lens.xml: it must end in .yaml, .yml"),
         (
             ["-o", "c.json", "--camera-info", "lens.yaml"],
-            "--camera-info is lens.yaml: no such file; to write the lens, --save-camera-info",
+            "--camera-info is lens.yaml: no such file; --save-camera-info writes one",
         ),
         (["-o", "c.json", "--square", "28"], "square is 28 m, allowed: 0.001 ... 1 m (28 mm are 0.028)"),
         (["-o", "c.json", "--square", "wide"], "'wide' is not a valid float"),

@@ -179,10 +179,13 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (duplicate, "pictures in no order that can be told: a_1.png have the number of another picture"),
+        (duplicate, "the order of the pictures is not clear: a_1.png have the number of another picture"),
         (two_orders, "numbers 1, 2 of names such as 1_9.png give different orders: give --number, 1 for the first"),
-        (odd_name, "pictures in no order that can be told: extra.png do not have 1 numbers in the name as the others"),
-        (unnumbered, "pictures in no order that can be told: a.png, b.png have no number in the name"),
+        (
+            odd_name,
+            "the order of the pictures is not clear: extra.png do not have 1 numbers in the name like the others",
+        ),
+        (unnumbered, "the order of the pictures is not clear: a.png, b.png have no number in the name"),
         (alone, "pictures without a partner: off_3.png, on_2.png"),
         (sizes, "pictures of different sizes: 2.png 80x60 px, the others 64x48"),
         (dark_only, "all 2 pictures are without the laser by their names: give --off PATTERN"),
@@ -205,7 +208,7 @@ def with_options(*options: str) -> Callable[[Path], list[str]]:
         (with_options("--ground", "x.png"), "--ground is 'x.png', which is none of the pictures"),
         (
             with_options("--ground", "0.png", "--crosses-picture", "0.png"),
-            "one of it on the floor and one of the crosses",
+            "one of these on the floor, and one of the crosses",
         ),
         (
             with_options("--ground", "0.png", "--crosses-picture", "1.png"),

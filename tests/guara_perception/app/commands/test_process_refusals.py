@@ -55,7 +55,7 @@ BAD_SCANS: dict[str, tuple[Change, str]] = {
         "stance.gravity_in_base[1] is nan, it must be finite",
     ),
     "unknown robot": (scan_json(lambda c: c.update(robot="tapir")), "scan.json: robot: no robot 'tapir'"),
-    "frame gone": (lambda f: (f / "on_003.jpg").unlink(), "names frame on_003.jpg, it is not there"),
+    "frame gone": (lambda f: (f / "on_003.jpg").unlink(), "names frame on_003.jpg, which does not exist"),
     "broken frame": (lambda f: (f / "on_003.jpg").write_bytes(b"x"), "on_003.jpg: not a readable picture (1 bytes)"),
     "wrong image size": (resize_all, "frame on_000.jpg: the frame is 320x256 px, the calibrated camera gives 640x512"),
     "stripe not calibrated": (

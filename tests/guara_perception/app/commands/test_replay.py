@@ -46,7 +46,7 @@ def test_an_earlier_step_begins_another_walk(guara, data: Path, calibration_file
     scans = data / "scans"
     said = guara("replay", scans / "dark", scans / "paper", "-c", calibration_file, "-o", tmp_path, "--extent", "map")
     assert said.code == 0
-    assert "step 0 after step 2: another walk, the map starts again" in said.out
+    assert "step 0 after step 2: another walk, the map restarts" in said.out
     assert gp.load_terrain(tmp_path / "0001-step0-map.npz").metadata["scans"] == 1
 
 

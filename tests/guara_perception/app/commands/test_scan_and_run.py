@@ -194,7 +194,7 @@ def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_pa
         finally:
             node.kill()
     assert f"recording to {tmp_path / 'w-2.mcap'}" in printed
-    assert f"files that were cut: 1; `guara recover {recording}` makes the newest readable" in printed
+    assert f"incomplete files: 1; `guara recover {recording}` makes the newest readable" in printed
     assert run(["recover", str(recording)]) == 0
     for name in ("w-recovered.mcap", "w-2.mcap"):
         assert gp.open_scan(tmp_path / name, step=0).step == 0 and run(["info", str(tmp_path / name)]) == 0
@@ -209,7 +209,7 @@ def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_pa
         (["--record", "w.mcap", "--record-limit", "50GB"], "record into a folder"),
         (["--record", "walks", "--record-limit", "lots"], "allowed: 200MB or more"),
         (["--record", "walks", "--record-limit", "10MB"], "allowed: 200MB or more"),
-        (["--record", "pyproject.toml"], "a file of this name is there"),
+        (["--record", "pyproject.toml"], "a file has this name"),
         (["--record", "/dev/null/walks"], "Not a directory"),
         (["--record", "none/w.mcap"], "No such file or directory"),
     ],

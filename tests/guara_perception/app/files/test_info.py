@@ -60,7 +60,7 @@ def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
     """Exit 2 with the kinds that are known; a path that does not exist is reported as such."""
     (tmp_path / "notes.txt").write_text("hello")
     said = guara("info", tmp_path / "notes.txt")
-    assert said.code == 2 and "notes.txt: not known; it must be a grid (.npz), a recording (.mcap)" in said.err
+    assert said.code == 2 and "notes.txt: unknown kind of file; it must be a grid (.npz)" in said.err
     said = guara("info", tmp_path / "none.npz")
     assert said.code == 2 and "none.npz: no such file or folder" in said.err
     said = guara("info", tmp_path)

@@ -106,9 +106,9 @@ def test_a_file_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: pyt
 def test_places_that_cannot_be_recorded_to_are_named(tmp_path: Path) -> None:
     """A file in place of the folder, and a folder that is not there."""
     taken = _write(tmp_path / "notes.txt", 100)
-    with pytest.raises(RecordingError, match="a file of this name is there"):
+    with pytest.raises(RecordingError, match="a file has this name"):
         RecordingFiles(taken, "guara")
-    with pytest.raises(RecordingError, match="cannot make the folder"):
+    with pytest.raises(RecordingError, match="cannot create the folder"):
         RecordingFiles(taken / "deeper", "guara")
     with pytest.raises(RecordingError, match="No such file or directory"):
         RecordingFiles(tmp_path / "none" / "w.mcap", "guara").next()

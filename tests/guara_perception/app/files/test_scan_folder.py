@@ -100,11 +100,11 @@ BAD_FIELDS = {
     "off a number": (lambda c: c["stripes"][0].update(off=3), "stripes[0].off is a whole number, it must be text"),
     "frame not there": (
         lambda c: c["stripes"][5].update(on="x.png"),
-        "stripe index 10 names frame x.png, it is not there",
+        "stripe index 10 names frame x.png, which does not exist",
     ),
     "off not there": (
         lambda c: c["stripes"][5].update(off="y.png"),
-        "stripe index 10 names frame y.png, it is not there",
+        "stripe index 10 names frame y.png, which does not exist",
     ),
     "no stance": (lambda c: c.pop("stance"), "stance is missing"),
     "stance a list": (lambda c: c.update(stance=[]), "stance is a list, it must be an object"),
