@@ -25,10 +25,10 @@ class CheckedFoothold:
     Attributes:
         step: pause at which it was chosen.
         leg: name of the leg that steps there.
-        is_hind: whether it is a hind leg.
-        is_scanned: whether a scan observed the cell (otherwise the gait declared it, or a foot stood on it).
-        is_hazard: whether the cell is a hazard in the published grid, or off it.
-        is_swing_refused: whether `check_path` rejects the swing to it on the published grid.
+        is_hind: True if it is a hind leg.
+        is_scanned: True if a scan observed the cell; otherwise the gait declared it, or a foot stood on it.
+        is_hazard: True if the cell is a hazard in the published grid, or outside the grid.
+        is_swing_refused: True if `check_path` rejects the swing to it on the published grid.
         height_error: elevation of the grid minus the true height [m], NaN where unknown.
     """
 

@@ -1,4 +1,4 @@
-"""Pictures of the demo: the last scan, the fused map with every foothold, and how the map grew, animated."""
+"""Pictures of the demo: a scan midway, the fused map with every foothold, and an animation of the growing map."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def animate(path: Path, pauses: Sequence[DemoPause]) -> None:
 
 
 def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
-    """Positions (n, 3) at which a leg's feet were set down, in base_footprint of the last pause [m]."""
+    """Positions (n, 3) at which the foot of a leg was set down, in base_footprint of the last pause [m]."""
     to_last = inverse(pauses[-1].pause.transform_footprint_to_world)
     positions = [
         item.pause.last_footstep.sole_in_world
@@ -107,7 +107,7 @@ def footholds_in_last_footprint(pauses: Sequence[DemoPause], leg: str) -> Float:
 def _draw_grid(
     grid: TerrainGrid, titles: tuple[str, str], size: tuple[float, float], *, legend: bool = True, **limits: float
 ) -> tuple[Figure, Axes, Axes]:
-    """Draw heights and hazards of a grid side by side; `limits` are those of the colours of heights [mm]."""
+    """Draw heights and hazards of a grid side by side; `limits` bound the colour scale of the heights [mm]."""
     figure, ((heights, hazards),) = new_figure(1, 2, size=size)
     draw_layer(heights, grid.geometry, 1e3 * np.asarray(grid.elevation), **limits)
     draw_hazards(hazards, grid.geometry, np.asarray(grid.hazard), legend=legend)

@@ -1,4 +1,4 @@
-"""Scans of a body that sways, rendered from where it is at each flash, and their picture beside that of a still one."""
+"""Demo of a swaying body: scans rendered from the body's pose at each flash, drawn beside a scan of a still body."""
 
 from __future__ import annotations
 
@@ -23,26 +23,29 @@ from guara_perception.terrain.drawing.style import draw_hazards, draw_layer, new
 from guara_perception.terrain.grid import TerrainGrid
 from kinematics import BodyTrack, RobotModel, Stance, load_robot
 
-# [s] From one stripe to the next of a stepped scan, by how much an instant is off, and stream before and after.
+# [s] Period of the stripes of a stepped scan; largest error of a flash's time; stream before and after the scan.
 STRIPE_PERIOD, INSTANT_ERROR, AROUND = 0.035, 0.001, 0.3
-# [s] Without a stream the gait still reads joints for BEGIN; with one, samples a second.
+# [1/s] Sampling rates of the joint stream; without a stream, the gait still reads joints for BEGIN.
 NO_STREAM, STREAM_HZ = 0.0, 200.0
-# [m], [1/s] of the demo's sway, beside its turn.
+# Amplitude of the shift [m] and frequency [1/s] of the demo's sway.
 SHIFT, FREQUENCY = 0.005, 1.0
-# Free cells that are wrong by more are counted [m].
+# Height error above which a free cell is wrong [m].
 WRONG_M = 0.005
-# Least share of the cells of the still scan that a stream keeps, and size of the demo's pictures [px].
+# Least number of known cells with a stream, as a fraction of that of the still scan; size of the camera pictures [px].
 KEPT, SIZE = 0.9, (640, 512)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwayingScan:
-    """A scan of a body that sways.
+    """Scan of a swaying body.
+
+    The grid is placed in the world by the true pose of the body at BEGIN: errors do not include the tilt of the whole
+    grid due to the joint readings of BEGIN.
 
     Attributes:
-        terrain: its grid.
-        x, y, errors: place of each cell in the world, and its height less the world's [m], (ny, nx), as if the body
-            had stood where it was at BEGIN: without the tilt that the joints of BEGIN give the whole grid.
+        terrain: grid of the scan.
+        x, y: (ny, nx) positions of the cells in the world [m].
+        errors: (ny, nx) heights of the cells minus the true heights [m].
     """
 
     terrain: TerrainGrid
@@ -68,15 +71,15 @@ def swaying_scan(
     light: Light | None = None,
     clock_sigma: float = 0.0,
 ) -> SwayingScan:
-    """Scan once.
+    """Simulate one scan of a swaying body.
 
     Args:
-        robot, world, calibration: what scans, and what is scanned.
+        robot, world, calibration: robot, ground, and true geometry of the rangefinder.
         sway: motion of the body; its phase at BEGIN is random.
-        rate: samples of its joints a second, `NO_STREAM` for none.
-        seed: of all noise.
+        rate: joint samples a second, `NO_STREAM` for none.
+        seed: seed of all noise.
         mode: pattern of the stripes.
-        light: None = that of the world.
+        light: light and sensor effects; None = those of the world.
         clock_sigma: standard deviation of an error that all instants share, known to the scan [s].
     """
     rng = np.random.default_rng(seed)
@@ -118,10 +121,10 @@ def scans_beside(robot_name: str | Path, world: str | Path, degrees: float) -> I
         degrees: amplitude of the turn; the shift is `SHIFT`.
 
     Yields:
-        What moved, and the scan.
+        Title and scan.
 
     Raises:
-        InvalidInput: the legs do not reach so far.
+        InvalidInput: the sway exceeds the reach of the legs.
         MissingFile, FileFormatError: no such world, or not a valid one.
     """
     robot, ground = load_robot(robot_name), load_world(world)
@@ -148,7 +151,7 @@ def sway_lines(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
 
 
 def sway_failures(scans: Sequence[tuple[str, SwayingScan]]) -> list[str]:
-    """Failed conditions as text; empty if none is wrong, and a stream keeps the ground of the still scan."""
+    """Failed conditions as text: free cells that are wrong, and too few known cells with a stream."""
     failures = [f"{title}: {scan.wrong} free cells are wrong" for title, scan in scans if scan.wrong]
     still, streamed = (int(np.isfinite(scan.errors).sum()) for _, scan in scans[:2])
     if streamed < KEPT * still:

@@ -1,4 +1,4 @@
-"""From devices to a calibration session: what a person is asked to do, task by task, and what is kept.
+"""Recording of a calibration session: tasks for the operator, and the session folder that results.
 
 Only the commands import it; it uses the node's rangefinder, the calibration and, for `--simulated`, the simulation.
 """

@@ -14,17 +14,17 @@ from guara_perception.calibration.find_board import find_board
 
 ZONES: Final = 3
 WANTED_PICTURES: Final = 12
-# [rad] Below this tilt focal length and distance of the board cannot be told apart.
+# [rad] Below this tilt, focal length and distance of the board cannot be estimated separately.
 TILT: Final = float(np.deg2rad(15))
-# A still board moves by less than STILL_PX from frame to frame. Two views differ by more than SAME_OF_WIDTH, a share of
-# the picture's width.
+# A still board moves by less than STILL_PX from frame to frame. Different views are more than SAME_OF_WIDTH of the
+# picture's width apart.
 STILL_PX: Final = 0.5
 SAME_OF_WIDTH: Final = 0.04
 CLIPPED_SHARE: Final = 0.02
-# A common lens, to judge tilts before the real one is known: focal length as a share of the picture's width.
+# Focal length of a common lens as a fraction of the picture's width, to judge tilts before the real lens is known.
 FOCAL_OF_WIDTH: Final = 0.92
 # The exposure was metered on the stripe, and all pictures of a session have the same.
-TOO_BRIGHT: Final = "shade the scene or close the iris, or begin a session in this light, which is then metered anew"
+TOO_BRIGHT: Final = "shade the scene or close the iris, or begin a new session, which meters the exposure in this light"
 SIDES: Final = ("left", "right", "top", "bottom")
 
 
@@ -43,7 +43,7 @@ class BoardAdvice:
     _tilts: set[str] = field(default_factory=set)
 
     def judge(self, picture: Image, before: Image | None = None, name: str = "") -> tuple[BoardView, str]:
-        """View of a picture, and the reason why it cannot be used, empty when it can."""
+        """View of a picture, and the reason why it cannot be used, empty if it can."""
         grey = to_grey(picture)
         if float(np.mean(grey >= 254)) > CLIPPED_SHARE:
             reason = f"too bright: {100 * float(np.mean(grey >= 254)):.0f} % of the picture is clipped: {TOO_BRIGHT}"
@@ -87,7 +87,7 @@ class BoardAdvice:
         if sides:
             advice.append(f"tilt its {sides[0]} side away from the camera")
         if not advice:
-            advice.append("show it elsewhere or tilted otherwise")
+            advice.append("show it at another place or with another tilt")
         return f"{len(self.views)} of {WANTED_PICTURES} pictures: " + ", and ".join(advice)
 
 
@@ -107,7 +107,7 @@ def tilted_sides(view: BoardView, board: BoardSpec, shape: tuple[int, int]) -> s
         return set()
     normal: Float = np.asarray(cv2.Rodrigues(turn)[0][:, 2], dtype=np.float64)
     normal = normal if normal[2] > 0 else -normal
-    # A normal that points right in the picture means that the right side is the farther one: z grows along -x there.
+    # If the normal, which points away from the camera, leans to the right, the left side is the farther one.
     lean_x, lean_y = np.arctan2(-normal[0], normal[2]), np.arctan2(-normal[1], normal[2])
     tests = {"right": lean_x > TILT, "left": lean_x < -TILT, "bottom": lean_y > TILT, "top": lean_y < -TILT}
     return {side for side, holds in tests.items() if holds}

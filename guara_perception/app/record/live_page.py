@@ -20,7 +20,7 @@ PAGE = Path(__file__).with_suffix(".html")
 
 
 class LivePage:
-    """Server of the page, for this machine only, on a thread of its own while the `with` block lasts.
+    """Server of the page, for this machine only; it runs on its own thread inside a `with` block.
 
     Attributes:
         address: address to open in a browser.
@@ -75,7 +75,7 @@ class LivePage:
             self._task, self._request, self._advice = task, "", ""
 
     def ask(self, request: str) -> None:
-        """Show what the operator is to do until the next task."""
+        """Show a request to the operator until the next task."""
         with self._lock:
             self._request, self._advice = request, ""
 

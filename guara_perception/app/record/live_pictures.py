@@ -18,14 +18,14 @@ from guara_perception.settings import Settings
 from guara_perception.shown import eight_bits
 from transport.supervision import supervised
 
-# Draws what it finds into a copy of a picture; returns that copy and a sentence about it.
+# Annotates a picture: returns the picture to show, and a text about it or "".
 Look = Callable[[Image], tuple[Image, str]]
-# Called with each picture and a text: a sentence about it, or the request to the operator.
+# Called with each picture and a text: one about the picture, or the request to the operator.
 Watch = Callable[[Image, str], None]
 GREEN, RED = (0, 220, 0), (0, 0, 255)
 # Radius of the circles [px].
 RADIUS = 8
-# Points on each side of an outline, whose image the lens bends.
+# Points on each side of an outline, since the distortion of the lens bends its sides.
 SIDE_POINTS = 20
 
 
@@ -65,7 +65,7 @@ def board_look(board: BoardSpec) -> Look:
         drawn = _colour(picture)
         for corner in view.corners_px if view.is_usable else ():
             _circle(drawn, corner, GREEN)
-        return drawn, view.reason or "the board is seen"
+        return drawn, view.reason or "board found"
 
     return look
 
@@ -80,7 +80,8 @@ def crosses_look(camera: CameraModel, points: Float, nominals: tuple[Float, ...]
         for mark, expected in zip(marks, floor_pixels(camera, nominal, points), strict=True):
             _circle(drawn, expected if mark is None else mark.centre_px, RED if mark is None else GREEN)
         lost = ", ".join(str(number) for number, mark in enumerate(marks, start=1) if mark is None)
-        return drawn, f"not seen: cross {lost}, near the red circles" if lost else f"all {len(marks)} crosses are seen"
+        missing = f"cross {lost} not found (expected at the red circles)"
+        return drawn, missing if lost else f"all {len(marks)} crosses found"
 
     return look
 
@@ -108,5 +109,6 @@ def _colour(picture: Image) -> Image:
 
 
 def _circle(picture: Image, centre: Float, colour: tuple[int, int, int]) -> None:
-    if np.all(np.isfinite(centre)) and np.all(np.abs(centre) < 1e5):
+    # False for NaN, too.
+    if np.all(np.abs(centre) < 1e5):
         cv2.circle(picture, [round(float(value)) for value in centre], RADIUS, colour, 2)

@@ -12,29 +12,29 @@ from guara_perception.settings import Settings
 
 
 class Operator(Protocol):
-    """Puts board, crosses and plates before the camera."""
+    """Operator who puts board, crosses and plates in front of the camera."""
 
     def show_board(self, advice: str) -> None:
         """Request a board held up, with advice on the next picture; returns at once."""
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Request the board on the floor, `why_again` with the fault of the last try; returns when it is there."""
+        """Request the board on the floor; return when it is there. `why_again` is the fault of the last try, or ""."""
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Request the crosses on the floor, `why_again` with the fault of the last try; returns when they are there."""
+        """Request the crosses on the floor; return when they are there. `why_again` as in `lay_board`."""
 
     def lay_plate(self, height: float) -> None:
-        """Request a flat plate, its top `height` [m] above the floor, or the bare floor; returns when it is there."""
+        """Request a flat plate, its top `height` [m] above the floor, or the bare floor; return when it is there."""
 
     def clear(self) -> None:
-        """Request a plain floor and nothing else in view; returns when it is clear."""
+        """Request a plain floor and nothing else in view; return when it is clear."""
 
 
 class TextOperator:
     """Operator asked on the terminal; the live page shows the same text."""
 
     def __init__(self, ask: Callable[[str], None], settings: Settings) -> None:
-        """Show every request with `ask` too; the settings name the area for the plates."""
+        """Print every request, and show it with `ask`; `settings` has the area for the plates."""
         self._show, self._settings = ask, settings
         self._printed = ""
 
@@ -44,25 +44,25 @@ class TextOperator:
             self._print(advice)
 
     def lay_board(self, board: BoardSpec, why_again: str) -> None:
-        """Ask for the board on the floor, with the reason when it could not be used."""
+        """Ask for the board on the floor, with the reason why the last try failed."""
         again = f"{why_again}. " if why_again else ""
-        self._ask(f"{again}Lay the board flat on the floor, wholly in the picture")
+        self._ask(f"{again}Lay the board flat on the floor, entirely in the picture")
 
     def lay_crosses(self, points: str, why_again: str) -> None:
-        """Ask for the crosses, with the reason when they were not found."""
+        """Ask for the crosses, with the reason why the last try failed."""
         again = f"{why_again}. " if why_again else ""
-        self._ask(f"{again}Take the board away; the crosses lie at {points} m in base_footprint (the mat shows them)")
+        self._ask(f"{again}Remove the board; lay the crosses at {points} m in base_footprint (the mat shows them)")
 
     def lay_plate(self, height: float) -> None:
         """Ask for a plate."""
         (x0, x1), (y0, y1) = self._settings.footprint_x, self._settings.footprint_y
         area = f"x {x0:.2f} ... {x1:.2f} m, y {y0:.2f} ... {y1:.2f} m"
         if height == 0:
-            self._ask(f"Clear the floor before the robot: {area} and all that the camera sees")
+            self._ask(f"Clear the floor in front of the robot: {area} and all that the camera sees")
         else:
             self._ask(
                 f"Lay the plate of {1e3 * height:g} mm, {x1 - x0:.2f} x {y1 - y0:.2f} m or larger, over {area}; a "
-                "smaller one, A3 or larger, where it did not lie before"
+                "smaller one, A3 or larger, where it has not been before"
             )
 
     def clear(self) -> None:

@@ -25,7 +25,7 @@ class PlateScanFailed(PerceptionError, RuntimeError):
 
 
 def nominal_order(robot: RobotModel, mode: str = "standard") -> FiringOrder:
-    """(index, mirror angle [rad]) by `[scan]` of robot.toml, for the first calibration."""
+    """Stripes as (index, mirror angle [rad]) from `[scan]` of robot.toml, for the first calibration."""
     settings = Settings.of(robot)
     angles = np.linspace(*settings.mirror_angles, settings.stripes)
     return [(index, float(angles[index])) for index in settings.pattern(mode)]
@@ -40,7 +40,7 @@ def scan_uncalibrated(
     mode: str = "standard",
     on_stripe: Callable[[Image, int, int], None] | None = None,
 ) -> tuple[str, ...]:
-    """Take one scan into a scan folder; every row of its frames is checked, since no stripe's band is known.
+    """Record one scan to a scan folder; whole frames are checked, since the bands of the stripes are not known.
 
     Before the first stripe the camera's locked settings are read back: all plates must be scanned with the settings of
     their session. The light is checked in the first frames.
@@ -49,12 +49,12 @@ def scan_uncalibrated(
         rangefinder: open devices.
         robot: robot whose pattern is swept.
         stance: stance in which it stands.
-        folder: scan folder to make.
+        folder: scan folder to create.
         mode: "standard" or "coarse".
         on_stripe: called with the picture of each stripe, its number from 1, and the number of all.
 
     Returns:
-        Faults of the light, a sentence each; the scan is complete nevertheless.
+        Faults of the light, a sentence each; the scan is complete in spite of them.
 
     Raises:
         PlateScanFailed: a setting changed since it was locked; a frame was lost or does not show its stripe.

@@ -34,7 +34,7 @@ GRAB_SECONDS: Final = 2.0
 # Pictures of the board after which the recording gives up (ten minutes at 30 per second).
 MOST_PICTURES: Final = 18_000
 MOST_TRIES: Final = 20
-# A robot's camera sees no floor beyond.
+# Largest distance of a cross: the camera of a robot sees no floor beyond it.
 FARTHEST_CROSS_M: Final = 5.0
 
 
@@ -55,12 +55,12 @@ def record_session(
     """Record the missing parts of a session and finish it.
 
     Args:
-        writer: writer of the session's folder; parts that it holds already are not recorded again.
+        writer: writer of the session's folder; parts that the folder already has are not recorded again.
         robot: model of the robot.
         rangefinder: open board and camera.
-        devices: the devices as the user named them; with the metered exposure and the measured lag they are written
-            into the folder.
-        operator: puts boards, crosses and plates before the camera.
+        devices: devices chosen by the user; they are written to the folder with the metered exposure and the measured
+            lag.
+        operator: puts board, crosses and plates in front of the camera.
         tell: called with a text for each task.
         watch: called with each picture and the request for the next one, for a live page.
 
@@ -69,7 +69,7 @@ def record_session(
 
     Raises:
         RecordingFailed: crosses or board were not found after many tries.
-        drivers.DriverError: a device failed; run the command again to go on.
+        drivers.DriverError: a device failed; run the command again to continue.
     """
     plan = writer.plan
     if writer.has(DEVICES_FILE):
@@ -113,22 +113,22 @@ def check_crosses(points: Float, source: str) -> None:
     """Refuse crosses that cannot be found, before anything is recorded.
 
     Raises:
-        InvalidInput: fewer than four, on one line, or further away than a camera on a robot sees: in other units.
+        InvalidInput: fewer than four crosses, all on one line, or one farther away than FARTHEST_CROSS_M.
     """
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > FARTHEST_CROSS_M:
         raise InvalidInput(
-            f"{source}: a cross lies {farthest:g} m away, allowed: {FARTHEST_CROSS_M:g} m; give metres, not millimetres"
+            f"{source}: a cross is {farthest:g} m away, allowed: {FARTHEST_CROSS_M:g} m; give metres, not millimetres"
         )
     with errors_as(InvalidInput, source, CalibrationRefused, InvalidInput):
         check_extent(Fiducials(CROSSES_PICTURE, points).points_in_footprint)
 
 
 def measured_devices(robot: RobotModel, rangefinder: Rangefinder, devices: Devices) -> Devices:
-    """The devices with the exposure metered on a stripe, everything locked, and the lag measured.
+    """Meter the exposure on a stripe, lock all settings, measure the lag; return the devices with these values.
 
     Raises:
-        drivers.DriverError: the camera does not take an exposure, or does not see the laser.
+        drivers.DriverError: the camera does not accept an exposure, or does not see the laser.
     """
     from drivers import CameraSettings, measure_lag, meter_exposure
 
@@ -161,7 +161,7 @@ def _picture(rangefinder: Rangefinder) -> Image:
 
 
 def _fresh(rangefinder: Rangefinder) -> Image:
-    """A picture whose exposure begins after this call; one that is under way is dropped."""
+    """Picture whose exposure begins after this call; an exposure that has already begun is dropped."""
     rangefinder.camera.flush()
     _picture(rangefinder)
     return _picture(rangefinder)
@@ -233,13 +233,13 @@ def _record_crosses(
 
 
 def _nominal(writer: SessionWriter, robot: RobotModel) -> Float:
-    """Pose (4, 4) of the camera in base_footprint by the robot's model."""
+    """Nominal pose (4, 4) of the camera in base_footprint, from the robot's model."""
     pose = robot.stance_pose(writer.plan.stance)
     return np.asarray(pose.transform_base_to_footprint @ robot.transform_camera_to_base)
 
 
 def _lens(writer: SessionWriter) -> CameraModel:
-    """Lens by the pictures of the board so far."""
+    """Lens estimated from the pictures of the board so far."""
     pictures = {name: writer.read(name) for name in (*writer.boards, FLOOR_PICTURE)}
     views = [find_board(picture, writer.plan.board, name) for name, picture in pictures.items()]
     height, width = pictures[FLOOR_PICTURE].shape[:2]

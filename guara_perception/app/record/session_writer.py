@@ -33,8 +33,8 @@ class SessionPlan:
 
     Attributes:
         robot: name of the robot.
-        board: the board, its square as printed.
-        crosses: (n, 2) where the crosses lie, in base_footprint [m].
+        board: the board, with the printed size of its squares.
+        crosses: (n, 2) positions of the crosses in base_footprint [m].
         plates: heights of the plates' tops above z = 0 [m].
         stance: stance of all pictures.
     """
@@ -46,7 +46,7 @@ class SessionPlan:
     stance: Stance
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as the recording's file holds them."""
+        """Plain values for recording.json."""
         return {
             "robot": self.robot,
             "board": board_to_dict(self.board),
@@ -57,11 +57,11 @@ class SessionPlan:
 
 
 def read_plan(folder: Path) -> SessionPlan:
-    """Plan with which the recording in a folder was begun.
+    """Read the plan with which the recording in a folder was begun.
 
     Raises:
-        MissingFile: there is none.
-        FileFormatError: it cannot be read.
+        MissingFile: the folder has no plan.
+        FileFormatError: the plan cannot be read.
     """
     if not (folder / PLAN_FILE).is_file():
         raise MissingFile(f"{folder}: no {PLAN_FILE} in it, so `guara record` did not make it: nothing to record again")
@@ -81,7 +81,7 @@ class SessionWriter:
         Args:
             folder: the session's folder.
             plan: what to record.
-            redo: names in `PARTS` of what is recorded again, perhaps by another plan; `clear` removes it.
+            redo: keys of `PARTS` that are recorded again, possibly with another plan; `clear` removes their files.
 
         Raises:
             InvalidInput: the folder holds something else, a finished session, or was begun with another plan.
@@ -102,7 +102,7 @@ class SessionWriter:
                     f"{self.folder} was begun with other {', '.join(differing)}: give the same options or another name"
                 )
         elif self.folder.exists() and any(self.folder.iterdir()):
-            raise InvalidInput(f"{self.folder} exists and is no recording; give another name")
+            raise InvalidInput(f"{self.folder} exists and is not a recording; give another name")
         self.folder.mkdir(parents=True, exist_ok=True)
         if not redo:
             self._write_plan()
@@ -124,13 +124,13 @@ class SessionWriter:
         """Write a picture.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the picture cannot be written.
         """
         with whole_file(self.folder / name) as temporary:
             write_picture(temporary, picture)
 
     def clear(self) -> None:
-        """Remove what is to be recorded again, and the finished session; call it when the devices are open."""
+        """Remove the parts to be recorded again, and `session.json`; called when the devices are open."""
         for path in [path for part in self._redo for pattern in PARTS[part] for path in self.folder.glob(pattern)]:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         (self.folder / SESSION_FILE).unlink(missing_ok=True)
@@ -142,7 +142,7 @@ class SessionWriter:
 
     @property
     def plate_names(self) -> list[str]:
-        """Folders of the scans of the plates; further ones of a height are numbered."""
+        """Folders of the plate scans; repeated scans of one height are numbered."""
         heights = self.plan.plates
         names = [f"plate_{1e3 * height:g}".replace(".", "_") for height in heights]
         again = [heights[:i].count(height) for i, height in enumerate(heights)]

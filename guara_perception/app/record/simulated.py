@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 Scene = Callable[["ExposureView", "CameraSettings"], Image]
 LATENCY_S = 0.001
 FRAMES_PER_SECOND = 60.0
-# Beyond the scanned area, so that a plate fills the view.
+# Margin of a plate around the scanned area, so that the plate fills the view.
 PLATE_MARGIN_M = 0.06
-# Where the board's centre appears (share of width and height), its distance [m], tilts about the picture's axes and
-# turn [rad]: every part of the picture and every tilt.
+# Poses of the board, which cover every part of the picture and every tilt: position of its centre in the picture
+# (fractions of width and height), distance [m], tilts about the picture's axes and rotation in its plane [rad].
 BOARD_POSES = (
     (0.50, 0.50, 0.42, 0.00, 0.00, 0.0),
     (0.36, 0.38, 0.50, 0.50, 0.00, 0.1),
@@ -49,14 +49,14 @@ BOARD_POSES = (
     (0.30, 0.70, 0.62, -0.35, -0.30, 0.2),
     (0.70, 0.70, 0.62, 0.35, 0.35, 0.1),
 )
-# A board of which a part suffices is held further out, so that the edge of the picture cuts it.
+# Factor by which a ChArUco board is held further out, so that the picture shows a part of it only.
 CHARUCO_REACH = 1.5
 # Floor on which the exposure is metered and the lag is measured.
 FLOOR_MATERIAL = "soil"
 
 
 class SimulatedWorkshop:
-    """Devices and operator in one: the camera sees whatever the operator is asked to show.
+    """Simulated devices and operator: the camera sees what the operator is asked to show.
 
     The devices run on a clock of their own, so that a busy machine loses no frame.
 
@@ -114,7 +114,7 @@ class SimulatedWorkshop:
         ray = self._camera_to_footprint[:3, :3] @ np.array([0.0, 0.0, 1.0])
         start = self._camera_to_footprint[:3, 3]
         centre = to_camera @ np.append(start - ray * start[2] / ray[2], 1.0)
-        # Seen from above the board's y runs the other way than the floor's: its face looks up.
+        # The board faces up, so its y axis is opposite to that of the floor.
         flat = to_camera[:3, :3] @ rotation([np.pi, 0, 0]) @ rotation([0, 0, np.pi / 2])
         self._still(self._targets.board(self._board, self._board_pose(centre[:3], flat)))
 

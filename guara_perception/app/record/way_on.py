@@ -1,4 +1,4 @@
-"""Advice on a refused session: the part to record again, instead of the whole."""
+"""Advice after a refused calibration: the part of the session to record again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from guara_perception.app.record.session_writer import PLAN_FILE
 from guara_perception.exceptions import CalibrationRefused
 
-# A refusal that has the word is about the part; the first that fits counts.
+# Advice by a word in the text of the refusal; the first word found counts.
 WAYS = (
     ("wrong square size", "`guara calibrate {session} -o {out} --square METRES` with the size measured again"),
     (
@@ -30,10 +30,10 @@ WAYS = (
 
 @contextmanager
 def way_on(session: Path) -> Iterator[None]:
-    """Add the way on to a refusal of a session that `guara record` made.
+    """Add advice to a refusal of a session that was recorded by `guara record`.
 
     Raises:
-        CalibrationRefused: as the block raised it, with the way on.
+        CalibrationRefused: the error of the block, with advice.
     """
     try:
         yield
@@ -42,4 +42,4 @@ def way_on(session: Path) -> Iterator[None]:
         if not advice or not (session / PLAN_FILE).is_file():
             raise
         said = advice.format(session=session, out=session / "calibration.json")
-        raise CalibrationRefused(f"{error}; the way on, with everything else kept: {said}") from None
+        raise CalibrationRefused(f"{error}; to continue with everything else kept: {said}") from None

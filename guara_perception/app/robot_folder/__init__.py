@@ -1,4 +1,4 @@
-"""Makes a robot folder from a URDF, and checks one: `guara robot new` and `guara robot check`.
+"""Creation of a robot folder from a URDF, and its check: `guara robot new` and `guara robot check`.
 
 Only the commands import it.
 """

@@ -40,7 +40,7 @@ LARGEST_TILT = 0.0175
 
 
 def check_robot(folder: Path) -> tuple[RobotModel | None, list[Finding]]:
-    """Check a robot folder, or a robot by name: the robot, None where it does not load, and all findings."""
+    """Check a robot folder, or a robot by name; return the robot, None if it does not load, and all findings."""
     findings: list[Finding] = []
     robot: RobotModel | None = None
     try:
@@ -127,14 +127,14 @@ def _soles(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
         above = sole_above_foot(robot.tree, leg, state)
         if above is None:
             yield note(
-                f"legs.{name}", "its foot has no collision shape: whether the sole frame is right was not checked"
+                f"legs.{name}", "its foot has no collision shape, so the position of the sole frame was not checked"
             )
         elif abs(above) > SOLE_OFF_M:
             where = "above" if above > 0 else "below"
             yield wrong(
                 f"legs.{name}.sole",
                 f"{leg.sole!r} is {1e3 * abs(above):.1f} mm {where} the lowest point of the foot in the scan posture: "
-                "every foothold is off by that; move the frame to where the foot touches the ground",
+                "every foothold is off by as much; move the frame to where the foot touches the ground",
             )
 
 
@@ -146,8 +146,8 @@ def _reach(robot: RobotModel, state: RobotState) -> Iterator[Finding]:
             x, y, z = (1e3 * value for value in missed[0])
             yield wrong(
                 f"legs.{name}",
-                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions that the gait asks for around where "
-                f"it stands, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
+                f"does not reach {len(missed)} of {len(FOOT_OFFSETS)} positions that the gait asks for around the "
+                f"standing foot, such as {x:+.0f} mm ahead, {y:+.0f} mm to the left, {z:+.0f} mm up: choose "
                 "another scan height",
             )
 
@@ -158,7 +158,7 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
     if tilt > LARGEST_TILT:
         yield wrong(
             f"posture {robot.config.scan_posture!r}",
-            f"the body is tilted by {np.degrees(tilt):.1f} degrees against its soles: heights would be tilted too",
+            f"the body is tilted by {np.degrees(tilt):.1f} degrees relative to its soles: heights would be tilted too",
         )
     margin = stability_margin(pose)
     if margin < BALANCE_M:
@@ -169,7 +169,7 @@ def _balance(robot: RobotModel) -> Iterator[Finding]:
         )
     if robot.config.imu_frame is None:
         yield note(
-            "frames.imu", "none: gravity comes from the gait's message or from odometry; without both from the soles"
+            "frames.imu", "none: gravity comes from the gait's message or from odometry; without either, from the soles"
         )
 
 
@@ -179,7 +179,7 @@ def _shapes(robot: RobotModel) -> Iterator[Finding]:
         links = [joint.child for joint in tree.urdf.path_to(leg.sole)]
         if not any(tree.links[link].shapes for link in links):
             yield wrong(
-                f"legs.{name}", "no link of it has a collision shape: the self-filter cannot tell it from terrain"
+                f"legs.{name}", "none of its links has a collision shape: the self-filter cannot tell it from terrain"
             )
     # Links fixed to one another are one body: a shape of one of them is enough.
     bodies: dict[tuple[str, ...], list[Link]] = {}

@@ -1,4 +1,4 @@
-"""Contacts between links of a robot in a posture, by the library coal on the URDF's collision shapes."""
+"""Contacts between links of a robot in a posture, computed by the library coal from the URDF's collision shapes."""
 
 from __future__ import annotations
 

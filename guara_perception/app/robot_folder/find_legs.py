@@ -33,10 +33,10 @@ class FoundLeg:
 
 
 def find_legs(urdf: Urdf) -> tuple[FoundLeg, ...]:
-    """Find the legs: chains of three or more moving joints of their own, in pairs left and right.
+    """Find the legs: chains of three or more moving joints that no other leg has, in pairs left and right.
 
     Raises:
-        InvalidInput: fewer than three, or legs that share joints; the message says what was found.
+        InvalidInput: fewer than three legs, or legs that share joints; the message says what was found.
     """
     below: dict[str, list[Joint]] = {}
     for joint in urdf.joints:
@@ -91,7 +91,7 @@ def _has_twin(leg: FoundLeg, legs: list[FoundLeg]) -> bool:
 
 
 def _named(legs: list[FoundLeg]) -> tuple[FoundLeg, ...]:
-    """Front to hind, left before right; four legs get the usual names."""
+    """Name the legs, front to hind and left before right; four legs get the usual names."""
     ordered = sorted(legs, key=lambda leg: (-round(leg.start[0], 2), -leg.start[1]))
     names = ("lf", "rf", "lh", "rh") if len(ordered) == 4 else tuple(leg.foot for leg in ordered)
     return tuple(replace(leg, name=name) for name, leg in zip(names, ordered, strict=True))

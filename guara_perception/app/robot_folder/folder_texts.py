@@ -9,7 +9,7 @@ from typing import Any
 from guara_perception.app.robot_folder.postures import FoundPosture
 from guara_perception.app.robot_folder.propose import Proposal, kind_of
 
-# The wave gait's: advance of a cycle, four pauses, and the time that they take at the slowest pace with scans of 7 s.
+# Wave gait: advance and pauses of a cycle, its duration without scans at the slowest pace, and that of a scan.
 CYCLE_M, PAUSES, CYCLE_S, SCAN_S = 0.140, 4, 18.7, 7.0
 SWING_HEIGHT_M = 0.060
 
@@ -21,15 +21,15 @@ def assumed(proposal: Proposal) -> dict[str, str]:
         for leg in proposal.legs
     }
     return {
-        "sole": "measure what of a foot rests on the ground, along and across",
+        "sole": "measure the part of a foot that rests on the ground, along and across",
         **legs,
         "frames.camera": "mount the camera, measure where it sits, and calibrate: the calibration overrides it",
         "frames.laser": "mount the mirror, measure where it sits, and calibrate: the calibration overrides it",
         "traversability.slope_limit": "find the steepest ground on which a foot holds",
         "traversability.step_limit": "half the height to which a swing lifts a foot",
         "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
-        "traversability.roughness_limit": "the unevenness under one sole that the robot stands on",
-        "heights.minimum": "how deep a foot reaches below the plane it stands on, twice",
+        "traversability.roughness_limit": "largest unevenness under one sole on which the robot stands",
+        "heights.minimum": "twice the depth that a foot reaches below the plane it stands on",
         "heights.maximum": "twice the height to which a swing lifts a foot",
         "stance.encoder_sigma": "set each joint to a known angle, and compare with what it reads",
         "stance.encoder_noise": "read the joints of the standing robot for a minute: standard deviation of one joint",
@@ -48,7 +48,7 @@ def toml_text(proposal: Proposal, source: str) -> str:
     legs = (
         f"""
 [legs.{leg.name}]
-hip = "{leg.hip}"    # of the first joint that swings the foot fore and aft
+hip = "{leg.hip}"    # moved by the first joint that swings the foot fore and aft
 sole = "{leg.sole}"    # under the foot where it touches the ground in the scan posture
 joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
 """
@@ -125,4 +125,4 @@ def _sole_reason(p: Proposal) -> str:
 def _height_reason(p: Proposal) -> str:
     if p.reach >= 1.0:
         return "the highest from which the feet reach 0.13 m fore and aft, 20 mm down and 60 mm up"
-    return f"from no height a foot reaches all that the gait asks; from here {p.reach:.0%}"
+    return f"from no height do the feet reach all positions of the gait; from this one {p.reach:.0%}"

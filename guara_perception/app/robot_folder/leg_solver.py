@@ -1,4 +1,4 @@
-"""Inverse kinematics of a leg of which only the joints are known, and its foot."""
+"""Inverse kinematics of a leg known only by its joints, and search for its foot."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ class LegSolver:
     Attributes:
         leg: leg as found in the URDF.
         foot: the foot of this leg.
-        pitch_joint: (3,) origin in the base of the first joint that swings the foot fore and aft, all at zero [m].
-        hip: the link which that joint carries.
+        pitch_joint: (3,) origin of the first joint that swings the foot fore and aft, in the base, with all joints at
+            zero [m].
+        hip: link moved by that joint.
         side: the tip's y with the hip's roll at zero [m].
         length: length of the stretched leg from the pitch joint to the tip [m].
     """
@@ -62,11 +63,11 @@ class LegSolver:
         self.length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def solver(self, start: Float) -> NumericLeg:
-        """The numeric solver that starts from joint positions."""
+        """Numeric solver that starts from these joint positions."""
         return NumericLeg(self._tree, self.leg.name, start)
 
     def solve(self, start: Float, tip: Float) -> Float | None:
-        """Joint positions that put the tip at (3,) in the base [m], sought from others; None = out of reach."""
+        """Joint positions that put the tip at (3,) in the base [m], searched from `start`; None = out of reach."""
         found = self.solver(start).solve(tip[None], np.zeros(1))[0]
         return None if np.any(np.isnan(found)) else found
 
@@ -94,7 +95,7 @@ class LegSolver:
         return outward * 2.0 + float(np.abs(positions[0])) + 0.01 * float(np.abs(positions).sum())
 
     def transforms(self, positions: Float) -> list[Float]:
-        """transform_link_to_base (4, 4) of the links that the joints of the leg carry, from hip to foot."""
+        """transform_link_to_base (4, 4) of the links moved by the joints of the leg, from hip to foot."""
         whole = np.zeros(len(self._tree.joint_names))
         whole[self._columns] = positions
         with warnings.catch_warnings():
@@ -110,7 +111,7 @@ class LegSolver:
 
 
 def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
-    """The URDF with one more link fixed to another, its rotation as the written file will give it back."""
+    """URDF with one more link fixed to `parent`; its rotation is the one that a reader of the written file gets."""
     placed = np.array(transform)
     placed[:3, :3] = rotation_from_rpy(*rpy_from_rotation(placed[:3, :3]))
     link = Link(name, None, np.zeros(3), np.zeros((3, 3)), ())
@@ -119,7 +120,7 @@ def with_frame(urdf: Urdf, parent: str, name: str, transform: Float) -> Urdf:
 
 
 def tree_of(urdf: Urdf, legs: tuple[LegConfig, ...], sole: tuple[float, float] = (0.01, 0.01)) -> KinematicTree:
-    """The robot with these legs and soles, before camera and laser are placed."""
+    """Kinematic tree with these legs and soles, before camera and laser are placed."""
     root = root_link(urdf)
     config = RobotToml(
         path=Path(urdf.path),
@@ -156,7 +157,7 @@ class Foot:
     size: Float
 
     def lowest(self, rotation: Float) -> float:
-        """Distance of the lowest point of all shapes below the tip, the link turned by a rotation (3, 3) [m]."""
+        """Distance from the tip down to the lowest point of all shapes, with the link rotated by (3, 3) [m]."""
         down = np.array([0.0, 0.0, -1.0])
         depths = [
             extent_along(shape, rotation @ m[:3, :3], down) + float(down @ (rotation @ (m[:3, 3] - self.tip)))
@@ -166,7 +167,7 @@ class Foot:
 
 
 def find_foot(urdf: Urdf, leg: FoundLeg) -> Foot:
-    """The foot of a leg: of the shapes on its last moving link the one that ends farthest from the last joint."""
+    """Find the foot of a leg: the shape on its last moving link that extends farthest from the last joint."""
     link = next(joint.child for joint in urdf.joints if joint.name == leg.joints[-1])
     frames = dict(frames_fixed_to(urdf, link))
     shapes = tuple(

@@ -12,14 +12,14 @@ from guara_perception.arrays import Float, Mask
 from kinematics import SelfFilter
 from kinematics.tree import KinematicTree, RobotState
 
-# As on the Guará: the area begins this far ahead of the front feet, since the ground up to there is known from before.
+# Area as on the Guará. It begins this far ahead of the front feet, since earlier scans saw the ground up to there.
 AREA_AHEAD_M = 0.20
 AREA_DEPTH_M, AREA_WIDTH_M = 0.45, 0.54
 # Width beside the tracks of the soles, since the planner may set a foot further out.
 BESIDE_M = 0.06
-# Its camera stands at 0.5 m, 0.1 m before the area, the mirror 0.2 m ahead of it and 0.03 m lower.
+# Mounts of the Guará: camera at 0.5 m height and 0.1 m before the area, mirror 0.2 m ahead of it and 0.03 m lower.
 CAMERA_HEIGHT_M, CAMERA_BEFORE_M, BASELINE_M, MIRROR_LOWER_M = 0.5, 0.10, 0.20, 0.03
-# A lens of 3.2 mm before a sensor 3.5 mm wide, 5:4: tangents of half the view across and along, less 5 %.
+# Tangents of half the field of view across and along, less 5 %: a lens of 3.2 mm, a 5:4 sensor 3.5 mm wide.
 VIEW_ACROSS, VIEW_ALONG = 0.95 * 0.5 / 0.921, 0.95 * 0.4 / 0.921
 # Least distance of a mount from the shapes of the robot.
 MOUNT_MARGIN_M = 0.03
@@ -50,7 +50,7 @@ class FoundMounts:
 
     @property
     def transform_camera_to_base(self) -> Float:
-        """transform_camera_optical_to_base (4, 4): image v grows forward, u to the left, as the paper's eq. 5."""
+        """transform_camera_optical_to_base (4, 4): image v grows forward, u to the left, as in the paper's eq. 5."""
         sine, cosine = np.sin(self.camera_pitch), np.cos(self.camera_pitch)
         transform = np.eye(4)
         transform[:3, :3] = [[0.0, cosine, sine], [1.0, 0.0, 0.0], [0.0, sine, -cosine]]
@@ -67,7 +67,7 @@ def find_mounts(
         tree: the robot, whose shapes may hide the area.
         posture: posture in which it scans.
         sole: length and width of a sole [m].
-        others: joint positions of further stances from which the area should be seen, with feet before or behind.
+        others: joint positions of further stances from which the area should be seen, with feet further ahead or back.
     """
     soles = np.array(list(posture.soles.values()))
     front, track = float(soles[:, 0].max()), float(np.abs(soles[:, 1]).max())

@@ -19,16 +19,16 @@ from kinematics.urdf_checks import check_urdf
 
 
 def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height: float | None = None) -> Proposal:
-    """Make a robot folder.
+    """Create a robot folder.
 
     Args:
         source: URDF file.
-        folder: folder to make; must not exist, or be empty.
+        folder: folder to create; must not exist, or be empty.
         name: name of the robot; None = the folder's.
         hip_height: height of the hips in the scan posture [m]; None = chosen.
 
     Raises:
-        InvalidInput: the folder holds something, the name cannot be one, or no robot that walks is found in the URDF.
+        InvalidInput: the folder is not empty, the name is invalid, or the URDF has no robot that can walk.
         kinematics.RobotFileError: the URDF is invalid; the message lists all findings with their lines.
     """
     name = name or re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)
@@ -64,7 +64,7 @@ def new_robot(source: Path, folder: Path, *, name: str | None = None, hip_height
 
 
 def srdf_text(proposal: Proposal) -> str:
-    """The text of the SRDF."""
+    """Text of the SRDF."""
     root = Element("robot", name=proposal.name)
     for leg in proposal.leg_configs:
         group = SubElement(root, "group", name=leg.name)

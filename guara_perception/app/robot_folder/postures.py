@@ -69,9 +69,9 @@ def stand(legs: tuple[LegSolver, ...], hip_height: float) -> FoundPosture | None
 
 
 def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
-    """Hip height for the positions that the gait asks for, and the share of these that the feet reach (1 = all).
+    """Choose the hip height; return it with the fraction of the gait's foot positions within reach (1 = all).
 
-    The highest from which all are reached; if there is none, that from which most are.
+    It is the highest from which the feet reach all positions; if there is none, the one from which they reach most.
 
     Raises:
         InvalidInput: the robot cannot stand at any height.
@@ -98,7 +98,7 @@ def choose_height(legs: tuple[LegSolver, ...]) -> tuple[float, float]:
 
 
 def reach_share(leg: LegSolver, posture: FoundPosture) -> float:
-    """Share of the FOOT_OFFSETS around the standing foot that it reaches."""
+    """Fraction of the FOOT_OFFSETS around the standing foot that the leg reaches."""
     start = np.array([posture.joint_positions[joint] for joint in leg.leg.joints])
     tip = posture.soles[leg.leg.name] + (0.0, 0.0, leg.foot.lowest(leg.foot_rotation(start)))
     found = leg.solver(start).solve(tip + FOOT_OFFSETS, np.zeros(len(FOOT_OFFSETS)))

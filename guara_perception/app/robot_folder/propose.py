@@ -20,7 +20,7 @@ STANDING_HIGHER = (1.05, 1.03, 1.01)
 STRIPES_PER_M = 70 / 0.45
 # The first and the last stripe fall this far outside the area [m].
 PATTERN_MARGIN_M = 0.006
-# A sole without any shape to measure [m].
+# Side of a sole if the foot has no shape [m].
 UNKNOWN_SOLE_M = 0.030
 LEAST_SOLE_M = 0.020
 HALF_SWING_M = 0.07
@@ -28,17 +28,17 @@ HALF_SWING_M = 0.07
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """Robot as its folder will describe it.
+    """Proposed contents of a robot folder.
 
     Attributes:
         urdf: the source with frames for soles, camera and laser.
         name: name of the robot.
-        base: its root link.
+        base: root link of the robot.
         legs: legs as found, with the foot and the solver of each.
         soles: name of the sole's frame, by leg.
         sole: length and width of a sole [m].
-        scan, standing: postures; joints of no leg are as near to zero as their limits allow.
-        reach: share of the positions that the gait asks for that the feet reach, 1 = all.
+        scan, standing: postures; joints outside the legs are as close to zero as their limits allow.
+        reach: fraction of the gait's foot positions that are within reach, 1 = all.
         mounts: camera, laser, area.
         mirror_angles: first and last mirror angle of the scan pattern [rad].
         stripes: number of stripes of the pattern.
@@ -62,7 +62,7 @@ class Proposal:
 
     @property
     def leg_configs(self) -> tuple[LegConfig, ...]:
-        """The legs as robot.toml names them."""
+        """Legs for robot.toml."""
         return _leg_configs(self.legs, self.soles)
 
 
@@ -128,14 +128,14 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
 
 
 def _free(urdf: Urdf, wanted: str) -> str:
-    """The wanted name, or one like it, that no link and no joint has yet."""
+    """The wanted name, or that name with a number, if a link or joint already has it."""
     taken = {link.name for link in urdf.links} | {joint.name for joint in urdf.joints}
     names = [wanted, *(f"{wanted}_{number}" for number in range(2, 100))]
     return next(name for name in names if name not in taken and f"{name}_joint" not in taken)
 
 
 def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[Urdf, dict[str, str]]:
-    """The URDF with sole frames where the feet touch the ground in the scan posture, axes as those of the base."""
+    """URDF with sole frames where the feet touch the ground in the scan posture, parallel to the base; their names."""
     names = {}
     for leg in legs:
         name = _free(urdf, f"{leg.leg.name}_sole")
@@ -149,7 +149,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """Rectangle that must lie on known ground: the whole of a round foot, seen from above."""
+    """Length and width of a sole [m], from the smallest foot: both the width of a round one, else its longest sides."""
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:

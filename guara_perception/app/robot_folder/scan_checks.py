@@ -41,6 +41,11 @@ class Coverage:
     lit: Mask
     inside: tuple[str, ...]
 
+    @property
+    def seen(self) -> Mask:
+        """(ny, nx) cells that camera and laser both reach."""
+        return self.in_view & ~self.hidden & self.lit
+
 
 def coverage(robot: RobotModel) -> Coverage:
     """Compute the coverage of the scanned area by camera and laser at their nominal mounts, with the nominal lens."""

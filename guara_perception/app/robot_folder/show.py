@@ -1,4 +1,4 @@
-"""A robot in its scan posture, in the browser and as a picture: scanned area, camera's view, laser planes."""
+"""Views of a robot in its scan posture, in the browser and as a picture: scanned area, camera cone, laser planes."""
 
 from __future__ import annotations
 
@@ -40,11 +40,14 @@ def show_robot(robot: RobotModel, port: int) -> None:
 
 
 def robot_moment(robot: RobotModel) -> Moment:
-    """Moment of the robot over a flat floor, unknown where camera or laser do not reach, with cone and laser planes."""
-    settings, seen = Settings.of(robot), coverage(robot)
+    """Scene of the robot over a flat floor, with camera cone and laser planes.
+
+    Ground that camera or laser do not reach is unknown.
+    """
+    settings, covered = Settings.of(robot), coverage(robot)
     stance, pose, camera, laser, planes = _mounts(robot, settings)
-    heights = np.where(seen.in_view & ~seen.hidden & seen.lit, 0.0, np.nan)
-    resolution = float(seen.x[1] - seen.x[0])
+    heights = np.where(covered.seen, 0.0, np.nan)
+    resolution = float(covered.x[1] - covered.x[0])
     origin = (settings.footprint_x[0], settings.footprint_y[0])
     floor = assess_terrain(heights, resolution, origin=origin, limits=settings.limits)
     to_footprint = np.asarray(pose.transform_base_to_footprint)
@@ -75,12 +78,12 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
     """Save a picture of two panels: from the side, and from above with hidden or unseen ground in red."""
     from matplotlib.patches import Rectangle
 
-    settings, seen = Settings.of(robot), coverage(robot)
+    settings, covered = Settings.of(robot), coverage(robot)
     _, pose, camera, laser, planes = _mounts(robot, settings)
     with styled():
         figure, ((side, top),) = new_figure(1, 2, size=(13.0, 4.0))
-        for axes, across in ((side, 2), (top, 1)):
-            _draw_links(axes, robot, pose, across)
+        for axes, up in ((side, 2), (top, 1)):
+            _draw_links(axes, robot, pose, up)
         (near, far), (right, left) = settings.footprint_x, settings.footprint_y
         side.plot([-1.0, 2.0], [0.0, 0.0], color="0.6", linewidth=0.8, zorder=0)
         side.plot([near, far], [0.0, 0.0], color=AREA, linewidth=4.0, label="scanned area")
@@ -92,9 +95,9 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
         side.plot(laser[0], laser[2], "s", color=LASER, label="mirror and the first and last laser plane")
         side.set(xlabel="x [m]", ylabel="z [m]", title=f"{robot.name} in its scan posture, from the side")
         top.add_patch(Rectangle((near, right), far - near, left - right, color=AREA, alpha=0.35, label="scanned area"))
-        bad = seen.hidden | ~seen.in_view | ~seen.lit
+        bad = ~covered.seen
         rows, columns = np.nonzero(bad)
-        top.plot(seen.x[columns], seen.y[rows], ".", color=BAD, markersize=3, label=f"not seen: {bad.mean():.0%}")
+        top.plot(covered.x[columns], covered.y[rows], ".", color=BAD, markersize=3, label=f"not seen: {bad.mean():.0%}")
         for x, y in ((near, right), (near, left), (far, right), (far, left)):
             top.plot([camera[0], x], [camera[1], y], color=CAMERA, linewidth=0.8)
         top.plot(camera[0], camera[1], "o", color=CAMERA, label="camera and its cone")
@@ -111,8 +114,8 @@ def draw_robot(robot: RobotModel, path: Path) -> None:
         save_figure(figure, path)
 
 
-def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) -> None:
-    """Draw the convex outline of each shape; `across` is the axis drawn upwards, 2 seen from the side, 1 from above."""
+def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, up: int) -> None:
+    """Draw the convex outline of each shape; `up` is the axis drawn upwards: 2 (z) from the side, 1 (y) from above."""
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
@@ -121,10 +124,9 @@ def _draw_links(axes: Axes, robot: RobotModel, pose: StancePose, across: int) ->
     for link, visuals in visual_shapes(robot).items():
         transform = pose.transform_base_to_footprint @ state.transform_to_base(link)
         shapes += [(transform_points(transform, item.vertices), item.colour) for item in visuals]
-    # Shapes further from the viewer first: those on the left when seen from the right, the low ones when seen from
-    # above.
-    shapes.sort(key=lambda item: -item[0][:, 1].mean() if across == 2 else item[0][:, 2].mean())
+    # Shapes farther from the viewer first: seen from the right, those on the left; seen from above, the low ones.
+    shapes.sort(key=lambda item: -item[0][:, 1].mean() if up == 2 else item[0][:, 2].mean())
     for placed, colour in shapes:
-        flat: Float = placed[:, [0, across]]
+        flat: Float = placed[:, [0, up]]
         outline = flat[ConvexHull(flat).vertices]
         axes.add_patch(Polygon(outline, closed=True, facecolor=colour, edgecolor="white", linewidth=0.4))

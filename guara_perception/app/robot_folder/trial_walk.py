@@ -30,10 +30,10 @@ class TrialWalk:
 
     Attributes:
         pauses: number of pauses that were scanned.
-        unknown_called_safe: cells of all grids that are unknown and traversable; must be 0.
+        unknown_called_safe: number of cells of all grids that are unknown and traversable; must be 0.
         feet: number of footholds that were chosen.
-        feet_on_hazard: number of these on a hazard, by the map or by the true ground; must be 0.
-        known: share of the area that a scan knows, mean of all scans.
+        feet_on_hazard: number of footholds on a hazard, in the map or on the true ground; must be 0.
+        known: fraction of a scan's area that is known, mean of all scans.
         ended: reason why the walk ended early, None if it did not.
     """
 

@@ -1,4 +1,4 @@
-"""Live scene of each pause for ROS 2: the topics that a recording holds for viewers, sent by the mirror."""
+"""Live scene of each pause for ROS 2: the topics that recordings have for viewers, sent by the server's mirror."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SceneMirror:
             server.mirror(lambda: self._named(scene.unchanging(time.time_ns())), lane="robot")
 
     def begin(self, stance: Stance, stamp: int) -> None:
-        """Mirror the robot's frames at the begin of a scan, and its camera."""
+        """Mirror the robot's frames at the beginning of a scan, and its camera."""
         self._server.mirror(lambda: self._named(self._scene.of_stance(stance, stamp)), lane="stance")
 
     def points(self, points: Mapping[int, StripePoints], stamp: int) -> None:

@@ -1,4 +1,4 @@
-"""Scene of a recording for Rerun: its importer's drawing, the missing colours, and a blueprint."""
+"""Scene of a recording for Rerun: what its importer draws, in the right colours, and a blueprint."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from transport.recording import Recording, open_recording
 APPLICATION = "guara_perception"
 TIMELINE = "message_log_time"
 PURPOSE = "the scene in Rerun"
-# [m]
+# Radii of points and lines [m].
 CELL_RADIUS, STRIPE_RADIUS, LINE_RADIUS = 0.0025, 0.0008, 0.0015
 STRIPE_COLOUR, REGION_COLOUR = (213, 94, 0), (0, 89, 61)
-# The robot from the front right, at its size [m], in the frame of the view.
+# Eye and target of the view relative to the robot, seen from its front right [m].
 VIEWPOINT, LOOKED_AT = (1.45, -1.05, 0.70), (0.35, 0.0, 0.05)
 BACKGROUND = (38, 42, 48)
 LINE_LIST = 5
 
 
 def open_in_rerun(path: Path) -> None:
-    """Show a recording in the Rerun viewer, until it is closed.
+    """Show a recording in the Rerun viewer; return when the viewer is closed.
 
     Raises:
-        PerceptionError: the viewer failed, as without a display.
+        PerceptionError: the viewer failed, for instance without a display.
         Exception: as in `save_rerun_scene`.
     """
     with tempfile.TemporaryDirectory(prefix="guara-rerun-") as folder:
         scene = save_rerun_scene(path, Path(folder) / f"{path.stem}.rrd")
         code = subprocess.run(
-            # It listens to this machine only.
+            # The viewer listens to this machine only.
             [sys.executable, "-m", "rerun", str(scene), "--bind", "127.0.0.1", "--port", "auto"],
             check=False,
         ).returncode
     if code:
         raise PerceptionError(
-            f"the Rerun viewer ended with code {code}; where there is no display, --save {path.stem}.rrd writes what "
-            "`rerun` opens elsewhere"
+            f"the Rerun viewer ended with code {code}; without a display, --save {path.stem}.rrd writes a file "
+            "that `rerun` opens elsewhere"
         )
 
 
@@ -62,7 +62,7 @@ def save_rerun_scene(path: Path, out: Path) -> Path:
         MissingExtra: rerun-sdk is not installed.
         MissingFile: no such recording.
         FileFormatError: it is not a recording, or is truncated or damaged.
-        InvalidInput: it holds no scene, or `out` is not an .rrd file.
+        InvalidInput: the recording has no scene, or `out` is not an .rrd file.
     """
     rerun = optional_library("rerun", "rerun", PURPOSE)
     check_target(out, ".rrd")
@@ -133,7 +133,7 @@ def _last_map(recording: Recording) -> TerrainMessage:
 
 
 def _description_of(recording: Recording) -> str:
-    """URDF in a recording, empty where there is none."""
+    """URDF in a recording, empty if it has none."""
     return next((str(message.data) for message in recording.messages("/robot_description")), "")
 
 
@@ -144,7 +144,7 @@ def _model_of(description: str) -> str:
 
 
 def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
-    """Entity of each plain visual of a URDF with the setting that draws it solid: the importer draws it transparent."""
+    """Yield the entity of each plain visual of a URDF, with a setting that draws it solid, as the importer does not."""
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
     shapes = {"box": rerun.Boxes3D, "cylinder": rerun.Cylinders3D, "sphere": rerun.Ellipsoids3D}
     try:
@@ -160,13 +160,13 @@ def solid_shapes(description: str) -> Iterator[tuple[str, Any]]:
 
 
 def _position_of(message: TerrainMessage) -> Float:
-    """Position (3,) of the robot in odom at the scan of a map [m]; the origin where the map holds none."""
+    """Position (3,) of the robot in odom at the scan of a map [m]; the origin if the map has none."""
     to_odom = [item.matrix[:3, 3] for item in message.transforms if item.destination_frame == ODOM]
     return np.asarray(to_odom[0] if to_odom else np.zeros(3))
 
 
 def _drawn(recording: Recording, robot: str) -> Iterator[tuple[int, str, tuple[Any, ...]]]:
-    """Time [ns], entity and components of what Rerun's importer draws in the wrong colours or not at all."""
+    """Yield time [ns], entity and components of data that the importer draws in the wrong colours or not at all."""
     rerun: Any = optional_library("rerun", "rerun", PURPOSE)
 
     def frame(message: Any) -> Any:

@@ -160,7 +160,7 @@ def labels(heights: tuple[float, ...]) -> Sheet:
 
 
 def ruler() -> Sheet:
-    """Two rulers of 150 mm, along and across: what a caliper reads on them is the printer's scale."""
+    """Two rulers of 150 mm, along and across, for measuring the printer's scale with a caliper."""
     length = 150.0
 
     def draw(axes: Axes) -> None:
@@ -216,10 +216,10 @@ def _centre_lines(axes: Axes, x: float, y: float, width: float, height: float) -
 
 
 def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardSpec:
-    """A board as `calibration_board` draws it, from "COLUMNSxROWS" of inner corners, a square's edge [m], its pattern.
+    """Parse a board from "COLUMNSxROWS" of inner corners; add the edge of its squares [m] and its pattern.
 
     Raises:
-        InvalidInput: not of this form, or a size that no board has.
+        InvalidInput: not of this form, or a size out of range.
     """
     columns, between, rows = size.partition("x")
     if not (between and columns.isdigit() and rows.isdigit()):
@@ -234,10 +234,10 @@ def parse_board(size: str, square: float, pattern: str = CHECKERBOARD) -> BoardS
 
 
 def parse_heights(text: str) -> tuple[float, ...]:
-    """Heights of plates [m] with commas between.
+    """Parse heights of plates [m] with commas between.
 
     Raises:
-        InvalidInput: no numbers, or not 2 to 20 within 0.5 m of the floor, or all nearly the same.
+        InvalidInput: not numbers, more than 20, not all within 0.5 m of the floor, or all nearly the same.
     """
     try:
         heights = tuple(float(height) for height in text.split(","))

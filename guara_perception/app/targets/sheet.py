@@ -45,7 +45,7 @@ class Page:
 
     Attributes:
         sheet: sheet of which it shows a part.
-        paper_mm: width and height of the paper, turned as the page is.
+        paper_mm: width and height of the paper in the orientation of the page.
         corner_mm: position on the sheet of the bottom left corner of that part.
         size_mm: width and height of that part.
         row, column: indices of the page, from the bottom left.
@@ -63,7 +63,7 @@ class Page:
 
 
 def pages_of(sheet: Sheet, paper: str) -> list[Page]:
-    """Cut a sheet into pages, with the paper turned so that there are fewest.
+    """Cut a sheet into pages, in the paper orientation that gives fewest.
 
     Raises:
         InvalidInput: no such paper.

@@ -67,9 +67,9 @@ def test_crosses_that_are_seen_are_green_and_the_place_of_another_is_red(worksho
     targets = TargetCamera.of(camera, seed=1)
     drawn, text = look(targets.crosses(points, to_footprint))
     pixels = floor_pixels(camera, to_footprint, points)
-    assert text == "all 5 crosses are seen" and all(near(drawn, pixel, GREEN) for pixel in pixels)
+    assert text == "all 5 crosses found" and all(near(drawn, pixel, GREEN) for pixel in pixels)
     drawn, text = look(targets.crosses(points[1:], to_footprint))
-    assert text == "not seen: cross 1, near the red circles"
+    assert text == "cross 1 not found (expected at the red circles)"
     assert near(drawn, pixels[0], RED) and not near(drawn, pixels[0], GREEN) and near(drawn, pixels[1], GREEN)
 
 
@@ -81,7 +81,7 @@ def test_corners_of_the_board_and_the_scanned_area_are_drawn(workshop: Simulated
     with workshop.rangefinder as rangefinder:
         seen = np.asarray(rangefinder.camera.grab(60.0).image)
     drawn, text = look(seen)
-    assert text == "the board is seen" and np.all(drawn == GREEN, axis=2).sum() > 500
+    assert text == "board found" and np.all(drawn == GREEN, axis=2).sum() > 500
     drawn, text = look(np.zeros((300, 400), np.uint16))
     assert (
         text == find_board(np.zeros((300, 400), np.uint8), BOARD).reason

@@ -236,7 +236,7 @@ def test_a_refusal_tells_the_way_on(tmp_path: Path, refusal: str, way: str):
     (tmp_path / "recording.json").write_text("{}")
     with pytest.raises(gp.CalibrationRefused) as told, way_on(tmp_path):
         raise gp.CalibrationRefused(refusal)
-    assert str(told.value).startswith(f"{refusal}; the way on, with everything else kept: ")
+    assert str(told.value).startswith(f"{refusal}; to continue with everything else kept: ")
     assert way.format(session=tmp_path) in str(told.value)
 
 
@@ -328,7 +328,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
         (["--simulated", "--plates", "0.04,0.045"], "two of them 0.01 m or more apart; 0 is the bare floor"),
         (
             ["--simulated", "--crosses", "mm.json"],
-            "mm.json: a cross lies 930 m away, allowed: 5 m; give metres, not",
+            "mm.json: a cross is 930 m away, allowed: 5 m; give metres, not",
         ),
         (["--simulated", "--crosses", "three.json"], "three.json: fiducials.points_in_footprint: 3 points given, 4 or"),
         (["--simulated", "--crosses", "line.json"], "line.json: fiducials: the points are collinear"),

@@ -168,5 +168,5 @@ def test_the_operator_is_told_the_size(robot: RobotModel, monkeypatch: pytest.Mo
     operator = TextOperator(asked.append, Settings.of(robot))
     operator.lay_plate(0.0)
     operator.lay_plate(0.04)
-    assert asked[0].startswith("Clear the floor before the robot: x 0.50 ... 0.95 m, y -0.27 ... 0.27 m")
+    assert asked[0].startswith("Clear the floor in front of the robot: x 0.50 ... 0.95 m, y -0.27 ... 0.27 m")
     assert asked[1].startswith("Lay the plate of 40 mm, 0.45 x 0.54 m or larger, over x 0.50 ... 0.95 m")
