@@ -234,7 +234,7 @@ class BringUp:
         except FileNotFoundError:
             return set()
         except (ValueError, KeyError, TypeError) as error:
-            raise InvalidInput(f"{self._path} is no record of a first power-up: remove it, begin again") from error
+            raise InvalidInput(f"{self._path} is not a record of a first power-up: remove it") from error
 
     def _write(self, serial: str, passed: set[str]) -> None:
         record = {"serial": serial, "passed": sorted(passed)}

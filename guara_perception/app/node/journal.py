@@ -16,7 +16,7 @@ from transport import Health, StatusItem
 from transport.supervision import supervised
 
 logger = logging.getLogger(__name__)
-# The log tells that a walk continues, too, not only that it does not.
+# At INFO, so that the log reports that a walk continues, not only that it does not.
 logger.setLevel(logging.INFO)
 # Number of files: the older one serves if the newer is damaged, or is of a pause that is scanned again.
 SLOTS = 2

@@ -17,7 +17,7 @@ from kinematics.robot_settings import PauseLimits
 from kinematics.tree import checked_positions
 from transport import StancePause
 
-# A position further beyond a joint's limits is no measurement: encoders are offset by a few degrees, not by thirty.
+# A position further beyond a joint's limits was not measured: encoders are offset by a few degrees, not by thirty.
 BEYOND_LIMITS_RAD = 0.5
 # Largest position of a joint without limits: sixteen turns.
 LARGEST_POSITION_RAD = 100.0

@@ -18,7 +18,7 @@ from transport.messages.stance_stream import ANY_WALK
 LOWEST_RATE, HIGHEST_RATE = 50.0, 1000.0
 # Factor by which a measured rate may be outside them, since sampling is not exact.
 RATE_SLACK = 1.1
-# [s] Longest time between samples that is no gap; time over which rates are measured.
+# [s] Longest time between samples that does not count as a gap; time over which rates are measured.
 LONGEST_GAP, RATE_TIME = 0.1, 1.0
 # [s] Silence that the status warns of; time after which warnings are cleared and a silent stream counts as ended.
 SILENT, FORGOTTEN = 1.0, 10.0

@@ -110,7 +110,7 @@ def test_a_laser_is_refused_before_an_led_went_dark(bench: Bench) -> None:
     with pytest.raises(InvalidInput, match="5 and 6"):
         bench.run(What="laser")
     (bench.folder / RECORD).write_text("{")
-    with pytest.raises(InvalidInput, match="remove it, begin again"):
+    with pytest.raises(InvalidInput, match="is not a record of a first power-up: remove it"):
         bench.run(What="laser")
     assert not bench.board.view().laser_on
 
