@@ -43,7 +43,7 @@ def command(
 ) -> None:
     """Calibrate camera, mount and laser from the pictures of one SESSION folder.
 
-    If the verdict is `refused`, it exits 1 and writes no calibration without --force; the report is always written.
+    If the verdict is `refused`, exit 1 and write no calibration, unless --force is given; always write the report.
 
     \b
     Example:

@@ -55,7 +55,9 @@ class Given:
 @click.option("--indices", is_flag=True, help="the numbers are the indices of the stripes; some may be missing")
 @click.option("-c", "--calibration", type=FILE, help="calibration with the mirror angles; default: robot.toml's")
 @click.option("--board", default="9x7", help="session: inner corners of the board, COLUMNSxROWS")
-@click.option("--pattern", type=click.Choice(["checkerboard", "charuco"]), default="checkerboard", help="session")
+@click.option(
+    "--pattern", type=click.Choice(["checkerboard", "charuco"]), default="checkerboard", help="session: kind of board"
+)
 @click.option("--square", type=float, default=0.030, help="session: edge of the board's squares [m]")
 @click.option("--ground", help="session: name of the picture of the board on the floor")
 @click.option("--crosses-picture", help="session: name of the picture of the crosses")

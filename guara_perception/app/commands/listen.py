@@ -69,7 +69,7 @@ def command(
     from guara_perception.app.summary import facts, summary
 
     if len(names) > 1:
-        raise InvalidInput(f"--name is {', '.join(names)}: allowed: one robot; --all lists several")
+        raise InvalidInput(f"--name is {', '.join(names)}; allowed: one robot (--all lists several)")
     robot = names[0] if names else DEFAULT_ROBOT
     seen = 0
     connecting = CONNECTING_SECONDS if timeout is None else min(timeout, CONNECTING_SECONDS)

@@ -87,7 +87,7 @@ class Journal:
     def confirm(self) -> None:
         """Replace the older file by the newest claim; wait for it, on a slow disk for CONFIRM_S at most.
 
-        So a pause that is published as confirmed afterwards is not lost with the node.
+        A pause that is then published as confirmed is not lost with the node.
         """
         with self._has_news:
             self._confirmed = self._last

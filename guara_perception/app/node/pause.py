@@ -160,7 +160,7 @@ class Pause:
 
     def leave_stream(self) -> None:
         """Ignore the stream from now on: the readings must show that the robot stood still."""
-        # First, since readings are added on another thread: `_add` must see it, or this the motion found by `_add`.
+        # In this order, since `_add` runs on another thread: it sees that there is no stream, or this sees its motion.
         self.stream = None
         if self._motion:
             self._break(self._motion, moved=True)

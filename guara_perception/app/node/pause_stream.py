@@ -109,7 +109,7 @@ class PauseStream:
         return FlashRecord(self.begin, self.begin + round(1e9 * flash[0]), round(1e9 * flash[1]))
 
     def wait(self, is_enough: Callable[[], bool]) -> None:
-        """Wait until there are enough samples, until SAMPLE_WAIT after those about the last flash are due at most."""
+        """Wait for enough samples, at most until SAMPLE_WAIT after the samples about the last flash are due."""
         ahead = max(self._last_flash - clock.now(), 0.0)
         with self._added:
             self._added.wait_for(is_enough, ahead + HALF_WINDOW + SAMPLE_WAIT)

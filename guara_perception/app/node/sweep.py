@@ -35,7 +35,7 @@ SWEEPS = (*MODES, ADAPTIVE)
 MARGIN_S = 0.1
 # Most sweeps of one pause, if foreign light spoils them.
 MOST_SWEEPS = 4
-# Least duration of a sweep assumed for the wait before its repetition; interval of the checks that the pause lasts.
+# [s] Least duration of a sweep assumed for the wait before its repetition; interval of the checks that the pause lasts.
 LEAST_WAIT_S, WAIT_SLICE_S = 0.2, 0.02
 
 

@@ -149,7 +149,7 @@ def _with_soles(urdf: Urdf, legs: tuple[LegSolver, ...], scan: FoundPosture) -> 
 
 
 def _sole(feet: list[Foot]) -> tuple[float, float]:
-    """Length and width of a sole [m], from the smallest foot: both the width of a round one, else its longest sides."""
+    """Length and width of a sole [m], least over all feet: longest sides of a flat foot, width of a round one twice."""
     lengths: list[tuple[float, ...]] = []
     for foot in feet:
         if not foot.shapes:
