@@ -99,7 +99,7 @@ class LiveMoments(AbstractContextManager["LiveMoments"]):
             return ""
         if self._robot in robots or self._client.is_alive:
             return f"waiting for the first grid of {self._robot!r}: its node is running but has sent none yet"
-        others = f"alive here: {', '.join(robots)} (--instance NAME)" if robots else "no robot is visible here"
+        others = f"alive here: {', '.join(robots)} (--name NAME)" if robots else "no robot is visible here"
         return f"waiting for a robot with instance name {self._robot!r}: no such node on this router; {others}"
 
     def state(self) -> tuple[str, bool]:

@@ -43,7 +43,7 @@ GROUPS = {
         "info": "Describe a file or folder",
     },
     "Robots and sites": {
-        "robot": "Create and check a robot folder; install its node as a service",
+        "robot": "Create, check and accept a robot; install its node as a service",
         "security": "Create and check certificates and access rules",
     },
 }

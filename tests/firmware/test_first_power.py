@@ -41,7 +41,7 @@ def test_the_firmware_passes_the_first_power(new_chip: Callable[[], Chip], tmp_p
         "Leave D3": wire("blind", True),
         "Connect D3": wire("blind", False),
         "Bridge Q4": wire("stuck_on", True),
-        "Take the bridge": wire("stuck_on", False),
+        "Remove the bridge": wire("stuck_on", False),
         "Get ready to hold RUN": lambda: pending.append(chip.unplug),
         "Release RUN": lambda: (chip.replug(), bus.await_device()),
         "Get ready to pull": lambda: pending.append(wire("dead", True)),

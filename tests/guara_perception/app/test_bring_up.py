@@ -150,7 +150,7 @@ def test_faults_end_the_first_power_with_a_remedy(bench: Bench, deeds: dict[str,
     ("question", "said"),
     [
         ("Is it dark, and", "Q1 conducts without heartbeats"),
-        ("Did it light", "what your eyes do not see"),
+        ("Did it light", "light that you do not see"),
         ("Is it dark now", "SUPPLY is low and Q1 conducts"),
         ("Did it go dark", "must let LASER and SUPPLY fall"),
     ],

@@ -124,7 +124,7 @@ def test_without_an_exposure_a_triggered_camera_gets_one() -> None:
     ("devices", "expected_text"),
     [
         (Devices("0", trigger="Line1"), "trigger is 'Line1', but camera '0' cannot wait for one"),
-        (Devices("aravis", trigger="Line1", settings={"exposure": 0.5}), "shines while a triggered camera exposes"),
+        (Devices("aravis", trigger="Line1", settings={"exposure": 0.5}), "is on while a triggered camera exposes"),
         (Devices("aravis", pixel_format="RGB8"), "pixel format is 'RGB8', allowed: Mono8"),
     ],
 )

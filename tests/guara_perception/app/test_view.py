@@ -289,7 +289,7 @@ def test_a_live_view_without_anything_to_show_says_what_it_waits_for(
     node = start(NODE, free_endpoint, "rex", terrain_file)
     assert node.line() == "ready"
     for instance, expected_text in (
-        ("guara", "name 'guara': no such node on this router; alive here: rex (--instance NAME)\n"),
+        ("guara", "name 'guara': no such node on this router; alive here: rex (--name NAME)\n"),
         ("rex", "waiting for the first grid of 'rex': its node is running but has sent none yet\n"),
     ):
         stop, said = threading.Event(), ""

@@ -127,7 +127,7 @@ def test_a_foreign_recording_is_reported(guara, calibration_file: Path, tmp_path
     ("arguments", "message"),
     [
         (["--extent", "world"], "--extent holds 'world', allowed: footprint, map"),
-        (["--listen", "tcp/127.0.0.1:1"], "give --publish too"),
+        (["--listen", "tcp/127.0.0.1:1"], "need --publish: give it too"),
         (["--method", "fast"], "allowed: "),
         (["-o", "FILE"], "is a file, a folder is needed"),
         (["--robot", "tapir"], "tapir"),

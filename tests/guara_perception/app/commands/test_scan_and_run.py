@@ -205,8 +205,8 @@ def test_a_killed_node_comes_up_and_goes_on_recording(free_endpoint: str, tmp_pa
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--record-limit", "50GB"], "--record-limit goes with --record and a folder"),
-        (["--record", "w.mcap", "--record-limit", "50GB"], "record into a folder"),
+        (["--record-limit", "50GB"], "--record-limit needs --record with a folder"),
+        (["--record", "w.mcap", "--record-limit", "50GB"], "given: w.mcap"),
         (["--record", "walks", "--record-limit", "lots"], "allowed: 200MB or more"),
         (["--record", "walks", "--record-limit", "10MB"], "allowed: 200MB or more"),
         (["--record", "pyproject.toml"], "a file has this name"),

@@ -64,7 +64,7 @@ def test_what_is_not_ours_is_refused(guara, tmp_path: Path):
     said = guara("info", tmp_path / "none.npz")
     assert said.code == 2 and "none.npz: no such file or folder" in said.err
     said = guara("info", tmp_path)
-    assert said.code == 2 and "not known" in said.err
+    assert said.code == 2 and "unknown kind of file" in said.err
 
 
 def test_a_broken_robot_folder_is_refused(guara, tmp_path: Path):

@@ -142,5 +142,5 @@ def test_what_is_no_size_is_refused(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("path", [None, Path("w.mcap")])
 def test_a_limit_needs_a_folder(path: Path | None) -> None:
     """Files of a name that somebody chose are not removed."""
-    with pytest.raises(InvalidInput, match="record into a folder"):
+    with pytest.raises(InvalidInput, match="needs --record with a folder"):
         read_limit("50GB", path)

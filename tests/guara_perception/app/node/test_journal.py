@@ -199,7 +199,7 @@ MISFITS = {
     "lifted": ({"standing_pauses": dict.fromkeys(LEGS, 0) | {"rh": 4}}, NOT_SAID),
     "a foot that swung is said to stand": (
         {"standing_pauses": dict.fromkeys(("lf", "lh", "rf", "rh"), 4)},
-        "moved, of",
+        "moved, but",
     ),
     "another walk": ({"epoch": "v"}, "the journal is of walk 'w', step 3; this is step 4 of 'v'"),
     "old": ({"time": BEGUN + 1000.0}, "it is 970 s old, ground is valid for 420 s"),

@@ -393,7 +393,7 @@ def test_frames_after_the_joints_of_end_leave_grid_and_map(
         bench.gait.say(0, PausePhase.END, stamp=middle)
         cut, fused_cut = both(bench, 0, confirmed=True)
         assert 4 < cut.metadata["stripes_used"] < 25 and provisional.metadata["stripes_used"] == 35
-        assert "were taken later than the joints that confirm the scan" in str(cut.metadata["health"]["reasons"])
+        assert "were taken after the joints that confirm the scan were read" in str(cut.metadata["health"]["reasons"])
         gone = np.isfinite(provisional.elevation) & np.isnan(cut.elevation)
         assert gone.sum() > 1000 and bench.rig.never_safer(cut)
         assert np.mean((cut.hazard[gone] & Hazard.UNSCANNED) != 0) > 0.9
@@ -413,7 +413,7 @@ def test_an_end_that_was_read_before_the_scan_withdraws_it(bench: Bench) -> None
     both(bench, 0)
     bench.gait.say(0, PausePhase.END, stamp=bench.gait.first_stamp + 1)
     assert is_withdrawn(wait_for_withdrawal(bench)) and is_withdrawn(wait_for_withdrawal(bench, "map"))
-    assert reported(bench, "the joints that confirm the scan were read before most of it was taken")
+    assert reported(bench, "the joints that confirm the scan were read before it was complete")
 
 
 def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
@@ -426,7 +426,7 @@ def test_without_the_gaits_clock_grids_stay_provisional_and_out_of_the_map(
         both(bench, 0)
         bench.gait.say(0, PausePhase.END)
         assert reported(bench, "the clock of the gait's stamps is not known from guara/gait/v1/clock")
-        assert reported(bench, "Announce pauses by this version's StancePublisher")
+        assert reported(bench, "Announce pauses with this version's StancePublisher")
         message = bench.client._client.receiver().latest().message
         assert message.provisional and not message.withdrawn
         bench.gait.say(1, PausePhase.BEGIN)

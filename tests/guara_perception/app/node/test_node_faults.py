@@ -202,7 +202,7 @@ def test_news_of_a_later_pause_end_the_one_under_way(bench: Bench, phase: PauseP
     bench.gait.say(0, PausePhase.BEGIN)
     assert wait_until(lambda: bench.rig.board.view().laser_on)
     bench.gait.say(1, phase, stance)
-    assert wait_until(lambda: any("step 0: the pause ended without a stance" in message for message in problems))
+    assert wait_until(lambda: any("step 0: the pause ended without a usable stance" in message for message in problems))
     bench.gait.say(2, PausePhase.BEGIN)
     np.testing.assert_array_equal(bench.client.wait_for_step(2, timeout=TIMEOUT).hazard, bench.rig.reference.hazard)
     assert wait_until(lambda: 2 in seen) and 0 not in seen

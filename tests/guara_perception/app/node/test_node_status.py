@@ -60,7 +60,7 @@ def test_a_client_is_told_where_the_robot_is_in_its_walk(bench: Bench) -> None:
     assert reached("none").message.startswith("no stance pause was announced yet")
     bench.gait.say(7, PausePhase.BEGIN)
     standing = reached("standing")
-    assert standing.values["step"] == "7" and "is scanned no more: the next grid comes" in standing.message
+    assert standing.values["step"] == "7" and "its scan is done: the next grid comes" in standing.message
     bench.gait.say(7, PausePhase.END)
     moving = reached("moving")
     assert moving.values["step"] == "7"

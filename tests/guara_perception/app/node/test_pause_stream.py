@@ -153,7 +153,7 @@ def test_an_instant_is_told_by_the_gaits_clock_with_what_is_not_known_of_it(robo
 def test_where_instants_are_in_doubt_the_stream_is_not_used(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pause_stream.clock, "now", lambda: 100.0)
     assert stream_of(robot, Clock(known_after=1)).doubt((100.0, 0.002)) == ""
-    assert "does not tell its clock" in stream_of(robot, Clock(known_after=2)).doubt((100.0, 0.002))
+    assert "does not report its clock" in stream_of(robot, Clock(known_after=2)).doubt((100.0, 0.002))
     assert "lag is not known" in stream_of(robot).doubt(None)
     text = stream_of(robot, Clock(doubt=0.05)).doubt((100.0, 0.002))
     assert f"known to 29 ms, allowed: {1e3 * MOST_TIME_SIGMA:.0f} ms" in text

@@ -52,7 +52,7 @@ def watched(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 def test_a_gait_without_a_stream_is_well(watched: Watched) -> None:
     level, message = watched.said
-    assert level is Health.OK and "sends no stream of joints" in message
+    assert level is Health.OK and "sends no joint stream" in message
 
 
 def test_the_rate_is_told_and_one_that_is_of_no_use_is_a_warning(watched: Watched) -> None:

@@ -320,7 +320,7 @@ def test_scan_without_a_calibration_takes_robot_tomls_pattern(guara, tmp_path: P
 @pytest.mark.parametrize(
     ("arguments", "reported"),
     [
-        (["--simulated", "--camera", "0"], "--simulated brings its own devices"),
+        (["--simulated", "--camera", "0"], "--simulated has its own devices"),
         (["--simulated", "--printed-150", "15"], "--printed-150 is 15 mm, allowed: 135 ... 165"),
         (["--simulated", "--plates", "0,0"], "--plates is '0,0', allowed: 2 ... 20 heights"),
         (["--simulated", "--plates", "0,40"], "heights of -0.5 ... 0.5 m"),
