@@ -25,6 +25,7 @@ VERDICT_TEXTS = {
 }
 PAGE = Path(__file__).with_name(REPORT_FILE)
 STYLE = PAGE.with_suffix(".css").read_text(encoding="utf-8")
+MOUNTS = {"eq5": "as eq. 5 of the paper (rows grow forward)", "upright": "upright (rows grow backward)"}
 MARKS = {"good": "ok  ", "usable": "weak", "refused": "BAD "}
 
 
@@ -153,9 +154,6 @@ def summary(result: CalibrationResult) -> str:
         lines.append("because:")
         lines += [f"  - {reason}" for reason in result.reasons]
     return "\n".join(lines)
-
-
-MOUNTS = {"eq5": "as eq. 5 of the paper (rows grow forward)", "upright": "upright (rows grow backward)"}
 
 
 def value_text(check: Check) -> str:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from guara_perception.app.node.simulated import SimulatedRobot
 
 
+# Tables and keys of robot.toml that footholds depend on. The mounts of camera and laser are not among them: the
+# calibration, without which there is no live scan, overrides them.
+SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 NO_CALIBRATION = "no calibration: give -c calibration.json (`guara calibrate` makes it)"
 
 
@@ -97,11 +100,6 @@ def choose_rig(
     check_identity(devices.identity, calibrated.identity, str(chosen.devices))
     devices = replace(devices, size=calibrated.size, identity=calibrated.identity or devices.identity)
     return Rig(model, calibration, rangefinder_of(devices), None)
-
-
-# Tables and keys of robot.toml that footholds depend on. The mounts of camera and laser are not among them: the
-# calibration, without which there is no live scan, overrides them.
-SAFETY_KEYS = ("sole", "legs.", "traversability.", "heights.")
 
 
 def _refuse_assumed(robot: RobotModel) -> None:
