@@ -178,6 +178,7 @@ class NumericLeg:
         config = tree.leg(leg)
         self._model: Any = build_model(tree.urdf, config.joints)
         self._order = np.array([self._model.joints[self._model.getJointId(joint)].idx_q for joint in config.joints])
+        self._sole_radius = tree.config.sole_radius
         self._sole = int(self._model.getFrameId(config.sole, pinocchio.FrameType.BODY))
         columns = [tree.joint_index(joint) for joint in config.joints]
         self.lower, self.upper = tree.lower_limits[columns], tree.upper_limits[columns]
@@ -234,7 +235,9 @@ class NumericLeg:
             self._model, data, configuration, self._sole, pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:, self._order]
         placement = data.oMf[self._sole]
-        error, jacobian = sole - placement.translation, full[:3]
+        # As `soles_in_base` has it; the small change of that with the joints is left to the next iterations.
+        lifted = self._sole_radius * (1.0 - placement.rotation[2, 2])
+        error, jacobian = sole - placement.translation + (0.0, 0.0, lifted), full[:3]
         if not self.seeks_pitch:
             return error, jacobian
         # Pitch is measured in the plane through the x axis, the hip and the target, as in the closed form.

@@ -53,6 +53,7 @@ class RobotToml:
         path: the file's path.
         name: the robot's name.
         sole: length and width of a sole [m].
+        sole_radius: of the ball of a round foot, above its sole frame [m]; 0 for flat soles.
         scan_posture: name of the posture in which the robot scans.
         base_frame, camera_frame, laser_frame: names of links of the URDF.
         imu_frame: name of the IMU's link, None without one.
@@ -74,6 +75,7 @@ class RobotToml:
     postures: tuple[PostureConfig, ...]
     root: Table
     assumed: Mapping[str, str] = field(default_factory=dict)
+    sole_radius: float = 0.0
 
 
 def open_robot_toml(path: Path, text: str | None = None) -> Table:
@@ -122,6 +124,7 @@ def read_robot_toml(root: Table, findings: Findings) -> RobotToml:
         postures=tuple(_posture(name, postures.table(name)) for name in postures.values),
         root=root,
         assumed=_assumed(table),
+        sole_radius=table.number("sole_radius", least=0.0, most=0.1) if "sole_radius" in table.values else 0.0,
     )
     if legs.values and len(config.legs) < 3:
         findings.wrong(f"{len(config.legs)} tables [legs.<name>]; a support plane needs three legs", root.line("legs"))

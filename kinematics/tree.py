@@ -216,10 +216,17 @@ class RobotState:
         return read_only(self._data.oMf[self.tree.frame_id(frame)].translation)
 
     def soles_in_base(self, legs: Iterable[str] | None = None) -> Float:
-        """Sole centres in `base_link`, (n, 3) [m], in the order of `legs` (default: all legs)."""
+        """Sole centres in `base_link`, (n, 3) [m], in the order of `legs` (default: all legs).
+
+        Of a round foot it is the point of the ball that a sole frame marks, as deep as the ball reaches. When the ball
+        rolls that point stays where it is, but for 0.2 mm, while the frame rises with it.
+        """
         names = tuple(self.tree.legs) if legs is None else tuple(legs)
-        frames = [self.tree.frame_id(self.tree.leg(leg).sole) for leg in names]
-        return read_only(np.reshape([self._data.oMf[frame].translation for frame in frames], (-1, 3)))
+        places = [self._data.oMf[self.tree.frame_id(self.tree.leg(leg).sole)] for leg in names]
+        soles = np.reshape([place.translation for place in places], (-1, 3))
+        if radius := self.tree.config.sole_radius:
+            soles[:, 2] -= [radius * (1.0 - place.rotation[2, 2]) for place in places]
+        return read_only(soles)
 
     def jacobian(self, frame: str) -> Float:
         """Jacobian of a frame's origin, (6, n): d(linear [m], angular [rad]) / d(positions).

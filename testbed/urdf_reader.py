@@ -39,7 +39,10 @@ def worst_difference(robot: RobotModel, source: Path) -> float:
         for leg in robot.config.legs:
             mount = robot.tree.urdf.path_to(leg.sole)[-1]
             foot = np.asarray(other.get_transform(mount.parent, robot.config.base_frame))
-            soles.append((foot @ mount.transform_child_to_parent)[:3, 3])
+            sole = foot @ mount.transform_child_to_parent
+            # A ball is as deep as its centre, which is above the frame along the frame's z, less its radius.
+            radius = robot.config.sole_radius
+            soles.append([*sole[:2, 3], sole[2, 3] + radius * sole[2, 2] - radius])
         pose = robot.stance_pose(
             Stance(joints, robot.legs, (float(down[0]), float(down[1]), float(down[2]))), find_unloaded=False
         )

@@ -17,7 +17,7 @@ from kinematics import RobotModel, Stance
 from kinematics.stance_pose import ENCODER_NOISE
 
 # x and y of a foothold [m], and how far the body advances before its foot swings: as the gait does, if not given.
-Choice = tuple[float, float] | tuple[float, float, float] | None
+Choice = tuple[float, float] | tuple[float, float, float | None] | None
 
 # Margins of the declared ground around the first stance: backwards for slip, ahead to the scanned area.
 KNOWN_GROUND_MARGIN_M = 0.17
@@ -195,7 +195,7 @@ def chosen_foothold(
     if choice is None:
         wish = f"x {pause.nominal[0]:.3f}, y {pause.nominal[1]:.3f}"
         raise WalkEnded(f"step {pause.step}: the planner found no safe foothold for leg {pause.next_leg!r} near {wish}")
-    return float(choice[0]), float(choice[1]), float(choice[2]) if len(choice) > 2 else None
+    return float(choice[0]), float(choice[1]), choice[2] if len(choice) > 2 else None
 
 
 def true_footprint(

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from guara_perception.app.demo.walk import DemoPause
 
 
+# Longest crossing; and where the hind feet stand at first, behind the body [m].
+COURSE_CYCLES, HIND_M = 20, 0.4
+
+
 @click.command(name="demo")
 @click.option("--out", type=FILE, default=Path("out/demo"), help="folder for pictures and recording")
 @click.option("--view", is_flag=True, help="show the recording in a browser afterwards (extra `view`)")
@@ -23,16 +27,31 @@ if TYPE_CHECKING:
 @click.option("--robot", default="guara", help="name or folder of the robot")
 @click.option("--world", default="demo", help="terrain and light: demo, sunlit or a world file")
 @click.option(
+    "--course",
+    metavar="stones|FILE",
+    help="instead: ground to cross with strides fitted to it, to behind its last feature",
+)
+@click.option(
     "--sway", type=click.FloatRange(0.05, 2.0), help="instead of a walk: scans of a body that sways [degrees]"
 )
 @click.pass_context
 def command(
-    context: click.Context, out: Path, view: bool, cycles: float, robot: str, world: str, sway: float | None
+    context: click.Context,
+    out: Path,
+    view: bool,
+    cycles: float,
+    robot: str,
+    world: str,
+    course: str | None,
+    sway: float | None,
 ) -> None:
     """Walk a simulated robot over mixed terrain; scan, publish and choose footholds at every pause.
 
     The planner runs in a second process and gets its grids over Zenoh. Pictures and a recording of everything are left
     in the folder --out. Exit 1 when the demo's own check fails.
+
+    With --course the planner searches the next steps for strides that fit the ground, as across stepping stones; a film
+    of the crossing is left, and no recording.
 
     With --sway a robot whose body sways by so much is scanned beside a still one, with a stream of its joints and
     without.
@@ -41,6 +60,7 @@ def command(
     Example:
       guara demo --out out/demo
       guara demo --world sunlit --cycles 2 --out out/sunlit
+      guara demo --course stones --out out/stones
       guara demo --sway 0.5 --out out/sway
     """
     from guara_perception.app.demo.check import DemoCheck
@@ -51,6 +71,9 @@ def command(
     out.mkdir(parents=True, exist_ok=True)
     if sway is not None:
         show_sway(context, out, robot, world, sway)
+        return
+    if course is not None:
+        show_course(context, out, robot, course)
         return
     recording = out / "walk.mcap"
     recording.unlink(missing_ok=True)
@@ -72,6 +95,32 @@ def command(
         from guara_perception.app.commands.view import command as view_command
 
         context.invoke(view_command, file=recording)
+
+
+def show_course(context: click.Context, out: Path, robot: str, course: str) -> None:
+    """Cross a course, and leave a picture and a film of it in a folder."""
+    from guara_perception.app.demo.check import DemoCheck
+    from guara_perception.app.demo.course import draw_course
+    from guara_perception.app.demo.walk import demo_walk, goal_of
+    from guara_perception.simulation.world import load_world
+    from guara_perception.terrain.drawing.style import styled
+
+    check, ground, seen = DemoCheck(), load_world(course), []
+    goal = goal_of(ground)
+    walk = demo_walk(check, recording=None, cycles=COURSE_CYCLES, robot_name=robot, world=course, is_course=True)
+    with progress("Crossing") as show:
+        for item in walk:
+            click.echo(line(item))
+            seen.append(item)
+            hindmost = min(sole[0] for sole in item.pause.soles_in_world.values())
+            show(round(1e3 * max(hindmost + HIND_M, 0)), round(1e3 * (goal + HIND_M)))
+    with styled():
+        for picture in draw_course(out, ground, goal, seen):
+            click.echo(f"picture: {picture}")
+    failures = check.failures(len(seen))
+    if hindmost <= goal:
+        failures.append(f"not across after {len(seen) - 1} steps: hindmost foot at x {hindmost:.2f} of {goal:.2f} m")
+    judge(context, check.lines(), failures)
 
 
 def show_sway(context: click.Context, out: Path, robot: str, world: str, degrees: float) -> None:
@@ -105,7 +154,7 @@ def line(item: DemoPause) -> str:
     duration = ((record.scan_end or 0) - (record.scan_start or 0)) * 1e-9
     unknown = int(((item.terrain.hazard & UNKNOWN_MASK) != 0).sum())
     most = sorted((name for name, n in counts.items() if n), key=lambda name: -counts[name])[:3]
-    where = "the walk ends here"
+    where = "the walk ends here" if item.answer["advance"] is None else f"{item.pause.next_leg} stays"
     if item.foothold is not None:
         x, y, z = item.answer["foothold"]
         ground = "scanned" if item.foothold.is_scanned else "declared"

@@ -1,18 +1,23 @@
 """The demo's planner: its own process, with nothing but the public client; it reads on stdin which foot moves next.
 
-Each line of standard input is a JSON object {step, leg, x, y, extent}; each answer is a JSON line with the
-foothold and the swing that were chosen on the grid of that step, or with the reasons why there is none.
+Each line of standard input is a JSON object {step, leg, x, y, extent, is_course}; each answer is a JSON line with the
+foothold and the swing that were chosen on the grid of that step, or with the reasons why there is none. On a course
+strides are fitted to the ground: the answer has the advance of the body too, and no swing for a foot that stays.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from functools import lru_cache
 from typing import Any
 
 from guara_perception.app.client import TerrainClient
 from guara_perception.exceptions import PerceptionError
 from guara_perception.simulation.planner import plan_swing, refusals
+from guara_perception.simulation.strides import SWING_CLEARANCES, StridePlanner
+from guara_perception.terrain.grid import TerrainGrid
+from kinematics import robot_from_description
 from transport import TransportError
 
 GRID_TIMEOUT_S = 60.0
@@ -48,7 +53,6 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
     steps.add(client.wait_for_step(step, timeout=GRID_TIMEOUT_S, confirmed=True).step)
     terrain = client.wait_for_step(step, timeout=GRID_TIMEOUT_S, extent=request["extent"], confirmed=True)
     x, y, leg = request["x"], request["y"], request["leg"]
-    found = plan_swing(terrain, leg, (x, y))
     reply: dict[str, Any] = {
         "step": terrain.step,
         "leg": leg,
@@ -56,8 +60,12 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
         "foothold": None,
         "swing": None,
         "clearance": None,
+        "advance": None,
         "reasons": [],
     }
+    if request["is_course"]:
+        return {**reply, **fitted_stride(terrain, leg)}
+    found = plan_swing(terrain, leg, (x, y))
     if found is None:
         reply["reasons"] = [str(reason) for reason in refusals(terrain, leg, (x, y))]
     else:
@@ -69,6 +77,21 @@ def answer(client: TerrainClient, request: dict[str, Any], steps: set[int]) -> d
             clearance=found.clearance,
         )
     return reply
+
+
+def fitted_stride(terrain: TerrainGrid, leg: str) -> dict[str, Any]:
+    """Part of an answer: how far the body advances, and the leg's next foothold, where it stands if it stays."""
+    stride = stride_planner(str(terrain.record.robot_description)).next_stride(terrain, leg)
+    if stride.swing is None:
+        return {"advance": stride.advance, "foothold": stride.start.tolist()}
+    points = stride.swing.points.tolist()
+    return {"advance": stride.advance, "foothold": points[-1], "swing": points, "clearance": SWING_CLEARANCES[-1]}
+
+
+@lru_cache(maxsize=1)
+def stride_planner(description: str) -> StridePlanner:
+    """The planner for the robot that grids describe."""
+    return StridePlanner(robot_from_description(description))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast
 
+import numpy as np
+
 from guara_perception.app.client import TerrainClient
 from guara_perception.app.demo.check import CheckedFoothold, DemoCheck
 from guara_perception.app.node.node import PerceptionNode
@@ -20,9 +22,9 @@ from guara_perception.app.node.node_status import NodeStatus
 from guara_perception.app.node.recorder import ScanRecorder
 from guara_perception.app.node.simulated import DEMO_WORLD, SimulatedGait, SimulatedRobot
 from guara_perception.app.scene.scene import Scene
-from guara_perception.exceptions import PlannerFailed
+from guara_perception.exceptions import InvalidInput, PlannerFailed
 from guara_perception.simulation.walk import Choice, WalkPause
-from guara_perception.simulation.world import load_world
+from guara_perception.simulation.world import World, load_world
 from guara_perception.terrain.grid import TerrainGrid
 from transport import DEFAULT_ROBOT, open_client, open_node
 from transport.server import PerceptionServer
@@ -53,7 +55,7 @@ class DemoPause:
         pause: the true state of the robot in the simulation.
         terrain: grid of the scan, as a client received it.
         fused: grid of the map, as a client received it.
-        foothold: foothold of the next leg, None when the walk ends here.
+        foothold: foothold of the next leg, None when it stays where it is or the walk ends here.
         answer: reply of the planner.
         error: median height error of the scan [m].
     """
@@ -74,6 +76,7 @@ def demo_walk(
     seed: int = 0,
     robot_name: str | Path = DEFAULT_ROBOT,
     world: str | Path = DEMO_WORLD,
+    is_course: bool = False,
 ) -> Iterator[DemoPause]:
     """Walk; every grid, request and answer goes over Zenoh on this machine.
 
@@ -84,6 +87,7 @@ def demo_walk(
         seed: seed of specimen and noise.
         robot_name: name or folder of the robot.
         world: name of a world of the package, or a world file.
+        is_course: whether strides are fitted to the ground, and the walk ends when all feet are behind all features.
 
     Yields:
         One DemoPause per stance pause.
@@ -130,7 +134,7 @@ def demo_walk(
         client = stack.enter_context(TerrainClient(endpoint, robot=instance))
         planner = stack.enter_context(PlannerProcess(endpoint, instance))
         choices: dict[int, Choice] = {}
-        last = round(cycles * PAUSES_PER_CYCLE)
+        last, goal = round(cycles * PAUSES_PER_CYCLE), goal_of(robot.world) if is_course else np.inf
         for pause in robot.walk(lambda pause: choices[pause.step], cycles=cycles):
             robot.stand_at(pause)
             gait.begin(pause)
@@ -141,19 +145,31 @@ def demo_walk(
             fused = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, extent="map", confirmed=True)
             terrain = client.wait_for_step(pause.step, timeout=GRID_TIMEOUT_S, confirmed=True)
             x, y = pause.nominal
-            answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, extent="map")
+            answer = planner.choose(step=pause.step, leg=pause.next_leg, x=x, y=y, extent="map", is_course=is_course)
             check.grids_received = answer["received"]
             error = check.add_grids(robot.world, pause, terrain, fused)
             choice = answer["foothold"]
-            choices[pause.step] = None if choice is None else (choice[0], choice[1])
+            choices[pause.step] = None if choice is None else (choice[0], choice[1], answer["advance"])
             foothold = None
-            if choice is not None and pause.step < last:
+            is_over = pause.step == last or min(sole[0] for sole in pause.soles_in_world.values()) > goal
+            if choice is not None and answer["swing"] is not None and not is_over:
                 swing = fused.check_path(answer["swing"], answer["clearance"])
                 foothold = check.add_foothold(robot.world, pause, fused, choice[0], choice[1], swing)
             gait.end(pause)
             yield DemoPause(pause, terrain, fused, foothold, answer, error)
-            if pause.step == last:
+            if is_over:
                 return
+
+
+def goal_of(world: World) -> float:
+    """Find the x beyond which a course has no more features [m].
+
+    Raises:
+        InvalidInput: it has none.
+    """
+    if not world.features:
+        raise InvalidInput("the course has no features to cross; allowed: one or more, as in worlds/stones.toml")
+    return max(feature.bounds[1] for feature in world.features)
 
 
 def first_recorded(cycles: float) -> int:
@@ -193,13 +209,15 @@ class PlannerProcess(AbstractContextManager["PlannerProcess"]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def choose(self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint") -> dict[str, Any]:
+    def choose(
+        self, *, step: int, leg: str, x: float, y: float, extent: str = "footprint", is_course: bool = False
+    ) -> dict[str, Any]:
         """Ask for a foothold near (x, y) [m in base_footprint of that step]; see `planner` for the answer.
 
         Raises:
             PlannerFailed: the process died or does not answer.
         """
-        request = {"step": step, "leg": leg, "x": x, "y": y, "extent": extent}
+        request = {"step": step, "leg": leg, "x": x, "y": y, "extent": extent, "is_course": is_course}
         try:
             self._stdin.write(json.dumps(request) + "\n")
             self._stdin.flush()

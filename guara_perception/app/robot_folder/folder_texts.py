@@ -29,7 +29,7 @@ def assumed(proposal: Proposal) -> dict[str, str]:
         "traversability.step_limit": "half the height to which a swing lifts a foot",
         "traversability.drop_limit": "how far a foot may slip off an edge before the body tips too far",
         "traversability.roughness_limit": "largest unevenness under one sole on which the robot stands",
-        "heights.minimum": "twice the depth that a foot reaches below the plane it stands on",
+        "heights.minimum": "one and a half times the highest step that the robot climbs down",
         "heights.maximum": "twice the height to which a swing lifts a foot",
         "stance.encoder_sigma": "set each joint to a known angle, and compare with what it reads",
         "stance.encoder_noise": "read the joints of the standing robot for a minute: standard deviation of one joint",
@@ -61,6 +61,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         p,
         source,
         sole_reason=_sole_reason(p),
+        sole_radius=_sole_radius(p),
         legs="".join(legs),
         height_reason=_height_reason(p),
         scan_camera=camera_height(p, p.scan),
@@ -71,6 +72,7 @@ joints = [{", ".join(f'"{joint}"' for joint in leg.joints)}]
         step=SWING_HEIGHT_M / 2,
         swing=1e3 * SWING_HEIGHT_M,
         # The body tips by 3 degrees when a foot falls this far.
+        minimum=-1.5 * SWING_HEIGHT_M - 0.01,
         drop=min(round(0.055 * p.scan.hip_height, 3), 0.020),
         disc=max(0.015, round(min(p.sole) / 4.0, 3)),
         pauses=min(cycles * PAUSES, 255),
@@ -113,6 +115,13 @@ def _filled(template: str, proposal: Proposal, source: str, **values: Any) -> st
 def camera_height(proposal: Proposal, posture: FoundPosture) -> float:
     """Height of the optical centre over the plane of the soles in a posture [m]."""
     return float(proposal.mounts.camera[2]) + posture.base_height
+
+
+def _sole_radius(p: Proposal) -> str:
+    """Line of the radius of round feet; empty for flat soles."""
+    if not p.sole_radius:
+        return ""
+    return f"sole_radius = {p.sole_radius:.4f}    # of the round foot: a ball that rolls lifts its sole frame\n"
 
 
 def _sole_reason(p: Proposal) -> str:

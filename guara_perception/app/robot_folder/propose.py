@@ -37,6 +37,7 @@ class Proposal:
         legs: legs as found, with the foot and the solver of each.
         soles: name of the sole's frame, by leg.
         sole: length and width of a sole [m].
+        sole_radius: of round feet [m], 0 for flat ones.
         scan, standing: postures; joints outside the legs are as close to zero as their limits allow.
         reach: fraction of the gait's foot positions that are within reach, 1 = all.
         mounts: camera, laser, area.
@@ -51,6 +52,7 @@ class Proposal:
     legs: tuple[LegSolver, ...]
     soles: dict[str, str]
     sole: tuple[float, float]
+    sole_radius: float
     scan: FoundPosture
     standing: FoundPosture
     reach: float
@@ -116,6 +118,7 @@ def propose(urdf: Urdf, name: str, hip_height: float | None = None) -> Proposal:
         legs=legs,
         soles=soles,
         sole=sole,
+        sole_radius=_sole_radius([leg.foot for leg in legs]),
         scan=scan,
         standing=standing,
         reach=reach,
@@ -160,6 +163,16 @@ def _sole(feet: list[Foot]) -> tuple[float, float]:
             lengths.append(tuple(np.sort(foot.size)[:0:-1]))
     length, width = (max(round(float(side) - 0.0005, 3), LEAST_SOLE_M) for side in np.min(lengths, axis=0))
     return length, width
+
+
+def _sole_radius(feet: list[Foot]) -> float:
+    """Radius of round feet [m], 0 if a foot is flat or has no shape.
+
+    Half of their largest extent, since a mesh may be no more than the lower half of a ball.
+    """
+    if not all(foot.is_round and foot.shapes for foot in feet):
+        return 0.0
+    return float(min(foot.size.max() for foot in feet)) / 2.0
 
 
 def _half_swings(legs: tuple[LegSolver, ...], scan: FoundPosture) -> tuple[dict[str, float], ...]:

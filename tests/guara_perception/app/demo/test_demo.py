@@ -138,6 +138,54 @@ def test_a_walk_in_the_sun_keeps_its_promises_however_slow_the_machine(tmp_path:
     assert said[-1] == "the demo's check passed"
 
 
+@pytest.mark.heavy
+def test_stepping_stones_are_crossed_and_a_film_is_left(tmp_path: Path) -> None:
+    """`--course stones`: every foot ends up behind the stones, none on a hazard; ground keeps on a slow machine too."""
+    robot = tmp_path / "guara"
+    shutil.copytree(Path(__file__).parents[4] / "robots" / "guara", robot)
+    text = (robot / "robot.toml").read_text()
+    assert "\nseconds = 420.0 " in text
+    (robot / "robot.toml").write_text(text.replace("\nseconds = 420.0 ", "\nseconds = 4200.0 "))
+    program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", "stones", "--robot", str(robot)]
+    done = subprocess.run(
+        [*program, "--out", str(tmp_path)], capture_output=True, text=True, timeout=8 * PATIENCE, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    said = done.stdout.splitlines()
+    assert said[-1] == "the demo's check passed" and "unknown cells called traversable: 0" in said
+    (feet,) = (text for text in said if text.startswith("footholds: "))
+    assert feet.endswith("0 on a hazard")
+    for name, magic in (("crossing.png", b"\x89PNG"), ("crossing.gif", b"GIF8")):
+        assert (tmp_path / name).read_bytes()[:4] == magic
+    assert not (tmp_path / "walk.mcap").exists()
+
+
+@pytest.mark.heavy
+def test_a_course_that_cannot_be_crossed_fails(tmp_path: Path) -> None:
+    """Before a trench of 0.5 m the robot stops; the check says where its hindmost foot is, and the film is left."""
+    course = tmp_path / "trench.toml"
+    course.write_text("x = [-1.0, 3.0]\n[[pit]]\nx = 0.9\ny = 0.0\nsize = [0.5, 1.9]\ndepth = 0.12\n")
+    program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", str(course)]
+    done = subprocess.run(
+        [*program, "--out", str(tmp_path)], capture_output=True, text=True, timeout=5 * PATIENCE, check=False
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "not across after " in done.stderr and "of 1.15 m" in done.stderr
+    assert (tmp_path / "crossing.gif").read_bytes()[:4] == b"GIF8"
+
+
+@pytest.mark.slow
+def test_a_course_needs_features_and_a_file(tmp_path: Path) -> None:
+    """Refused with one line, before anything starts."""
+    (tmp_path / "floor.toml").write_text("x = [-1.0, 3.0]\n")
+    for course, said in ((tmp_path / "floor.toml", "has no features"), ("lava", "no such world file; worlds that")):
+        program = [sys.executable, "-m", "guara_perception.app.main", "demo", "--course", str(course)]
+        done = subprocess.run(
+            [*program, "--out", str(tmp_path)], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+        assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr
+
+
 def foothold(**changes: object) -> CheckedFoothold:
     values = {"step": 1, "leg": "lh", "is_hind": True, "is_scanned": True, "is_hazard": False, "height_error": 0.0}
     values["is_swing_refused"] = False

@@ -48,11 +48,9 @@ def test_it_walks_and_takes_nothing_unknown_for_safe(result: tuple[StockResult, 
 class RollingFoot:
     """A ball foot that stands and rolls without slipping under a level body."""
 
-    RADIUS_M = 0.022
-
     def __init__(self, robot: RobotModel, leg: str, x: float, y: float) -> None:
         """Set it down with its centre above x and y in the world."""
-        self._robot, self._leg = robot, leg
+        self._robot, self._leg, self._radius = robot, leg, robot.config.sole_radius
         self._level = self._tilt(robot.posture("scan"))
         self.set_down(x, y)
 
@@ -67,9 +65,10 @@ class RollingFoot:
         """Joints of its leg with the body at a place: the ball's centre goes by radius times angle."""
         names, posture = self._robot.tree.leg(self._leg).joints, self._robot.posture("scan")
         for _ in range(12):
-            rolled = 0.0 if self._turned is None else self.RADIUS_M * (self.turned - self._turned)
-            under = -self.RADIUS_M * np.array([np.sin(self.turned), 0.0, np.cos(self.turned) - 1.0])
-            sole = np.array([self._x + rolled - body_x, self._y, -height]) + under
+            rolled = 0.0 if self._turned is None else self._radius * (self.turned - self._turned)
+            # The point that the frame marks turns aside of the lowest one.
+            x = self._x + rolled - self._radius * np.sin(self.turned) - body_x
+            sole = np.array([x, self._y, -height])
             found = self._robot.reach(self._leg, sole).joint_positions.tolist()
             posture = {**posture, **dict(zip(names, found, strict=True))}
             self.turned = self._tilt(posture) - self._level
@@ -79,7 +78,7 @@ class RollingFoot:
     @property
     def rolled(self) -> float:
         """Way of its centre since it was set down [m]."""
-        return self.RADIUS_M * (self.turned - (self._turned or 0.0))
+        return self._radius * (self.turned - (self._turned or 0.0))
 
 
 def test_odometry_takes_ball_feet_where_they_touch_the_ground(tmp_path: Path) -> None:
@@ -105,6 +104,7 @@ def test_odometry_takes_ball_feet_where_they_touch_the_ground(tmp_path: Path) ->
         joints = {name: value for foot in feet.values() for name, value in foot.joints(x, height).items()}
         result = odometry.update(Stance(joints, robot.legs, (0.0, 0.0, -1.0)))
     way = 16 * advance
+    assert robot.config.sole_radius == pytest.approx(0.023, abs=1e-4)
     assert abs(np.mean(rolled[4:])) > 0.04 * (swing - advance)
     assert abs(result.transform_footprint_to_odom[0, 3] - way) < 0.005 * way
 
